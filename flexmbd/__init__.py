@@ -1,0 +1,20 @@
+"""flexmbd: from a UFL form to a body that moves in a machine.
+
+This root loads numpy, scipy and numba only; DOLFINx and PETSc load with ``flexmbd.continuum``.
+"""
+
+from flexmbd.errors import FlexmbdError as FlexmbdError
+from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from flexmbd.multibody import force as force
+from flexmbd.multibody import joint as joint
+from flexmbd.multibody.body import FlexibleBody as FlexibleBody
+from flexmbd.multibody.body import RigidBody as RigidBody
+from flexmbd.multibody.time_function import Motion as Motion
+from flexmbd.multibody.time_function import Sine as Sine
+from flexmbd.multibody.time_function import Table as Table
+from flexmbd.multibody.time_function import compiled as compiled
+from flexmbd.reduced import ReducedBody as ReducedBody
+from flexmbd.system import System as System
+from flexmbd.trajectory import Trajectory as Trajectory
+
+__version__ = "0.1.0"

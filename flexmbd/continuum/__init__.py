@@ -1,0 +1,5 @@
+"""The continuum side: everything that needs DOLFINx, PETSc, SLEPc or mpi4py."""
+
+from flexmbd.continuum.interface import Interface as Interface
+from flexmbd.continuum.model import ContinuumModel as ContinuumModel
+from flexmbd.continuum.parallel import MpiTeam as MpiTeam

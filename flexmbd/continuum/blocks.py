@@ -1,0 +1,79 @@
+"""Blocks: tall dense matrices of which each rank holds its own rows, as plain arrays.
+
+A block has shape (rows this rank owns, k). Many columns at once are what PETSc and MUMPS are fast
+with; small products of blocks are the same on every rank.
+"""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def multiply(matrix: PETSc.Mat, block: FloatArray) -> FloatArray:
+    """Matrix times block. Collective.
+
+    Args:
+        matrix: (N, P) spread by rows.
+        block: (p, k), this rank's rows in the layout of the matrix's columns.
+
+    Returns:
+        (n, k), this rank's rows.
+    """
+    if block.shape[1] == 0:
+        return np.zeros((matrix.getLocalSize()[0], 0))
+    factor = to_dense(matrix.comm, block)
+    product = matrix.matMult(factor)
+    result = from_dense(product)
+    product.destroy()
+    factor.destroy()
+    return result
+
+
+def inner(comm: MPI.Comm, left: FloatArray, right: FloatArray) -> FloatArray:
+    """Transpose of one block times another, the same on every rank. Collective.
+
+    Args:
+        comm: the ranks the blocks are spread over.
+        left: (n, j).
+        right: (n, k).
+
+    Returns:
+        (j, k).
+    """
+    product = left.T @ right
+    if comm.size > 1:
+        # summed on one rank, because a sum may depend on the rank that makes it
+        total = comm.reduce(product, root=0)
+        product = np.ascontiguousarray(comm.bcast(total, root=0))
+    return product
+
+
+def symmetric(matrix: FloatArray) -> FloatArray:
+    """The symmetric part of a small square matrix."""
+    half: FloatArray = 0.5 * (matrix + matrix.T)
+    return half
+
+
+def to_dense(comm: MPI.Comm, block: FloatArray) -> PETSc.Mat:
+    """The block as a PETSc matrix, which shares its memory where that is in Fortran's order.
+
+    Collective. The block must outlive the matrix.
+    """
+    n, k = block.shape
+    dense = PETSc.Mat().createDense(
+        ((n, PETSc.DETERMINE), (PETSc.DECIDE, k)), array=np.asfortranarray(block), comm=comm
+    )
+    dense.assemble()
+    return dense
+
+
+def from_dense(dense: PETSc.Mat) -> FloatArray:
+    """This rank's rows of a dense PETSc matrix, copied, in Fortran's order."""
+    rows: FloatArray = dense.getDenseArray(readonly=True).copy(order="F")
+    return rows

@@ -1,0 +1,176 @@
+"""The contract of a form file, as a Protocol over modules, and its loading with all faults at once.
+
+A formulation is a module; it needs no base class and no registration. `load` finds it, checks it
+without a mesh, and reports every violation in one error. It makes no collective call, and does the
+same on every rank.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+import pkgutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
+
+import basix.ufl
+import ufl
+from dolfinx import fem
+
+import flexmbd.forms
+from flexmbd.continuum.contract import import_violations, violations
+from flexmbd.errors import FormulationError
+
+
+class Quadrature(Protocol):
+    """The quadrature rule of one term."""
+
+    @property
+    def degree(self) -> int:
+        """Polynomial degree that is integrated exactly, at least 0."""
+
+    @property
+    def scheme(self) -> str:
+        """Name of basix's scheme: "default", "vertex", ..."""
+
+
+Term: TypeAlias = tuple[ufl.core.expr.Expr, Quadrature]
+"""A scalar integrand and its own rule; each term is assembled as a form of its own."""
+
+
+class Reference(Protocol):
+    """A static problem on the unit cube whose exact solution is known."""
+
+    @property
+    def parameters(self) -> Any:
+        """The formulation's `Parameters`."""
+
+    def displacement(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
+        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+
+    def body_force(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
+        """Body force, N/m^3, at the point x."""
+
+
+@runtime_checkable
+class Formulation(Protocol):
+    """What a form file offers; see `forms/solid_linear.py` for one.
+
+    In every function the parameters `p` are read by name and used in UFL arithmetic only: they may
+    be numbers, or constants whose values change without a new compilation (`symbols`).
+    """
+
+    @property
+    def Parameters(self) -> type[Any]:  # noqa: N802  (a class of the form file)
+        """Frozen dataclass of SI values; bad values raise ValueError."""
+
+    @property
+    def CELLS(self) -> tuple[str, ...]:  # noqa: N802
+        """Names of the cells it supports."""
+
+    @property
+    def ORDER(self) -> Mapping[int, int]:  # noqa: N802
+        """L2 order of the displacement it claims, by element degree."""
+
+    @property
+    def REFERENCE(self) -> str:  # noqa: N802
+        """The configuration its gradients and integrals refer to: "INITIAL" or "UPDATED"."""
+
+    def element(self, cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
+        """Element of the unknown."""
+
+    def strain_energy(self, u: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
+        """Strain energy, J/m^3, as terms whose sum it is."""
+
+    def kinetic_energy(self, v: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
+        """Kinetic energy, J/m^3, as terms whose sum it is."""
+
+    def rigid_motion(
+        self, x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
+    ) -> ufl.core.expr.Expr:
+        """The unknown, at x, of an infinitesimal rigid motion."""
+
+    def stress(self, u: ufl.core.expr.Expr, state: Any, p: Any) -> ufl.core.expr.Expr:
+        """Stress, Pa, for recovery; `state` is None where there is no history."""
+
+    def reference(self) -> Reference:
+        """A small problem with its exact solution."""
+
+
+def load(source: str | Path | ModuleType) -> Formulation:
+    """Find a formulation and check it against the contract; the same on every rank, not collective.
+
+    Args:
+        source: a name in `flexmbd.forms`, the path of a form file, or an imported module.
+
+    Raises:
+        FormulationError: there is no such form, it cannot be imported, or it breaks the contract;
+            the message lists all violations.
+    """
+    if isinstance(source, ModuleType):
+        module, faults = source, import_violations(getattr(source, "__file__", None))
+    elif isinstance(source, Path):
+        faults = import_violations(source)
+        module = _import(f"form_file.{source.stem}", path=source, faults=faults)
+    else:
+        known = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+        if source not in known:
+            raise FormulationError(
+                f"flexmbd.forms has no {source!r}, only {', '.join(known)}; "
+                "for a form file of your own pass a pathlib.Path"
+            )
+        name = f"flexmbd.forms.{source}"
+        spec = importlib.util.find_spec(name)
+        faults = import_violations(spec.origin if spec is not None else None)
+        module = _import(name, path=None, faults=faults)
+    faults = [*faults, *violations(module)]
+    if faults:
+        raise FormulationError(_listed(module.__name__, faults))
+    return cast(Formulation, module)
+
+
+def symbols(parameters: Any, *, mesh: Any) -> Any:
+    """The same parameters with each float a DOLFINx constant; not collective.
+
+    A form written with them is compiled once for all materials, not once for each value.
+
+    Args:
+        parameters: an instance of a formulation's `Parameters`.
+        mesh: the mesh, or its UFL domain, the constants live on.
+    """
+    twin = object.__new__(type(parameters))
+    for field in dataclasses.fields(parameters):
+        value = getattr(parameters, field.name)
+        if isinstance(value, float):
+            value = fem.Constant(mesh, value)
+        # a frozen dataclass, whose range checks do not apply to symbols
+        object.__setattr__(twin, field.name, value)
+    return twin
+
+
+def _listed(name: str, faults: Sequence[str]) -> str:
+    lines = "".join(f"\n  - {fault}" for fault in faults)
+    return f"{name} breaks the contract of a form file ({len(faults)} violations):{lines}"
+
+
+def _import(name: str, *, path: Path | None, faults: list[str]) -> ModuleType:
+    """Import a form file; what its source already showed goes into the error."""
+    try:
+        if path is None:
+            return importlib.import_module(name)
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise ImportError("not a Python file (.py)")
+        module = importlib.util.module_from_spec(spec)
+        # dataclasses looks its module up by name
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    except Exception as error:
+        sys.modules.pop(name, None)
+        reason = f"it cannot be imported: {type(error).__name__}: {error}"
+        raise FormulationError(_listed(str(path or name), [*faults, reason])) from error
+    return module

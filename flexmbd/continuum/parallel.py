@@ -1,0 +1,130 @@
+"""Collective-safe errors, work on one rank, gathering, and the MPI team of a machine.
+
+An error on one rank alone leaves the others waiting for ever in their next collective call; every
+function here therefore raises on all ranks or on none.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+T = TypeVar("T")
+
+_ROOT = 0
+
+
+def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
+    """Raise on every rank if any rank has an error. Collective.
+
+    Args:
+        comm: the ranks that take part.
+        error: this rank's error, or None.
+
+    Raises:
+        Exception: of the type and text of the lowest failing rank's error, and naming that rank;
+            on one rank the error itself. A type that cannot be rebuilt from its text becomes a
+            RuntimeError that names it.
+    """
+    if comm.size == 1:
+        if error is not None:
+            raise error
+        return
+    failures = [
+        (rank, failure)
+        for rank, failure in enumerate(comm.allgather(_portable(error)))
+        if failure is not None
+    ]
+    if failures:
+        rank, failure = failures[0]
+        kind, text = pickle.loads(failure)  # noqa: S301  (from our own ranks)
+        raise kind(f"{text} (on rank {rank} of {comm.size})") from error
+
+
+def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
+    """Run `function` on rank 0 only and hand its result to every rank. Collective.
+
+    Args:
+        comm: the ranks that take part.
+        function: takes nothing; its result must be picklable.
+
+    Raises:
+        Exception: whatever `function` raised, on every rank.
+    """
+    result: Any = None
+    error: Exception | None = None
+    if comm.rank == _ROOT:
+        try:
+            # pickled here, because a failure inside bcast would leave the others waiting
+            result = pickle.dumps(function())
+        except Exception as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
+            error = caught
+    raise_collectively(comm, error)
+    value: T = pickle.loads(comm.bcast(result, root=_ROOT))  # noqa: S301
+    return value
+
+
+def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+    """Stack the rows of all ranks, in the order of the ranks, on rank 0. Collective.
+
+    Args:
+        comm: the ranks that take part.
+        rows: (n_local, ...) array; n_local may differ between ranks, and may be zero.
+
+    Returns:
+        (sum of n_local, ...) array on rank 0, None on the others.
+    """
+    parts = comm.gather(np.ascontiguousarray(rows), root=_ROOT)
+    return np.concatenate(parts) if parts is not None else None
+
+
+@dataclass(frozen=True)
+class MpiTeam:
+    """The ranks that run one machine together: rank 0 decides, and no rank steps alone.
+
+    Attributes:
+        comm: the MPI communicator.
+    """
+
+    comm: MPI.Comm
+
+    @property
+    def is_root(self) -> bool:
+        """Whether this rank writes files, prints and draws."""
+        return bool(self.comm.rank == _ROOT)
+
+    def agree(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Rank 0's array, bit for bit, on every rank. Collective.
+
+        Args:
+            x: array of the same shape and type on every rank.
+
+        Returns:
+            A new array of that shape.
+        """
+        agreed = np.array(x, order="C")
+        self.comm.Bcast(agreed, root=_ROOT)
+        return agreed
+
+    def fail(self, error: Exception | None) -> None:
+        """Raise on every rank if any rank hands in an error (`raise_collectively`). Collective."""
+        raise_collectively(self.comm, error)
+
+
+def _portable(error: Exception | None) -> bytes | None:
+    """Type and text of an error as bytes that can be rebuilt on another rank."""
+    if error is None:
+        return None
+    text = str(error)
+    try:
+        type(error)(text)
+        return pickle.dumps((type(error), text))
+    except Exception:  # noqa: BLE001  (a type that needs more than a text, or is local)
+        return pickle.dumps((RuntimeError, f"{type(error).__name__}: {text}"))

@@ -1,0 +1,144 @@
+"""Stress on the mesh of a reduced body, from its modal coordinates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.continuum import compat
+from flexmbd.continuum.formulation import symbols
+from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.recovery import nodal_modes
+from flexmbd.errors import RecordError
+from flexmbd.reduced import ReducedBody
+from flexmbd.visual import StressPicture
+
+if TYPE_CHECKING:
+    from flexmbd.continuum.model import ContinuumModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class StressRecovery:
+    """Stress of the bodies reduced from one model. Constructing one is collective.
+
+    The formulation's stress of u = sum phi_i q_i is evaluated in every cell at the displacement's
+    nodes. On straight tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in
+    each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
+    """
+
+    def __init__(self, model: ContinuumModel) -> None:
+        self._model = model
+        self._u = fem.Function(model.space)
+        parameters = symbols(model.parameters, mesh=model.mesh.mesh)
+        sigma = model.formulation.stress(self._u, None, parameters)
+        self._sigma = fem.Expression(sigma, compat.interpolation_points(model.space))
+        self._nodes = _WholeMesh(model)
+
+    def picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
+        """Displacement and stress at modal coordinates. Collective.
+
+        Args:
+            body: reduced from this model, or from the same mesh with `keep_modes`.
+            q: (n,) modal coordinates, the same on every rank.
+
+        Returns:
+            The picture, in body axes, the same on every rank.
+
+        Raises:
+            RecordError: on all ranks: q does not fit, or the modes are not there (see
+                `flexmbd.continuum.recovery.nodal_modes`).
+        """
+        modal: FloatArray = np.asarray(q, dtype=np.float64)
+        if modal.shape != (body.n_modes,):
+            raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
+        nodes, model = self._nodes, self._model
+        self._u.x.array[:] = nodal_modes(body, model) @ modal
+        cells = np.arange(nodes.n_cells, dtype=np.int32)
+        sigma = self._sigma.eval(model.mesh.mesh, cells).reshape(-1, 9)
+        largest, at_largest = nodes.largest(_von_mises(sigma))
+        u = self._u.x.array.reshape(-1, 3)[nodes.places]
+        averaged = nodes.average(np.hstack([u, sigma]))
+        p, R = _body_frame(model, body)
+        stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R
+        return StressPicture(
+            node=nodes.number,
+            x=(nodes.x - p) @ R,
+            triangle=nodes.triangle,
+            displacement=averaged[:, :3] @ R,
+            stress=stress,
+            von_mises=_von_mises(stress.reshape(-1, 9)),
+            max=largest,
+            max_x=(nodes.x[at_largest] - p) @ R,
+        )
+
+
+def _body_frame(model: ContinuumModel, body: ReducedBody) -> tuple[FloatArray, FloatArray]:
+    """Origin (3,) and rotation (3, 3) of the body frame in the mesh's axes."""
+    if body.frame is None:
+        return np.zeros(3), np.eye(3)
+    interface = model.interface(body.frame)
+    return interface.p, interface.R
+
+
+def _von_mises(sigma: FloatArray) -> FloatArray:
+    """(k,) von Mises stresses of tensors (k, 9)."""
+    deviator = sigma - sigma[:, [0, 4, 8]].mean(axis=1, keepdims=True) * np.eye(3).ravel()
+    return np.sqrt(1.5) * np.linalg.norm(deviator, axis=1)
+
+
+class _WholeMesh:
+    """The displacement nodes of all ranks, by `node_numbers`. Constructing one is collective.
+
+    Attributes:
+        n_cells: cells that this rank owns.
+        places: (n_cells * nodes of a cell,) local node of each node of these cells.
+        number: (k,) node numbers, ascending; this and the rest the same on every rank.
+        x: (k, 3) m, in the mesh's axes.
+        triangle: (t, 3) the boundary as rows of `x`.
+    """
+
+    def __init__(self, model: ContinuumModel) -> None:
+        self._comm = model.comm
+        self.n_cells = model.mesh.mesh.topology.index_map(3).size_local
+        self.places = model.space.dofmap.list[: self.n_cells].ravel()
+        numbers = node_numbers(model)
+        self.number = self._union(np.unique(numbers))
+        self._row = np.searchsorted(self.number, numbers[self.places])
+        ones, columns = np.ones(len(self._row)), np.arange(len(self._row))
+        shape = (len(self.number), len(self._row))
+        self._sum = scipy.sparse.csr_array((ones, (self._row, columns)), shape=shape)
+        self._count = self._total(self._sum.sum(axis=1))
+        self.x = self.average(model.space.tabulate_dof_coordinates()[self.places])
+        self.triangle = self._boundary(numbers[boundary_triangles(model)])
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Average over the cells at each node, (k, m), of values (len(places), m). Collective."""
+        return self._total(self._sum @ values) / self._count[:, None]
+
+    def largest(self, values: FloatArray) -> tuple[float, int]:
+        """The largest of values (len(places),) and the row of its node. Collective."""
+        k = int(values.argmax()) if len(values) else -1
+        mine = (float(values[k]), -int(self._row[k])) if len(values) else (-np.inf, 0)
+        value, row = max(self._comm.allgather(mine))
+        return value, -row
+
+    def _total(self, values: FloatArray) -> FloatArray:
+        """Sum over the ranks, made by one of them so that it is the same on all."""
+        if self._comm.size == 1:
+            return values
+        total = self._comm.reduce(values, root=0)
+        return np.asarray(self._comm.bcast(total, root=0))
+
+    def _union(self, numbers: IntArray) -> IntArray:
+        return np.unique(np.concatenate(self._comm.allgather(numbers)))
+
+    def _boundary(self, triangles: IntArray) -> IntArray:
+        """The boundary of all ranks, from this rank's triangles of node numbers."""
+        gathered = np.concatenate(self._comm.allgather(triangles))
+        return np.searchsorted(self.number, sorted_triangles(gathered))

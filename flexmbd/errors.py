@@ -1,0 +1,59 @@
+"""The errors flexmbd raises; each names the thing at fault and the remedy.
+
+Numpy-free leaf: every room of the house may import it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from flexmbd.trajectory import Trajectory
+
+
+class FlexmbdError(Exception):
+    """Base class of all errors raised on purpose by flexmbd."""
+
+
+class FormulationError(FlexmbdError):
+    """A form file breaks the contract; the message lists every violation."""
+
+
+class MeshError(FlexmbdError):
+    """A mesh cannot be built, read, or lacks a named group."""
+
+
+class InterfaceError(FlexmbdError):
+    """An interface cannot carry a six-dof frame, or no interface has that name."""
+
+
+class ReductionError(FlexmbdError):
+    """A reduction was asked for something impossible, or failed its own accuracy check."""
+
+
+class ConvergenceError(FlexmbdError):
+    """An iterative solver (eigenvalues, Newton) stopped before its tolerance was met."""
+
+
+class RecordError(FlexmbdError):
+    """A reduced-body file is truncated, foreign, of another version, or lacks an optional group."""
+
+
+class SceneError(FlexmbdError):
+    """A scene is not well formed: a body, frame, joint or force does not fit."""
+
+
+class AssemblyError(FlexmbdError):
+    """The mechanism cannot be assembled: constraints contradict each other or the start."""
+
+
+class PictureError(FlexmbdError):
+    """A picture or film was asked for something impossible, or cannot be written."""
+
+
+class SimulationError(FlexmbdError):
+    """A simulation stopped early; ``trajectory`` holds what was computed up to then."""
+
+    def __init__(self, message: str, trajectory: Trajectory | None = None) -> None:
+        super().__init__(message)
+        self.trajectory = trajectory

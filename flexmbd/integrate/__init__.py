@@ -1,0 +1,1 @@
+"""Integrators, one a file, written against the residual, the retraction and the constraints."""

@@ -1,0 +1,312 @@
+"""One implicit step of generalized-alpha: its equations, their linearisation, Newton's iteration.
+
+The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
+loops' reactions, which close the loops at position level while velocities fulfil them too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.closure import constraints
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import Plan
+from flexmbd.multibody.kernels.native import factor, solve
+from flexmbd.multibody.kernels.residual import drive, residual
+
+FloatArray = NDArray[np.float64]
+
+_MAX_ITERATIONS = 10
+_RENEW = 0.15  # a slower contraction than this renews the factors at the next step
+
+
+class Scratch(NamedTuple):
+    """Work arrays of a step: trial states, the iteration matrix and its factors."""
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    auxiliary: FloatArray
+    multipliers: FloatArray
+    move: FloatArray
+    out: FloatArray
+    probe: FloatArray
+    unknown: FloatArray
+    equation: FloatArray
+    equation_probe: FloatArray
+    matrix: FloatArray
+    block: FloatArray
+    direction: FloatArray
+    correction: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+    scale_x: FloatArray
+    scale_v: FloatArray
+    rate: FloatArray
+    phi: FloatArray
+    phi_rate: FloatArray
+    phi_rate2: FloatArray
+    pivot: NDArray[np.int32]
+    block_pivot: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+
+
+def new_scratch(plan: Plan, nx: int, nv: int) -> Scratch:
+    """Allocate the work arrays of a step for ``plan``."""
+    m, nu = len(plan.rows), len(plan.free)
+    n = nu + 2 * m
+    zeros = np.zeros
+    return Scratch(
+        x=zeros(nx),
+        v=zeros(nv),
+        a=zeros(nv),
+        auxiliary=zeros(nv),
+        multipliers=zeros(m),
+        move=zeros(nv),
+        out=zeros(nv),
+        probe=zeros(nv),
+        unknown=zeros(n),
+        equation=zeros(n),
+        equation_probe=zeros(n),
+        matrix=zeros((n, n)),
+        block=zeros((nu, nu)),
+        direction=zeros((m, nu)),
+        correction=zeros((1, n)),
+        error_x=zeros(nu),
+        error_v=zeros((1, nu)),
+        scale_x=zeros(nv),
+        scale_v=zeros(nv),
+        rate=zeros(nv),
+        phi=zeros(m),
+        phi_rate=zeros(m),
+        phi_rate2=zeros(m),
+        pivot=zeros(max(1, n), np.int32),
+        block_pivot=zeros(max(1, nu), np.int32),
+        sizes=zeros(4, np.int32),
+    )
+
+
+@kernel
+def coefficients(number, h):
+    """Position and velocity per unit of the new true acceleration."""
+    share = (1.0 - number[st.ALPHA_F]) / (1.0 - number[st.ALPHA_M])
+    return number[st.BETA] * share * h * h, number[st.GAMMA] * share * h
+
+
+@kernel
+def update(plan, work, state, s, h, unknown):
+    """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
+    number = state.numbers
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    beta = number[st.BETA]
+    gamma = number[st.GAMMA]
+    per_x, _ = coefficients(number, h)
+    for k in range(s.move.shape[0]):
+        s.move[k] = 0.0
+    for j in range(nu):
+        k = plan.free[j]
+        new = unknown[j]
+        auxiliary = (
+            (1.0 - number[st.ALPHA_F]) * new
+            + number[st.ALPHA_F] * state.a[k]
+            - number[st.ALPHA_M] * state.auxiliary[k]
+        ) / (1.0 - number[st.ALPHA_M])
+        s.a[k] = new
+        s.auxiliary[k] = auxiliary
+        s.move[k] = h * state.v[k] + h * h * (
+            (0.5 - beta) * state.auxiliary[k] + beta * auxiliary
+        )
+        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.auxiliary[k] + gamma * auxiliary)
+    for i in range(m):
+        s.multipliers[i] = unknown[nu + i]
+        shift = per_x * unknown[nu + m + i]
+        for j in range(nu):
+            s.move[plan.free[j]] += shift * s.direction[i, j]
+    retract(plan, state.x, s.move, s.x)
+    drive(plan, work, s.x, s.v, s.a)
+
+
+@kernel
+def trial(plan, work, state, s, h, unknown, equation):
+    """Evaluate the step's equations at ``unknown``."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    update(plan, work, state, s, h, unknown)
+    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.out)
+    state.counts[st.EVALUATIONS] += 1
+    for j in range(nu):
+        equation[j] = s.out[plan.free[j]]
+    if m > 0:
+        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+        for i in range(m):
+            equation[nu + i] = s.phi[i] / per_x
+            equation[nu + m + i] = s.phi_rate[i] / per_v
+
+
+@part_of_kernel
+def _difference_columns(plan, work, state, groups, s, h, first, last):
+    """Columns first .. last - 1 of the iteration matrix at ``s.unknown``, by differences.
+
+    Accelerations and shifts move positions by 1e-5 of their scale: the equations are linear in
+    them but for terms that such a move leaves small, so the differences hold 8 digits.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, _ = coefficients(state.numbers, h)
+    trial(plan, work, state, s, h, s.unknown, s.equation)
+    for j in range(first, last):
+        kept = s.unknown[j]
+        delta = 1.0 + abs(kept)
+        if j < nu:
+            delta = 1e-5 * groups.floor[groups.of[plan.free[j]]] / per_x
+        elif j >= nu + m:
+            largest = 0.0
+            for i in range(nu):
+                scale = groups.floor[groups.of[plan.free[i]]]
+                largest = max(largest, abs(s.direction[j - nu - m, i]) / scale)
+            delta = 1e-5 / (per_x * largest + 1e-300)
+        s.unknown[j] = kept + delta
+        delta = s.unknown[j] - kept
+        trial(plan, work, state, s, h, s.unknown, s.equation_probe)
+        s.unknown[j] = kept
+        for i in range(s.equation.shape[0]):
+            s.matrix[i, j] = (s.equation_probe[i] - s.equation[i]) / delta
+
+
+@part_of_kernel
+def _linearise(plan, work, state, groups, s, h):
+    """Build and factor the iteration matrix at ``s.unknown``; False if it is singular."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    n = nu + 2 * m
+    state.counts[st.FACTORISATIONS] += 1
+    state.numbers[st.STEP_FACTORED] = h
+    state.numbers[st.CONTRACTION] = 1.0
+    regular = True
+    first, last = 0, nu + m
+    for _ in range(2 if m > 0 else 1):
+        _difference_columns(plan, work, state, groups, s, h, first, last)
+        if last < n:
+            # a shift of the positions goes along what a unit reaction would move
+            for i in range(nu):
+                for j in range(nu):
+                    s.block[i, j] = s.matrix[i, j]
+                for k in range(m):
+                    s.direction[k, i] = s.matrix[i, nu + k]
+            if factor(plan.lapack, s.block, s.block_pivot, s.sizes) != 0:
+                regular = False
+                break
+            solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.direction)
+            first, last = nu + m, n
+    for i in range(n):
+        for j in range(n):
+            if not np.isfinite(s.matrix[i, j]):
+                regular = False
+    return regular and factor(plan.lapack, s.matrix, s.pivot, s.sizes) == 0
+
+
+@part_of_kernel
+def _newton(plan, work, state, s, h, tolerance):
+    """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    before = 0.0
+    # what the same factors did in the step before lets a good guess pass after one iteration
+    contraction = max(state.numbers[st.CONTRACTION], 1e-3) ** 0.8
+    for iteration in range(_MAX_ITERATIONS):
+        trial(plan, work, state, s, h, s.unknown, s.equation)
+        state.counts[st.ITERATIONS] += 1
+        for i in range(s.equation.shape[0]):
+            s.correction[0, i] = s.equation[i]
+        solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
+        size = 0.0
+        for i in range(s.unknown.shape[0]):
+            s.unknown[i] -= s.correction[0, i]
+        for j in range(nu):
+            k = plan.free[j]
+            move = s.correction[0, j]
+            part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+            for i in range(m):
+                part = max(
+                    part,
+                    abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
+                )
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
+        if not np.isfinite(size):
+            return -1
+        if iteration > 0:
+            contraction = size / before if before > 0.0 else 0.0
+            if contraction > 0.7 and size > tolerance:
+                return 0
+        before = size
+        # the error left after a linear iteration, and round-off of a vanishing correction
+        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
+        if size * left <= tolerance or size <= 1e-15:
+            update(plan, work, state, s, h, s.unknown)
+            if iteration == 0:  # unmeasured, so it is trusted a little less at each step
+                state.numbers[st.CONTRACTION] = min(1.3 * contraction, 1.0)
+                return 1
+            state.numbers[st.CONTRACTION] = min(contraction, 1.0)
+            if contraction > _RENEW:
+                state.numbers[st.STEP_FACTORED] = 0.0
+            return 1
+    return 0
+
+
+@part_of_kernel
+def _start_newton(plan, state, s, h, extrapolate):
+    """First guess: multipliers as they were, accelerations too or on their last parabola."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    known = state.counts[st.KNOWN_BEFORE]
+    h1 = state.numbers[st.STEP_BEFORE]
+    h2 = state.numbers[st.STEP_EARLIER]
+    for j in range(nu):
+        k = plan.free[j]
+        guess = state.a[k]
+        if extrapolate and known > 1:
+            slope = (state.a[k] - state.before[k]) / h1
+            half_curve = (slope - (state.before[k] - state.earlier[k]) / h2) / (h1 + h2)
+            guess += h * (slope + (h + h1) * half_curve)
+        s.unknown[j] = guess
+    for i in range(m):
+        s.unknown[nu + i] = state.multipliers[i]
+        s.unknown[nu + m + i] = 0.0
+
+
+@kernel
+def solve_step(plan, work, state, groups, s, h, tolerance):
+    """Newton with the old factors where they still serve, with new ones otherwise.
+
+    Returns whether it converged; if so ``s`` holds the step's end.
+    """
+    for attempt in range(3):
+        if attempt == 0:
+            if state.numbers[st.STEP_FACTORED] != h:
+                continue
+            # a fixed step may leave vibrations unresolved, which no parabola foretells
+            _start_newton(plan, state, s, h, state.counts[st.FIXED_STEP] == 0)
+        elif attempt == 1:
+            _start_newton(plan, state, s, h, False)
+        finite = True
+        for i in range(s.unknown.shape[0]):
+            finite = finite and np.isfinite(s.unknown[i])
+        if not finite:
+            break
+        # the second time linearised where the first iterations led
+        if attempt > 0 and not _linearise(plan, work, state, groups, s, h):
+            break
+        if _newton(plan, work, state, s, h, tolerance) == 1:
+            return True
+    state.numbers[st.STEP_FACTORED] = 0.0
+    return False

@@ -1,0 +1,95 @@
+"""The local error of a generalized-alpha step, over what rtol tolerates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.compiling import part_of_kernel
+from flexmbd.multibody.kernels.native import solve
+from flexmbd.multibody.kernels.residual import residual
+
+_FADE = 0.95  # how a coordinate's own rate fades from step to step
+
+
+@part_of_kernel
+def _difference(plan, state, groups, s, h):
+    """Local error of position and velocity on the free coordinates, and each one's own rate.
+
+    Against the integral of the parabola through the last three true accelerations, which is one
+    order better.  A coordinate's rate (1/s) is the frequency of a vibration with that curvature.
+    """
+    h_before = state.numbers[st.STEP_BEFORE]
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        a0 = state.a[k]
+        a1 = s.a[k]
+        curve = 0.0
+        if state.counts[st.KNOWN_BEFORE] > 0:
+            curve = ((a1 - a0) / h - (a0 - state.before[k]) / h_before) / (h + h_before)
+        speed = h * 0.5 * (a0 + a1) - h**3 / 6.0 * curve
+        travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
+        s.error_x[j] = (s.move[k] - h * state.v[k]) - travel
+        s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
+        size = groups.acceleration[groups.of[k]]
+        rate = np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
+        s.rate[k] = max(rate, _FADE * s.rate[k])  # a vibration's curvature passes through zero
+
+
+@part_of_kernel
+def _filter(plan, work, state, s):
+    """Filter the velocity error by the tree's iteration matrix, as Radau codes do.
+
+    What the method damps on purpose is not an error to be resolved.  The residual is linear in
+    the accelerations and vanishes at the step's own, so it gives M times the error; the error is
+    blown up to the accelerations' size first, out of the round-off of what it is added to.
+    """
+    nu = plan.free.shape[0]
+    blown = 1.0
+    largest = 0.0
+    for j in range(nu):
+        blown = max(blown, abs(s.a[plan.free[j]]))
+        largest = max(largest, abs(s.error_v[0, j]))
+    blown /= largest + 1e-300
+    for k in range(s.probe.shape[0]):
+        s.probe[k] = s.a[k]
+    for j in range(nu):
+        s.probe[plan.free[j]] += blown * s.error_v[0, j]
+    residual(plan, work, s.x, s.v, s.probe, s.multipliers, s.out)
+    state.counts[st.EVALUATIONS] += 1
+    for j in range(nu):
+        s.error_v[0, j] = s.out[plan.free[j]] / blown
+    if plan.rows.shape[0] > 0:
+        solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.error_v)
+    else:
+        solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.error_v)
+
+
+@part_of_kernel
+def local_error(plan, work, state, groups, s, h, machine_rate):
+    """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
+
+    A vibration faster than the machine is measured over its own radian, and its velocity by
+    what it displaces, for it swings and does not drift.
+    """
+    _difference(plan, state, groups, s, h)
+    if state.counts[st.FILTERS] == 1:
+        _filter(plan, work, state, s)
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        g = groups.of[k]
+        size = groups.position[g]
+        share = min(1.0, h * max(machine_rate, s.rate[k]))
+        limit = state.numbers[st.TOLERANCE] * share
+        speed = max(st.group_speed(groups, g, machine_rate), s.rate[k] * size)
+        # modes that hardly move are differences of the whole motion, with its round-off
+        least = st.ROUND_OFF * groups.full[g]
+        part = abs(s.error_v[0, j]) / max(limit * speed, least * machine_rate)
+        if groups.kind[g] != at.GROUP_MODAL:  # of a vibration the velocity's error tells enough
+            part = max(part, abs(s.error_x[j]) / max(limit * size, least))
+        if not part <= largest:
+            largest = part
+            state.counts[st.WORST] = k
+    return largest

@@ -1,0 +1,1 @@
+"""The machine: bodies, joints, forces, topology and the flat plan; numpy, scipy and numba only."""

@@ -1,0 +1,187 @@
+"""Bodies: what the recursion asks of a body, and the two kinds so far.
+
+A body is constant data: its mass integrals about its own frame B and, where it is flexible, its
+modes.  ``Frame`` is a marker on a body, the thing that joints connect and results are asked of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.reduced import ReducedBody
+from flexmbd.rotation import check_rotation
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A marker F on a body.
+
+    Attributes:
+        body: the body that carries it.
+        p_BF_B: (3,) m, position in the undeformed body.
+        R_BF: (3, 3) rotation from F's axes to B's.
+        modes: (6, n) displacement and small rotation of F in B's axes per unit modal
+            coordinate, or None where F does not deform against B.
+        label: how messages and plots call it.
+    """
+
+    body: Body
+    p_BF_B: FloatArray
+    R_BF: FloatArray
+    modes: FloatArray | None
+    label: str
+
+
+class Body(Protocol):
+    """What a scene asks of every kind of body."""
+
+    name: str
+
+    @property
+    def mass(self) -> float:
+        """Mass (kg)."""
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First (3,) and second (3, 3) moments of mass about B, in B (kg m, kg m^2)."""
+
+    def reduced(self) -> ReducedBody | None:
+        """The flexible part, or None for a rigid body."""
+
+
+def _marker(body: Body, p: ArrayLike, R: ArrayLike | None, label: str) -> Frame:
+    position = np.asarray(p, dtype=np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
+    rotation = np.eye(3) if R is None else check_rotation(R, f"frame {label}: R")
+    return Frame(body, position, rotation, None, label)
+
+
+@dataclass(eq=False)
+class Ground:
+    """The inertial frame, as a body that does not move."""
+
+    name: str = "ground"
+    mass: float = 0.0
+
+    def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
+        """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in the inertial frame."""
+        return _marker(self, p, R, f"ground{_place(p)}")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Zero: the ground takes no part in the dynamics."""
+        return np.zeros(3), np.zeros((3, 3))
+
+    def reduced(self) -> None:
+        """The ground does not deform."""
+        return None
+
+
+@dataclass(eq=False)
+class RigidBody:
+    """A rigid body.
+
+    Attributes:
+        mass: kg, positive.
+        inertia: (3, 3) or its diagonal (3,), kg m^2, about the centre of mass, in body axes.
+        com: (3,) m, centre of mass from the body frame, in body axes.
+        name: given by ``System.add``.
+
+    Raises:
+        SceneError: values that no rigid body can have, each named.
+    """
+
+    mass: float
+    inertia: ArrayLike
+    com: Sequence[float] = (0.0, 0.0, 0.0)
+    name: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        tensor = np.asarray(self.inertia, dtype=np.float64)
+        if tensor.shape == (3,):
+            tensor = np.diag(tensor)
+        faults = []
+        if not (np.isfinite(self.mass) and self.mass > 0.0):
+            faults.append(f"mass must be positive, got {self.mass}")
+        if np.shape(self.com) != (3,) or not np.isfinite(np.asarray(self.com, float)).all():
+            faults.append(f"com must be three finite numbers (m), got {self.com!r}")
+        if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+            faults.append(f"inertia must be (3,) or (3, 3) and finite, got {self.inertia!r}")
+        elif np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
+            faults.append("inertia must be symmetric")
+        else:
+            low, mid, high = np.linalg.eigvalsh(tensor)
+            if low < -1e-12 * high or low + mid < high * (1.0 - 1e-9):
+                faults.append(
+                    f"principal inertias {low:.4g}, {mid:.4g}, {high:.4g} kg m^2 belong to no "
+                    "body: none may be negative nor exceed the sum of the other two"
+                )
+        if faults:
+            raise SceneError("rigid body: " + "; ".join(faults))
+        self._tensor = tensor
+
+    def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
+        """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
+        return _marker(self, p, R, f"{self.name or 'rigid body'}{_place(p)}")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First and second moments of mass about the body frame."""
+        com = np.asarray(self.com, dtype=np.float64)
+        second = 0.5 * np.trace(self._tensor) * np.eye(3) - self._tensor
+        return self.mass * com, second + self.mass * np.outer(com, com)
+
+    def reduced(self) -> None:
+        """A rigid body has no modes."""
+        return None
+
+
+@dataclass(eq=False)
+class FlexibleBody:
+    """A reduced elastic body in its floating frame.
+
+    Attributes:
+        record: the reduced body.
+        name: given by ``System.add``.
+    """
+
+    record: ReducedBody
+    name: str = field(default="", kw_only=True)
+
+    @property
+    def mass(self) -> float:
+        """Mass (kg)."""
+        return self.record.mass
+
+    def frame(self, name: str | None = None) -> Frame:
+        """Return the interface frame ``name``, or the body frame without one.
+
+        Raises:
+            InterfaceError: no interface has that name; the message lists those there are.
+        """
+        label = self.name or "flexible body"
+        if name is None:
+            return Frame(self, np.zeros(3), np.eye(3), None, label)
+        interface = self.record.interface(name)
+        modes = interface.modes if interface.modes.any() else None
+        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First and second moments of mass of the undeformed body about the body frame."""
+        gram = self.record.gram
+        return gram[0, 1:4].copy(), gram[1:4, 1:4].copy()
+
+    def reduced(self) -> ReducedBody:
+        """The record."""
+        return self.record
+
+
+def _place(p: ArrayLike) -> str:
+    values = np.asarray(p, dtype=np.float64).ravel()
+    return "" if not values.any() else "(" + ", ".join(f"{v:g}" for v in values) + ")"

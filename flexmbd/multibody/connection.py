@@ -1,0 +1,102 @@
+"""Connection: a joint between two frames of a scene, with its initial and prescribed motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.time_function import TimeFunction, as_row
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Connection:
+    """A joint in a scene; made by ``System.connect``.
+
+    Attributes:
+        joint: what kind of joint.
+        parent: the frame F that the coordinates are measured from.
+        child: the frame G that moves against it.
+        name: unique in the scene.
+    """
+
+    joint: Joint
+    parent: Frame
+    child: Frame
+    name: str
+
+    def __post_init__(self) -> None:
+        self._position: FloatArray | None = None
+        self._velocity: FloatArray | None = None
+        self._motion: TimeFunction | None = None
+
+    @property
+    def position(self) -> FloatArray | None:
+        """Initial joint coordinates (rad or m; a quaternion where the joint has one).
+
+        None: not set, so the start's projection may move them.  Setting them takes a number
+        for a joint of one coordinate.
+        """
+        return self._position
+
+    @position.setter
+    def position(self, value: ArrayLike) -> None:
+        x = self._vector(value, len(self.joint.start), "position")
+        for o in _quaternions(self.joint):
+            length = float(np.linalg.norm(x[o : o + 4]))
+            if abs(length - 1.0) > 1e-9:
+                raise SceneError(f"joint {self.name!r}: quaternion of length {length:g}, not 1")
+        self._position = x
+
+    @property
+    def velocity(self) -> FloatArray | None:
+        """Initial joint velocities (rad/s or m/s); None: not set, as for ``position``."""
+        return self._velocity
+
+    @velocity.setter
+    def velocity(self, value: ArrayLike) -> None:
+        self._velocity = self._vector(value, len(self.joint.velocity_names), "velocity")
+
+    @property
+    def motion(self) -> TimeFunction | None:
+        """The prescribed motion, or None."""
+        return self._motion
+
+    def prescribe(self, motion: TimeFunction) -> None:
+        """Prescribe the joint's coordinate (rad or m) as a function of time (s).
+
+        Args:
+            motion: a number, ``Table``, ``Sine``, a scipy ``PPoly``, ``Motion`` of three compiled
+                functions, or a callable that returns (value, rate, acceleration).
+
+        Raises:
+            SceneError: the joint has not exactly one coordinate, or no such function.
+        """
+        if len(self.joint.velocity_names) != 1:
+            raise SceneError(
+                f"joint {self.name!r}: a {type(self.joint).__name__} has "
+                f"{len(self.joint.velocity_names)} coordinates; only a joint with one can be "
+                "prescribed"
+            )
+        as_row(motion, f"motion of joint {self.name!r}", motion=True)
+        self._motion = motion
+
+    def _vector(self, value: ArrayLike, size: int, what: str) -> FloatArray:
+        vector = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        if vector.shape != (size,) or not np.isfinite(vector).all():
+            raise SceneError(
+                f"joint {self.name!r}: {what} of a {type(self.joint).__name__} takes {size} "
+                f"finite number(s), got {value!r}"
+            )
+        return vector
+
+
+def _quaternions(joint: Joint) -> tuple[int, ...]:
+    """Where quaternions begin among the joint's coordinates."""
+    return {4: (0,), 7: (3,)}.get(len(joint.start), ())

@@ -1,0 +1,83 @@
+"""A plain text of what a compiled scene computes and what it skips."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.initial import Start
+from flexmbd.multibody.kernels import layout as at
+
+_KINDS = {
+    at.TIME_PIECEWISE: "read as data",
+    at.TIME_SINE: "read as data",
+    at.TIME_COMPILED: "called compiled",
+    at.TIME_PYTHON: "Python, one return to the interpreter a step",
+}
+
+
+def explain(start: Start) -> str:
+    """Say which joints went to coordinates and which to multipliers, and what is skipped."""
+    scene = start.scene
+    plan = scene.plan
+    lines = [
+        f"{len(plan.tree)} bodies, {scene.nv} velocities ({len(plan.free)} free, "
+        f"{len(plan.driven)} prescribed), {len(plan.rows)} multipliers"
+    ]
+    lines.append("tree:")
+    for branch in scene.topology.branches:
+        body = branch.outer.body
+        record = body.reduced()
+        kind = "rigid" if record is None else f"flexible, {record.n_modes} modes"
+        if branch.connection is None:
+            lines.append(
+                f"  {body.name} ({kind}): flies with 6 coordinates, for no joint reaches it at a "
+                "frame that is rigid in it"
+            )
+            continue
+        joint = type(branch.connection.joint).__name__
+        how = "prescribed" if branch.connection.motion is not None else "joint coordinates"
+        back = ", run from child to parent" if branch.reversed else ""
+        lines.append(f"  {branch.connection.name}: {joint} -> {body.name} ({kind}), {how}{back}")
+    lines.extend(_closures(start))
+    lines.extend(_inputs(start))
+    lines.extend(_skipped(start))
+    if start.moved:
+        lines.append("the start was made consistent:")
+        lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved)
+    return "\n".join(lines)
+
+
+def _closures(start: Start) -> list[str]:
+    scene = start.scene
+    if not scene.topology.closures:
+        return ["loops: none, so no multipliers and no drift"]
+    lines = ["loops, closed by multipliers:"]
+    for connection in scene.topology.closures:
+        count = sum(c is connection for c in scene.row_connections)
+        joint = type(connection.joint).__name__
+        lines.append(f"  {connection.name}: {joint}, {count} of {len(connection.joint.rows)} rows")
+    if scene.redundant:
+        lines.append("  redundant, left out: " + "; ".join(scene.redundant))
+    return lines
+
+
+def _inputs(start: Start) -> list[str]:
+    scene = start.scene
+    return [
+        f"{name}: {row.text}, {_KINDS[row.kind]}"
+        for name, row in zip(scene.time_names, scene.time_rows, strict=True)
+    ]
+
+
+def _skipped(start: Start) -> list[str]:
+    plan = start.scene.plan
+    skipped = []
+    if len(plan.rows) == 0:
+        skipped.append("constraint rows, multipliers and position shifts (a tree)")
+    if len(plan.flex) == 0:
+        skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
+    elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
+        skipped.append("modal damping (zero)")
+    if len(plan.flex):
+        skipped.append("factoring modal masses (the identity)")
+    if not plan.gravity.any():
+        skipped.append("gravity (zero)")
+    return ["skipped: " + "; ".join(skipped)] if skipped else []

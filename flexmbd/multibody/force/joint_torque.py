@@ -1,0 +1,30 @@
+"""A torque that drives a revolute joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.time_function import TimeFunction
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorque:
+    """A torque (N m) about or along a joint's axis: +value on the child, -value on the parent.
+
+    Attributes:
+        connection: a joint whose only coordinate is a rotation.
+        value: N m: a number, a table, a compiled function or any callable of time (s).
+    """
+
+    connection: Connection
+    value: TimeFunction
+
+    def check(self) -> None:
+        """Raise SceneError if the joint's only coordinate is no rotation."""
+        if self.connection.joint.angular != (True,):
+            raise SceneError(
+                f"a joint torque acts on a joint whose only coordinate is a rotation; "
+                f"{self.connection.name!r} is a {type(self.connection.joint).__name__}"
+            )

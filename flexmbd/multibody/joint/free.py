@@ -1,0 +1,26 @@
+"""A free joint: the child flies, its pose is six coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexmbd.multibody.joint.protocol import Row
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True)
+class Free:
+    """Six relative motions, no reaction.
+
+    Coordinates: p_FG_F (m), then the quaternion of R_FG; velocities: the rate of p_FG_F
+    (m/s), then w_FG_G (rad/s).
+    """
+
+    axis: ClassVar[str] = "z"
+    kind: ClassVar[int] = at.FREE
+    start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    velocity_names: ClassVar[tuple[str, ...]] = ("vx", "vy", "vz", "wx", "wy", "wz")
+    angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)
+    reversible: ClassVar[bool] = False
+    rows: ClassVar[tuple[Row, ...]] = ()

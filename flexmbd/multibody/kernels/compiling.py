@@ -1,0 +1,123 @@
+"""The ``kernel`` decorator: numba compilation with a disk cache that knows all its sources."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core import caching
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PACKAGE = Path(__file__).resolve().parents[2]
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled kernels.
+
+    ``NUMBA_CACHE_DIR`` where set, else ``$XDG_CACHE_HOME/flexmbd/kernels`` (by default
+    ``~/.cache/flexmbd/kernels``): never inside the install, which may be read-only.
+    """
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "flexmbd" / "kernels"
+
+
+@cache
+def _source_stamp() -> str:
+    """Digest of every kernel source: numba alone would miss a change in a called kernel."""
+    digest = hashlib.sha256()
+    for folder in ("multibody/kernels", "integrate"):
+        for path in sorted((_PACKAGE / folder).glob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+class _KernelCacheLocator(caching._CacheLocator):
+    """Places flexmbd's kernels, and nothing else, in ``cache_folder()``."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._line = py_func.__code__.co_firstlineno
+        self._path = _version_folder() / self.get_suitable_cache_subpath(py_file)
+
+    def get_cache_path(self) -> str:
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        return _source_stamp()
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(
+        cls, py_func: Callable[..., Any], py_file: str
+    ) -> _KernelCacheLocator | None:
+        if _PACKAGE not in Path(py_file).resolve().parents:
+            return None
+        locator = cls(py_func, py_file)
+        try:
+            locator.ensure_cache_path()
+        except OSError:
+            return None  # numba's own choices follow: beside the source, then user-wide
+        return locator
+
+
+caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
+
+
+def announce() -> bool:
+    """Tell on stderr, once, that the kernels are about to be compiled; False if they are cached."""
+    global _announced
+    if _announced or _marker().exists():
+        return False
+    _announced = True
+    sys.stderr.write(
+        f"flexmbd: compiling the kernels, once for this machine (about 15 s; kept in "
+        f"{cache_folder()})\n"
+    )
+    return True
+
+
+def mark_compiled() -> None:
+    """Note that the kernels as they stand are in the cache."""
+    if not _marker().exists():
+        try:
+            _marker().parent.mkdir(parents=True, exist_ok=True)
+            _marker().touch()
+        except OSError:
+            return  # a read-only cache: the next process says it again, and is right
+
+
+def _marker() -> Path:
+    return _version_folder() / "compiled"
+
+
+def _version_folder() -> Path:
+    """A folder for these very sources: numba cannot even read what others left under its names."""
+    return cache_folder() / f"flexmbd-{_source_stamp()[:16]}"
+
+
+_announced = False
+
+
+def kernel(function: F) -> F:
+    """Compile ``function`` at its first call, without the GIL's objects, cached on disk."""
+    return njit(cache=True, error_model="numpy", nogil=True)(function)
+
+
+def part_of_kernel(function: F) -> F:
+    """Compile ``function`` as text of its caller; for what is called from one place alone.
+
+    LLVM optimises all that a kernel calls anew with each kernel, so every level of large kernels
+    costs the compile time of all that lies below it.
+    """
+    return njit(inline="always", error_model="numpy", nogil=True)(function)

@@ -1,0 +1,120 @@
+"""The flat layout of a compiled scene: what each column of each array holds.
+
+``Plan`` is the constant scene, ``Work`` the scratch space of one evaluation.  Both are named
+tuples of arrays whose types never change, so that one compiled image serves every scene.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Joint kinds.
+FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE = range(5)
+
+# Columns of Plan.tree, one row a body, parents before children.
+PARENT = 0  # row of the parent body, -1 the ground
+JOINT = 1  # joint kind of the inboard joint
+FRAME_PARENT = 2  # row of Plan.frames: the joint's frame on the parent
+FRAME_CHILD = 3  # row of Plan.frames: the joint's frame on this body
+JOINT_X = 4  # first entry of the joint in the configuration x
+JOINT_V = 5  # first entry of the joint in the velocity v
+FLEX = 6  # row of Plan.flex, -1 for a rigid body
+MODAL_X = 7  # first entry of q in x
+MODAL_V = 8  # first entry of q's rate in v
+N_TREE = 9
+
+# Columns of Plan.frames: p_BF_B (3), R_BF (9).
+FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
+
+# Columns of Plan.frame_of: the body (-1 ground) and the offset of its 6 x n mode rows in
+# Plan.modal (-1: the frame does not deform against the body frame).
+FRAME_BODY, FRAME_MODES, N_FRAME_OF = 0, 1, 2
+
+# Columns of Plan.rigid: mass, first moment (3), second moment xx xy xz yy yz zz, all about B.
+MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
+
+# Columns of Plan.flex: number of modes and offsets in Plan.modal.
+N_MODES = 0
+MODAL_FIRST = 1  # (n, 3) integral of rho phi_i
+MODAL_SECOND = 2  # (n, 9) integral of rho phi_i x^T
+MODAL_PAIR = 3  # (n, 9, n) integral of rho phi_i,a phi_j,b at [i, 3 a + b, j]
+MODAL_STIFFNESS = 4  # (n,) diagonal of K_qq
+MODAL_DAMPING = 5  # (n, n) D_qq, or -1 where it is zero
+N_FLEX = 6
+
+# Columns of Plan.rows, one row a scalar loop constraint between frames F and G.
+ROW_F, ROW_G, ROW_KIND, ROW_INDEX, N_ROW = 0, 1, 2, 3, 4
+# ROW_KIND: p_FG_F[index] = 0; R_FG[index // 3, index % 3] = 0; axis of R_FG[index] = 0.
+ROW_TRANSLATION, ROW_DIRECTION, ROW_AXIS = range(3)
+
+# Columns of Plan.forces: v index and time function of a joint force.
+FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
+
+# Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
+DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
+
+# Columns of Plan.times: kind, offset in Plan.time_data, and a count or an address.
+TIME_KIND, TIME_OFFSET, TIME_COUNT, TIME_ADDRESS, N_TIME = 0, 1, 2, 3, 6
+# TIME_ADDRESS .. TIME_ADDRESS + 2: addresses of value, rate, acceleration, 0 where absent.
+TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)
+
+
+# Kinds of error-norm groups: coordinates of one group share one scale.
+GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
+
+
+class Plan(NamedTuple):
+    """The constant arrays of a compiled scene (SI units; see the column names above)."""
+
+    tree: IntArray
+    frames: FloatArray
+    frame_of: IntArray
+    rigid: FloatArray
+    flex: IntArray
+    modal: FloatArray
+    rows: IntArray
+    forces: IntArray
+    times: IntArray
+    time_data: FloatArray
+    driven: IntArray
+    free: IntArray
+    gravity: FloatArray
+    lapack: IntArray
+
+
+# Columns of Work.body.
+B_R, B_P = 0, 9  # pose R_WB, p_WB_W
+B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
+B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
+B_F, B_T = 24, 27  # wrench about B's origin that the motion asks for, in B
+B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
+N_BODY_WORK = 42
+
+# Columns of Work.frame.
+F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body
+F_THETA = 12  # rotation vector of the deformation
+F_V, F_W, F_A, F_DW = 15, 18, 21, 24  # motion of the frame against B, in B
+N_FRAME_WORK = 27
+
+
+class Work(NamedTuple):
+    """Scratch arrays of one evaluation; written before they are read."""
+
+    body: FloatArray
+    frame: FloatArray
+    time: FloatArray
+
+
+def new_work(plan: Plan) -> Work:
+    """Allocate the scratch space of ``plan``."""
+    return Work(
+        np.zeros((len(plan.tree), N_BODY_WORK)),
+        np.zeros((len(plan.frames), N_FRAME_WORK)),
+        np.zeros((max(1, len(plan.times)), 3)),
+    )

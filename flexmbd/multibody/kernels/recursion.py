@@ -1,0 +1,255 @@
+"""The recursion over the tree: kinematics outwards, inverse dynamics inwards, both O(bodies).
+
+Forward: pose, velocity and acceleration of every body frame through rigid and flexible parents
+(theory: seed 1 eq. 1-6; Ambrosio & Nikravesh 1992, eq. 69-70).  Backward: the generalised forces
+that the motion asks for (eq. 71), a wrench on a flexible parent's interface going into its modes.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.inertia import (
+    add_rigid_wrench,
+    flexible_inertia,
+    rigid_second_moment,
+)
+from flexmbd.multibody.kernels.joints import joint_force, joint_motion, joint_pose
+from flexmbd.multibody.kernels.so3 import (
+    add3,
+    compose,
+    compose_back,
+    cross3,
+    exp_rotation,
+    left_jacobian,
+    left_jacobian_rate,
+    left_jacobian_transposed,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    store9,
+    sub3,
+)
+
+
+@kernel
+def modal_sum(modal, o, n, q):
+    """Translation and rotation rows of a frame's modes times q."""
+    t0 = t1 = t2 = r0 = r1 = r2 = 0.0
+    for k in range(n):
+        f = q[k]
+        t0 += modal[o + k] * f
+        t1 += modal[o + n + k] * f
+        t2 += modal[o + 2 * n + k] * f
+        r0 += modal[o + 3 * n + k] * f
+        r1 += modal[o + 4 * n + k] * f
+        r2 += modal[o + 5 * n + k] * f
+    return (t0, t1, t2), (r0, r1, r2)
+
+
+@kernel
+def deform_frame(plan, f, x, v, a, row):
+    """Write pose and motion of frame f against its body into its work row.
+
+    The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
+    d theta/dt is exact, so that forces do the work that the motion shows.
+    """
+    fixed = plan.frames[f]
+    p = load3(fixed, at.FRAME_P)
+    r = load9(fixed, at.FRAME_R)
+    o = plan.frame_of[f, at.FRAME_MODES]
+    if o < 0:
+        store3(row, at.F_P, p)
+        store9(row, at.F_R, r)
+        return
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    shift, theta = modal_sum(plan.modal, o, n, x[qx : qx + n])
+    velocity, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
+    acceleration, theta_rate2 = modal_sum(plan.modal, o, n, a[qv : qv + n])
+    store3(row, at.F_P, add3(p, shift))
+    store9(row, at.F_R, compose(exp_rotation(theta), r))
+    store3(row, at.F_THETA, theta)
+    store3(row, at.F_V, velocity)
+    store3(row, at.F_W, left_jacobian(theta, theta_rate))
+    store3(row, at.F_A, acceleration)
+    store3(
+        row,
+        at.F_DW,
+        add3(left_jacobian(theta, theta_rate2), left_jacobian_rate(theta, theta_rate)),
+    )
+
+
+@kernel
+def frame_motion(plan, work, f):
+    """World pose of frame f and its motion in its own axes.
+
+    Returns:
+        p_WF_W, R_WF, velocity of F's origin, w_WF_F, acceleration of the origin minus gravity,
+        angular acceleration; the last four in F's axes.
+    """
+    row = work.frame[f]
+    deforms = plan.frame_of[f, at.FRAME_MODES] >= 0
+    p_BF = load3(row, at.F_P)
+    R_BF = load9(row, at.F_R)
+    b = plan.frame_of[f, at.FRAME_BODY]
+    if b < 0:
+        g = load3(plan.gravity, 0)
+        zero = (0.0, 0.0, 0.0)
+        return p_BF, R_BF, zero, zero, rotate_back(R_BF, scale3(-1.0, g)), zero
+    body = work.body[b]
+    w = load3(body, at.B_W)
+    dw = load3(body, at.B_DW)
+    wp = cross3(w, p_BF)
+    v = add3(load3(body, at.B_V), wp)
+    a = add3(load3(body, at.B_A), add3(cross3(dw, p_BF), cross3(w, wp)))
+    if deforms:
+        rate = load3(row, at.F_V)
+        spin = load3(row, at.F_W)
+        v = add3(v, rate)
+        a = add3(a, add3(scale3(2.0, cross3(w, rate)), load3(row, at.F_A)))
+        dw = add3(dw, add3(load3(row, at.F_DW), cross3(w, spin)))
+        w = add3(w, spin)
+    R_WB = load9(body, at.B_R)
+    p_WF = add3(load3(body, at.B_P), rotate(R_WB, p_BF))
+    return (
+        p_WF,
+        compose(R_WB, R_BF),
+        rotate_back(R_BF, v),
+        rotate_back(R_BF, w),
+        rotate_back(R_BF, a),
+        rotate_back(R_BF, dw),
+    )
+
+
+@kernel
+def forward(plan, work, x, v, a):
+    """Fill the work rows with the pose and motion of all frames and bodies."""
+    for f in range(plan.frames.shape[0]):
+        deform_frame(plan, f, x, v, a, work.frame[f])
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        row = work.body[i]
+        kind = tree[at.JOINT]
+        p_WF, R_WF, v_F, w_F, a_F, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
+        p, R_FG = joint_pose(kind, x, tree[at.JOINT_X])
+        p_dot, w_rel = joint_motion(kind, v, tree[at.JOINT_V])
+        p_ddot, dw_rel = joint_motion(kind, a, tree[at.JOINT_V])
+        store3(row, at.B_JOINT_P, p)
+        store9(row, at.B_JOINT_R, R_FG)
+        wp = cross3(w_F, p)
+        v_G = rotate_back(R_FG, add3(v_F, add3(wp, p_dot)))
+        a_G = rotate_back(
+            R_FG,
+            add3(
+                add3(a_F, add3(cross3(dw_F, p), cross3(w_F, wp))),
+                add3(scale3(2.0, cross3(w_F, p_dot)), p_ddot),
+            ),
+        )
+        w_FG = rotate_back(R_FG, w_F)
+        w_G = add3(w_FG, w_rel)
+        dw_G = add3(rotate_back(R_FG, dw_F), add3(dw_rel, cross3(w_FG, w_rel)))
+        child = plan.frames[tree[at.FRAME_CHILD]]
+        p_BG = load3(child, at.FRAME_P)
+        R_BG = load9(child, at.FRAME_R)
+        w = rotate(R_BG, w_G)
+        dw = rotate(R_BG, dw_G)
+        back = cross3(w, p_BG)
+        R_WB = compose_back(compose(R_WF, R_FG), R_BG)
+        store9(row, at.B_R, R_WB)
+        store3(row, at.B_P, sub3(add3(p_WF, rotate(R_WF, p)), rotate(R_WB, p_BG)))
+        store3(row, at.B_W, w)
+        store3(row, at.B_DW, dw)
+        store3(row, at.B_V, sub3(rotate(R_BG, v_G), back))
+        store3(row, at.B_A, sub3(rotate(R_BG, a_G), add3(cross3(dw, p_BG), cross3(w, back))))
+
+
+@kernel
+def ask_inertia(plan, work, x, v, a, out):
+    """Write each body's wrench, and its modal forces into ``out``."""
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        if tree[at.FLEX] < 0:
+            rigid = plan.rigid[i]
+            add_rigid_wrench(
+                rigid[at.MASS],
+                load3(rigid, at.FIRST_MOMENT),
+                rigid_second_moment(rigid),
+                work.body[i],
+            )
+        else:
+            n = plan.flex[tree[at.FLEX], at.N_MODES]
+            qx = tree[at.MODAL_X]
+            qv = tree[at.MODAL_V]
+            flexible_inertia(
+                plan,
+                i,
+                x[qx : qx + n],
+                v[qv : qv + n],
+                a[qv : qv + n],
+                work.body[i],
+                out[qv : qv + n],
+            )
+
+
+@kernel
+def load_frame(plan, work, f, force_F, torque_F, out):
+    """Ask of frame f's body the wrench (force, torque about F's origin; in F's axes) as well.
+
+    ``out`` gets the modal part; a wrench on the ground is dropped.
+    """
+    b = plan.frame_of[f, at.FRAME_BODY]
+    if b < 0:
+        return
+    row = work.frame[f]
+    body = work.body[b]
+    R_BF = load9(row, at.F_R)
+    force = rotate(R_BF, force_F)
+    torque = rotate(R_BF, torque_F)
+    o = plan.frame_of[f, at.FRAME_MODES]
+    if o >= 0:
+        tree = plan.tree[b]
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qv = tree[at.MODAL_V]
+        turn = left_jacobian_transposed(load3(row, at.F_THETA), torque)
+        modal = plan.modal
+        for k in range(n):
+            out[qv + k] += (
+                modal[o + k] * force[0]
+                + modal[o + n + k] * force[1]
+                + modal[o + 2 * n + k] * force[2]
+                + modal[o + 3 * n + k] * turn[0]
+                + modal[o + 4 * n + k] * turn[1]
+                + modal[o + 5 * n + k] * turn[2]
+            )
+    store3(body, at.B_F, add3(load3(body, at.B_F), force))
+    store3(
+        body,
+        at.B_T,
+        add3(load3(body, at.B_T), add3(torque, cross3(load3(row, at.F_P), force))),
+    )
+
+
+@kernel
+def backward(plan, work, out):
+    """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
+    for i in range(plan.tree.shape[0] - 1, -1, -1):
+        tree = plan.tree[i]
+        row = work.body[i]
+        child = plan.frames[tree[at.FRAME_CHILD]]
+        R_BG = load9(child, at.FRAME_R)
+        force_B = load3(row, at.B_F)
+        torque_B = sub3(load3(row, at.B_T), cross3(load3(child, at.FRAME_P), force_B))
+        torque_G = rotate_back(R_BG, torque_B)
+        R_FG = load9(row, at.B_JOINT_R)
+        force_F = rotate(R_FG, rotate_back(R_BG, force_B))
+        joint_force(tree[at.JOINT], force_F, torque_G, out, tree[at.JOINT_V])
+        torque_F = add3(
+            rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F)
+        )
+        load_frame(plan, work, tree[at.FRAME_PARENT], force_F, torque_F, out)

@@ -1,0 +1,67 @@
+"""Functions of time inside a step: piecewise polynomials, sines, compiled and Python ones."""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.native import call_scalar
+
+
+@kernel
+def _piecewise(data, o, pieces, t):
+    """Value and derivatives of a piecewise polynomial; the end pieces go on outside.
+
+    data[o:]: order k, pieces + 1 breakpoints, then k coefficients a piece, highest power first.
+    """
+    order = int(data[o])
+    low = 0
+    high = pieces - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if data[o + 1 + middle] <= t:
+            low = middle
+        else:
+            high = middle - 1
+    s = t - data[o + 1 + low]
+    c = o + 2 + pieces + order * low
+    value = rate = half = 0.0
+    for k in range(order):
+        half = half * s + rate
+        rate = rate * s + value
+        value = value * s + data[c + k]
+    return value, rate, 2.0 * half
+
+
+@kernel
+def _sine(data, o, t):
+    """offset + amplitude sin(omega t + phase)."""
+    offset, amplitude, omega, phase = data[o], data[o + 1], data[o + 2], data[o + 3]
+    s = amplitude * math.sin(omega * t + phase)
+    return offset + s, amplitude * omega * math.cos(omega * t + phase), -omega * omega * s
+
+
+@kernel
+def evaluate_times(plan, t, asked, out):
+    """Write value, rate and acceleration of every function of time at t.
+
+    ``asked`` holds what Python callables gave for this t, one row a function.
+    """
+    for i in range(plan.times.shape[0]):
+        row = plan.times[i]
+        kind = row[at.TIME_KIND]
+        o = row[at.TIME_OFFSET]
+        if kind == at.TIME_PIECEWISE:
+            out[i, 0], out[i, 1], out[i, 2] = _piecewise(
+                plan.time_data, o, row[at.TIME_COUNT], t
+            )
+        elif kind == at.TIME_SINE:
+            out[i, 0], out[i, 1], out[i, 2] = _sine(plan.time_data, o, t)
+        elif kind == at.TIME_COMPILED:
+            for k in range(3):
+                address = row[at.TIME_ADDRESS + k]
+                out[i, k] = call_scalar(address, t) if address != 0 else 0.0
+        else:
+            for k in range(3):
+                out[i, k] = asked[i, k]

@@ -1,0 +1,370 @@
+"""From a scene to flat arrays: numbering, frames, mass integrals, loop rows, functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.joint.free import Free
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import Plan
+from flexmbd.multibody.kernels.native import lapack_addresses
+from flexmbd.multibody.time_function import TimeRow, as_row
+from flexmbd.multibody.topology import Branch, Topology
+from flexmbd.reduced import ReducedBody
+from flexmbd.rotation import z_onto
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+#: Deformations below this share of the machine's extent are resolved no more finely than it.
+_MODAL_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Where something lies in the configuration x and the velocity v."""
+
+    x: slice
+    v: slice
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledScene:
+    """A scene as the kernels see it, and the way back from numbers to names.
+
+    Attributes:
+        plan: the flat arrays.
+        topology: tree and closures.
+        body_row: body id to row of ``plan.tree``; -1 for the ground.
+        joint_slots: connection id to its coordinates; tree joints only.
+        modal_slots: body id to its modal coordinates.
+        velocity_names: (nv,) name of each velocity.
+        row_names: name of each row of ``plan.rows``.
+        row_connections: the closure of each row.
+        start: (nx,) configuration with every joint at its own zero.
+        time_rows: functions of time, row by row of ``plan.times``.
+        time_names: what each is for.
+        extent: the machine's size (m).
+        group_of, group_kind, group_full, group_floor: error-norm groups (see generalized_alpha.Groups).
+        redundant: names of constraint rows left out as redundant.
+    """
+
+    plan: Plan
+    topology: Topology
+    body_row: Mapping[int, int]
+    joint_slots: Mapping[int, Slots]
+    modal_slots: Mapping[int, Slots]
+    velocity_names: tuple[str, ...]
+    row_names: tuple[str, ...]
+    row_connections: tuple[Connection, ...]
+    start: FloatArray
+    time_rows: tuple[TimeRow, ...]
+    time_names: tuple[str, ...]
+    extent: float
+    group_of: IntArray
+    group_kind: IntArray
+    group_full: FloatArray
+    group_floor: FloatArray
+    redundant: tuple[str, ...] = ()
+
+    @property
+    def nx(self) -> int:
+        """Size of the configuration."""
+        return len(self.start)
+
+    @property
+    def nv(self) -> int:
+        """Number of generalised velocities, prescribed ones included."""
+        return len(self.velocity_names)
+
+    def keep_rows(self, kept: Sequence[int]) -> CompiledScene:
+        """Return the scene with only these constraint rows; the others are redundant."""
+        chosen = sorted(kept)
+        left = [k for k in range(len(self.row_names)) if k not in set(chosen)]
+        return replace(
+            self,
+            plan=self.plan._replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
+            row_names=tuple(self.row_names[k] for k in chosen),
+            row_connections=tuple(self.row_connections[k] for k in chosen),
+            redundant=tuple(self.row_names[k] for k in left),
+        )
+
+
+class _Builder:
+    """Growing lists of the plan's arrays."""
+
+    def __init__(self, ground: Body, extent: float) -> None:
+        self.extent = extent
+        self.row_of: dict[int, int] = {id(ground): -1}
+        self.tree: list[list[int]] = []
+        self.rigid: list[list[float]] = []
+        self.start: list[float] = []
+        self.names: list[str] = []
+        self.joint_slots: dict[int, Slots] = {}
+        self.modal_slots: dict[int, Slots] = {}
+        self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
+        self.group_of: list[int] = []
+        self.frames: list[FloatArray] = []
+        self.frame_of: list[tuple[int, int]] = []
+        self.modal: list[FloatArray] = []
+        self.modal_size = 0
+        self.flex: list[list[int]] = []
+        self.times: list[TimeRow] = []
+        self.time_names: list[str] = []
+
+    def add_branch(self, branch: Branch) -> None:
+        """Append a body with its inboard joint."""
+        connection, body = branch.connection, branch.outer.body
+        joint: Joint = Free() if connection is None else connection.joint
+        row = len(self.tree)
+        self.row_of[id(body)] = row
+        inner_row = self.row_of[id(branch.inner.body)]
+        turn = z_onto(joint.axis) @ (_FLIP if branch.reversed else np.eye(3))
+        frames = [
+            self.add_frame(branch.inner, inner_row, turn),
+            self.add_frame(branch.outer, row, turn),
+        ]
+        label = f"{body.name} (flying)" if connection is None else connection.name
+        slots = self.add_joint(joint, label)
+        if connection is not None:
+            self.joint_slots[id(connection)] = slots
+        record = body.reduced()
+        modes = [-1, -1, -1] if record is None else self.add_modes(record, body)
+        first, second = body.moments()
+        self.rigid.append([body.mass, *first, *second[np.triu_indices(3)]])
+        self.tree.append(
+            [inner_row, joint.kind, *frames, slots.x.start, slots.v.start, *modes]
+        )
+
+    def add_joint(self, joint: Joint, label: str) -> Slots:
+        """Number the joint's coordinates; one error-norm group of lengths, one of angles."""
+        slots = Slots(
+            slice(len(self.start), len(self.start) + len(joint.start)),
+            slice(len(self.names), len(self.names) + len(joint.velocity_names)),
+        )
+        self.start.extend(joint.start)
+        self.names.extend(f"{label}.{part}" for part in joint.velocity_names)
+        group_at: dict[bool, int] = {}
+        for angular in joint.angular:
+            if angular not in group_at:
+                group_at[angular] = len(self.groups)
+                size = 1.0 if angular else self.extent
+                kind = at.GROUP_ANGLE if angular else at.GROUP_LENGTH
+                self.groups.append((kind, size, size))
+            self.group_of.append(group_at[angular])
+        return slots
+
+    def add_modes(self, record: ReducedBody, body: Body) -> list[int]:
+        """Number the modal coordinates; return the body's flex row, x and v offsets."""
+        n = record.n_modes
+        x, v = len(self.start), len(self.names)
+        self.modal_slots[id(body)] = Slots(slice(x, x + n), slice(v, v + n))
+        self.start.extend([0.0] * n)
+        self.names.extend(f"{body.name}.q[{k}]" for k in range(n))
+        full = self.extent * float(np.sqrt(record.mass))
+        self.groups.append((at.GROUP_MODAL, full, _MODAL_SHARE * full))
+        self.group_of.extend([len(self.groups) - 1] * n)
+        return [self.add_flex(record), x, v]
+
+    def add_modal(self, values: FloatArray) -> int:
+        """Append numbers to the modal store; return their offset."""
+        offset = self.modal_size
+        self.modal.append(np.ravel(values))
+        self.modal_size += values.size
+        return offset
+
+    def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
+        """Append a frame, its axes turned by ``turn``; return its row."""
+        self.frames.append(np.concatenate([frame.p_BF_B, (frame.R_BF @ turn).ravel()]))
+        modes = -1 if frame.modes is None else self.add_modal(frame.modes)
+        self.frame_of.append((row, modes))
+        return len(self.frames) - 1
+
+    def add_flex(self, record: ReducedBody) -> int:
+        """Append the mass integrals of a reduced body; return its row."""
+        n = record.n_modes
+        gram = record.gram
+        pair = gram[4:, 4:].reshape(n, 3, n, 3).transpose(0, 1, 3, 2).reshape(n, 9, n)
+        damped = bool(record.damping.any())
+        self.flex.append(
+            [
+                n,
+                self.add_modal(gram[0, 4:]),
+                self.add_modal(gram[4:, 1:4]),
+                self.add_modal(pair),
+                self.add_modal(record.stiffness),
+                self.add_modal(record.damping) if damped else -1,
+            ]
+        )
+        return len(self.flex) - 1
+
+    def add_time(self, row: TimeRow, name: str) -> int:
+        """Append a function of time; return its row."""
+        self.times.append(row)
+        self.time_names.append(name)
+        return len(self.times) - 1
+
+
+def build(
+    topology: Topology,
+    ground: Body,
+    forces: Sequence[Force],
+    gravity: FloatArray,
+) -> CompiledScene:
+    """Number the coordinates and fill the plan.
+
+    Raises:
+        SceneError: a force on a joint that has no coordinate in the tree, or a prescribed joint
+            that closes a loop.
+    """
+    b = _Builder(ground, _extent(topology))
+    for branch in topology.branches:
+        b.add_branch(branch)
+    rows, row_names, row_connections = _closure_rows(b, topology)
+    driven = _driven(b, topology)
+    force_rows = _force_rows(b, forces)
+    driven_v = {row[at.DRIVEN_V] for row in driven}
+    free = [k for k in range(len(b.names)) if k not in driven_v]
+    times, time_data = _time_table(b.times)
+    plan = Plan(
+        tree=_int_table(b.tree, at.N_TREE),
+        frames=np.array(b.frames, float).reshape(-1, at.N_FRAME),
+        frame_of=_int_table(b.frame_of, at.N_FRAME_OF),
+        rigid=np.array(b.rigid, float).reshape(-1, at.N_RIGID),
+        flex=_int_table(b.flex, at.N_FLEX),
+        modal=np.concatenate([*b.modal, np.zeros(1)]),
+        rows=_int_table(rows, at.N_ROW),
+        forces=_int_table(force_rows, at.N_FORCE),
+        times=times,
+        time_data=time_data,
+        driven=_int_table(driven, at.N_DRIVEN),
+        free=np.array(free, np.int64),
+        gravity=gravity,
+        lapack=lapack_addresses(),
+    )
+    return CompiledScene(
+        plan=plan,
+        topology=topology,
+        body_row=b.row_of,
+        joint_slots=b.joint_slots,
+        modal_slots=b.modal_slots,
+        velocity_names=tuple(b.names),
+        row_names=tuple(row_names),
+        row_connections=tuple(row_connections),
+        start=np.array(b.start, float),
+        time_rows=tuple(b.times),
+        time_names=tuple(b.time_names),
+        extent=b.extent,
+        group_of=np.array(b.group_of, np.int64),
+        group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),
+        group_full=np.array([full for _, full, _ in b.groups], float),
+        group_floor=np.array([floor for _, _, floor in b.groups], float),
+    )
+
+
+def _extent(topology: Topology) -> float:
+    """The machine's size (m): the farthest reach of any frame or centre of mass in its body."""
+    reach = [0.0]
+    frames = [f for b in topology.branches for f in (b.inner, b.outer)]
+    frames += [f for c in topology.closures for f in (c.parent, c.child)]
+    reach.extend(float(np.linalg.norm(f.p_BF_B)) for f in frames)
+    for branch in topology.branches:
+        body = branch.outer.body
+        first, second = body.moments()
+        reach.append(float(np.linalg.norm(first)) / body.mass)
+        reach.append(float(np.sqrt(np.trace(second) / body.mass)))
+    return max(reach) or 1.0
+
+
+def _closure_rows(
+    b: _Builder, topology: Topology
+) -> tuple[list[list[int]], list[str], list[Connection]]:
+    rows: list[list[int]] = []
+    names: list[str] = []
+    connections: list[Connection] = []
+    for connection in topology.closures:
+        turn = z_onto(connection.joint.axis)
+        f = b.add_frame(connection.parent, b.row_of[id(connection.parent.body)], turn)
+        g = b.add_frame(connection.child, b.row_of[id(connection.child.body)], turn)
+        for kind, index, name in connection.joint.rows:
+            rows.append([f, g, kind, index])
+            names.append(f"{connection.name}: {name}")
+            connections.append(connection)
+    return rows, names, connections
+
+
+def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
+    for closure in topology.closures:
+        if closure.motion is not None:
+            raise SceneError(
+                f"joint {closure.name!r} closes a loop and has no coordinate to prescribe; "
+                "make it earlier than the joint that may close the loop instead"
+            )
+    rows: list[list[int]] = []
+    for branch in topology.branches:
+        connection = branch.connection
+        if connection is not None and connection.motion is not None:
+            what = f"motion of joint {connection.name!r}"
+            slots = b.joint_slots[id(connection)]
+            time = b.add_time(as_row(connection.motion, what, motion=True), what)
+            rows.append([slots.v.start, slots.x.start, time])
+    return rows
+
+
+def _force_rows(b: _Builder, forces: Sequence[Force]) -> list[list[int]]:
+    rows: list[list[int]] = []
+    for force in forces:
+        name = force.connection.name
+        slots = b.joint_slots.get(id(force.connection))
+        if slots is None:
+            raise SceneError(
+                f"joint {name!r} closes a loop and has no coordinate for a force to act on; "
+                "make it earlier than the joint that may close the loop instead"
+            )
+        what = f"{type(force).__name__} on joint {name!r}"
+        time = b.add_time(as_row(force.value, what, motion=False), what)
+        rows.append([slots.v.start, time])
+    return rows
+
+
+def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
+    return np.array(rows, dtype=np.int64).reshape(-1, columns)
+
+
+def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
+    """Plan.times and Plan.time_data."""
+    table, data, offset = [], [], 0
+    for row in rows:
+        table.append([row.kind, offset, row.count, *row.addresses])
+        data.append(row.data)
+        offset += row.data.size
+    return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
+
+
+def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
+    """Return the plan with one more frame, its last, for asking where ``frame`` is."""
+    plan = scene.plan
+    row = scene.body_row.get(id(frame.body))
+    if row is None:
+        raise SceneError(f"frame {frame.label} belongs to no body of this scene")
+    modes = -1 if frame.modes is None else len(plan.modal)
+    extra = np.zeros(0) if frame.modes is None else frame.modes.ravel()
+    place = np.concatenate([frame.p_BF_B, frame.R_BF.ravel()])
+    return plan._replace(
+        frames=np.vstack([plan.frames, place]),
+        frame_of=np.vstack([plan.frame_of, [row, modes]]),
+        modal=np.concatenate([plan.modal, extra]),
+    )

@@ -1,0 +1,202 @@
+"""One HDF5 file of named arrays and texts: written whole or not at all, read back bit for bit.
+
+The schema, which any HDF5 library can read:
+
+    bytes 0-511   user block, ASCII: what the file is, its version, the number of bytes after the
+                  user block and their SHA-256; h5dump and h5py skip it by themselves
+    /             attributes `format` = "flexmbd record" and `version` = 1
+    arrays        datasets of little-endian 64-bit floats or integers, contiguous
+    texts         scalar datasets of UTF-8 strings of variable length
+    text tuples   one-dimensional datasets of such strings
+    dictionaries  groups
+
+The user block is checked before the HDF5 library sees a byte: on a damaged file the library may
+never return.  No pickle, no compression.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import re
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmbd.errors import RecordError
+
+if TYPE_CHECKING:
+    import h5py
+
+#: A dictionary of float64 and int64 arrays, texts, tuples of texts, and further such dictionaries.
+Tree = dict[str, Any]
+
+FORMAT = "flexmbd record"
+VERSION = 1
+
+_HEAD = 512
+_HEADLINE = re.compile(
+    rb"flexmbd record, version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n"
+)
+_KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.int64): "<i8"}
+
+
+def write_tree(path: Path, tree: Mapping[str, Any]) -> None:
+    """Write a tree to a file; an existing file survives until the new one is complete.
+
+    Not collective: under MPI, call it on one rank.
+
+    Args:
+        path: destination; a symbolic link is followed.
+        tree: see `Tree`; a key is a non-empty text without "/" and NUL, and not ".".
+
+    Raises:
+        RecordError: the destination cannot be written, or the tree holds something else.
+    """
+    image = _image(tree)
+    body = image[_HEAD:]
+    digest = hashlib.sha256(body).hexdigest()
+    head = f"{FORMAT}, version {VERSION}\nHDF5 after {_HEAD} bytes\nbytes {len(body)}\n"
+    head += f"sha256 {digest}\n"
+    try:
+        _replace(Path(os.path.realpath(path)), head.encode("ascii").ljust(_HEAD, b"\0"), body)
+    except OSError as error:
+        raise RecordError(
+            f"cannot write {path}: {error.strerror or error}; nothing was changed there. "
+            f"{len(image)} bytes are needed: choose a folder that exists, that you may write to "
+            "and that has the space"
+        ) from error
+
+
+def read_tree(path: Path) -> Tree:
+    """Read a tree written by `write_tree`, bit for bit. Not collective.
+
+    Raises:
+        RecordError: the file is missing, foreign, of another version, truncated or damaged.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+    _check_head(path, data)
+    import h5py
+
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            return _read_group(file, limit=len(data))
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise RecordError(f"{path} does not hold what a {FORMAT} should: {error}") from error
+
+
+def _image(tree: Mapping[str, Any]) -> bytes:
+    """The complete HDF5 file, its user block still empty."""
+    import h5py
+
+    # made in memory and written by Python: on a full disk the HDF5 library fails when it closes
+    # a file, too late for a clean error
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=_HEAD) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        _write_group(file, tree, where="")
+    return buffer.getvalue()
+
+
+def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> None:
+    import h5py
+
+    for key, value in tree.items():
+        item = f"{where}/{key}"
+        if not isinstance(key, str) or key in ("", ".") or "/" in key or "\0" in key:
+            raise RecordError(f"a record cannot have an item named {key!r}")
+        if isinstance(value, Mapping):
+            _write_group(group.create_group(key), value, where=item)
+        elif isinstance(value, np.ndarray) and value.dtype in _KINDS:
+            group.create_dataset(key, data=value.astype(_KINDS[value.dtype], copy=False))
+        elif _is_text(value) or (isinstance(value, tuple) and all(map(_is_text, value))):
+            group.create_dataset(key, data=value, dtype=h5py.string_dtype("utf-8"))
+        else:
+            raise RecordError(
+                f"a record holds float64 and int64 arrays, texts without NUL and tuples of them; "
+                f"item {item} is {getattr(value, 'dtype', type(value).__name__)}"
+            )
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and "\0" not in value
+
+
+def _replace(path: Path, *parts: bytes) -> None:
+    """Put the parts into a new file and rename it to `path`."""
+    if path.exists() and not path.is_file():
+        # the rename would put a file in the place of a device
+        raise OSError(errno.EINVAL, "it is no regular file")
+    # another name for each writer, so that two at once do not meet
+    draft = path.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with open(draft, "xb") as file:
+            for part in parts:
+                file.write(part)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(draft, path)
+    except OSError:
+        draft.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        # the rename itself must survive a power cut; some network file systems cannot promise it
+        os.fsync(folder)
+    except OSError:
+        pass
+    finally:
+        os.close(folder)
+
+
+def _check_head(path: Path, data: bytes) -> None:
+    found = _HEADLINE.match(data[:_HEAD])
+    if found is None:
+        if FORMAT.encode().startswith(data[: len(FORMAT)]):
+            raise RecordError(
+                f"{path} is truncated or damaged at its beginning ({len(data)} bytes are left); "
+                "copy it or write it again"
+            )
+        raise RecordError(f"{path} is not a {FORMAT}; pass a file that ReducedBody.save wrote")
+    version, head, size = (int(number) for number in found.groups()[:3])
+    if version != VERSION:
+        raise RecordError(
+            f"{path} is a {FORMAT} of version {version}, and this flexmbd reads version {VERSION}: "
+            "use the flexmbd that wrote it, or make it again"
+        )
+    if len(data) != head + size:
+        raise RecordError(
+            f"{path} is truncated or was added to: it has {len(data)} bytes of {head + size}; "
+            "copy it or write it again"
+        )
+    if hashlib.sha256(data[head:]).hexdigest().encode() != found.group(4):
+        raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
+
+
+def _read_group(group: h5py.Group, *, limit: int) -> Tree:
+    import h5py
+
+    tree: Tree = {}
+    for key, item in group.items():
+        if isinstance(item, h5py.Group):
+            tree[key] = _read_group(item, limit=limit)
+        elif item.size * item.dtype.itemsize > limit:
+            # a dataset may claim any size at no cost in the file
+            raise ValueError(f"{item.name} claims {item.size} values in a file of {limit} bytes")
+        elif h5py.check_string_dtype(item.dtype):
+            texts = item.asstr()[()]
+            tree[key] = texts if isinstance(texts, str) else tuple(texts.tolist())
+        elif item.dtype.newbyteorder("=") in _KINDS:
+            tree[key] = np.asarray(item[()], dtype=item.dtype.newbyteorder("="))
+        else:
+            raise ValueError(f"{item.name} holds {item.dtype}")
+    return tree

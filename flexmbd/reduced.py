@@ -1,0 +1,392 @@
+"""ReducedBody: the record that crosses from the continuum side to the machine.
+
+A reduced body is what is left of a finite element body after Guyan or Craig-Bampton reduction:
+plain float64 arrays, immutable, SI units.  Nothing here knows DOLFINx or PETSc, and nothing
+under ``multibody`` knows more of a flexible body than this.
+
+The displacement of a material point is ``u(x) = sum_i phi_i(x) q_i`` in body axes; the modes
+are in normal form, ``M_qq = I`` and ``K_qq`` diagonal, so ``q`` carries the unit kg^(1/2) m.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import InterfaceError, RecordError
+from flexmbd.record_file import Tree, read_tree, write_tree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Components of an interface frame, in the order of the rows of ``InterfaceFrame.modes``.
+FRAME_DOFS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class InterfaceFrame:
+    """A named six-dof frame I on the body, carried by the modes.
+
+    Attributes:
+        name: the interface's name.
+        p_BI_B: (3,) m, position of I in the undeformed body, from the body frame B, in B.
+        R_BI: (3, 3) rotation from I's axes to B's, undeformed.
+        modes: (6, n) displacement of I's origin (rows 0-2, m) and small rotation (rows 3-5,
+            rad), both in B's axes, per unit of each modal coordinate.
+    """
+
+    name: str
+    p_BI_B: FloatArray
+    R_BI: FloatArray
+    modes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NodalModes:
+    """Optional group ``modes/``: the full modes at the mesh's nodes.
+
+    Attributes:
+        node: (k,) node numbers of the input file, counted from 0, ascending, so that no partition
+            matters; nodes the file does not have (middles of the edges of straight cells) follow
+            after them.
+        x: (k, 3) m, node positions in B.
+        phi: (k, 3, n) displacement per unit modal coordinate, in B.
+    """
+
+    node: IntArray
+    x: FloatArray
+    phi: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Optional group ``surface/``: the boundary triangles, for pictures.
+
+    Attributes:
+        x: (k, 3) m, vertex positions in B.
+        triangle: (t, 3) vertex indices, oriented outwards.
+        phi: (k, 3, n) displacement of the vertices per unit modal coordinate, in B.
+    """
+
+    x: FloatArray
+    triangle: IntArray
+    phi: FloatArray
+
+
+def _frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
+    """Return a read-only contiguous copy."""
+    copy = np.array(array, dtype=kind, order="C", copy=True)
+    copy.flags.writeable = False
+    return copy
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBody:
+    """A linear elastic body reduced to ``n`` modal coordinates.
+
+    The Gram matrix holds the mass integrals of the ``4 + 3 n`` scalar fields
+    ``{1, x, y, z, phi_1x, phi_1y, phi_1z, phi_2x, ...}``: ``gram[a, b]`` is the integral of
+    density times field a times field b.  Every inertia shape integral of the floating frame
+    formulation follows from it (theory: seed 3 eq. 3.23; Ambrosio & Nikravesh 1992, eq. 33-34).
+
+    Attributes:
+        gram: (4 + 3 n, 4 + 3 n) mass integrals, positions in B (kg, kg m, kg m^2, ...).
+        stiffness: (n,) diagonal of K_qq, ascending (1/s^2): squared angular frequencies.
+        damping: (n, n) modal damping matrix D_qq (1/s), symmetric.
+        interfaces: the named frames.
+        frame: the interface that carries the body frame B (its modes vanish), or None.
+        partition: (n, n) with q_cb = partition @ q: the exact change of basis back to the
+            Craig-Bampton coordinates (interface dofs in m and rad, in B's axes, then
+            fixed-interface modes).
+        partition_names: (n,) names of the Craig-Bampton coordinates.
+        provenance: form, mesh hash, reduction, tolerances, ... as text.
+        modes: optional full nodal modes.
+        surface: optional boundary triangles.
+    """
+
+    gram: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    interfaces: tuple[InterfaceFrame, ...]
+    frame: str | None
+    partition: FloatArray
+    partition_names: tuple[str, ...]
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    modes: NodalModes | None = None
+    surface: Surface | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and refuse a record whose parts do not fit together."""
+        for item in ("gram", "stiffness", "damping", "partition"):
+            object.__setattr__(self, item, _frozen(getattr(self, item)))
+        object.__setattr__(self, "interfaces", tuple(map(_frozen_frame, self.interfaces)))
+        object.__setattr__(self, "partition_names", tuple(self.partition_names))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+        for group in ("modes", "surface"):
+            value = getattr(self, group)
+            if value is not None:
+                object.__setattr__(self, group, _frozen_group(value))
+        faults = list(self._faults())
+        if faults:
+            raise RecordError("this reduced body is not consistent: " + "; ".join(faults))
+
+    def __reduce__(self) -> tuple[type[ReducedBody], tuple[Any, ...]]:
+        """Pickle and copy by the constructor, since a read-only mapping cannot be pickled."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values["provenance"] = dict(self.provenance)
+        return type(self), tuple(values.values())
+
+    def _faults(self) -> Iterable[str]:
+        n = self.n_modes
+        shapes = {
+            "gram": (4 + 3 * n, 4 + 3 * n),
+            "stiffness": (n,),
+            "damping": (n, n),
+            "partition": (n, n),
+        }
+        for item, shape in shapes.items():
+            array = getattr(self, item)
+            if array.shape != shape:
+                yield f"{item} has shape {array.shape}, expected {shape}"
+            elif not np.isfinite(array).all():
+                yield f"{item} holds values that are not finite"
+        if len(self.partition_names) != n:
+            yield f"{len(self.partition_names)} partition names for {n} modes"
+        for frame in self.interfaces:
+            for item, shape in (("p_BI_B", (3,)), ("R_BI", (3, 3)), ("modes", (6, n))):
+                array = getattr(frame, item)
+                if array.shape != shape:
+                    yield f"interface {frame.name!r} has {item} {array.shape}, expected {shape}"
+                elif not np.isfinite(array).all():
+                    yield f"interface {frame.name!r}: {item} holds values that are not finite"
+        names = [frame.name for frame in self.interfaces]
+        if len(set(names)) != len(names):
+            yield f"two interfaces share a name: {names}"
+        if self.frame is not None and self.frame not in names:
+            yield f"the body frame's interface {self.frame!r} is not among {names}"
+        for group in (self.modes, self.surface):
+            if group is not None and group.phi.shape != (len(group.x), 3, n):
+                yield f"{type(group).__name__} has phi {group.phi.shape}"
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modal coordinates n."""
+        return len(self.stiffness)
+
+    @property
+    def mass(self) -> float:
+        """Total mass (kg)."""
+        return float(self.gram[0, 0])
+
+    @cached_property
+    def com(self) -> FloatArray:
+        """(3,) m, centre of mass of the undeformed body from B, in B."""
+        return self.gram[0, 1:4] / self.gram[0, 0]
+
+    @cached_property
+    def inertia(self) -> FloatArray:
+        """(3, 3) kg m^2, inertia about the undeformed centre of mass, in B."""
+        second = self.gram[1:4, 1:4] - self.mass * np.outer(self.com, self.com)
+        return np.trace(second) * np.eye(3) - second
+
+    def interface(self, name: str) -> InterfaceFrame:
+        """Return the interface frame ``name``.
+
+        Raises:
+            InterfaceError: no interface has that name; the message lists those there are.
+        """
+        for frame in self.interfaces:
+            if frame.name == name:
+                return frame
+        known = ", ".join(repr(frame.name) for frame in self.interfaces) or "none"
+        raise InterfaceError(f"the reduced body has no interface {name!r}; it has: {known}")
+
+    def mass_matrix(self) -> FloatArray:
+        """Mass matrix of the undeformed body, (6 + n, 6 + n).
+
+        Rows: translation (m) and rotation (rad) of B, both in B's axes, then q
+        (theory: seed 3 eq. 3.23).
+        """
+        n = self.n_modes
+        m = np.zeros((6 + n, 6 + n))
+        m[:3, :3] = self.mass * np.eye(3)
+        static = self.gram[0, 1:4]
+        m[:3, 3:6] = -_cross_matrix(static)
+        second = self.gram[1:4, 1:4]
+        m[3:6, 3:6] = np.trace(second) * np.eye(3) - second
+        m[:3, 6:] = self.gram[0, 4:].reshape(n, 3).T
+        x_phi = self.gram[1:4, 4:].reshape(3, n, 3)
+        m[3, 6:] = x_phi[1, :, 2] - x_phi[2, :, 1]
+        m[4, 6:] = x_phi[2, :, 0] - x_phi[0, :, 2]
+        m[5, 6:] = x_phi[0, :, 1] - x_phi[1, :, 0]
+        m[3:6, :3] = m[:3, 3:6].T
+        m[6:, :6] = m[:6, 6:].T
+        m[6:, 6:] = self.modal_mass()
+        return m
+
+    def modal_mass(self) -> FloatArray:
+        """M_qq (n, n) as the Gram matrix gives it; the identity up to round-off."""
+        n = self.n_modes
+        return np.einsum("iaja->ij", self.gram[4:, 4:].reshape(n, 3, n, 3))
+
+    def frequencies(self, clamped: Iterable[str] | Mapping[str, Iterable[str]] = ()) -> FloatArray:
+        """Natural frequencies (Hz) of the free body, or with named interfaces clamped.
+
+        Args:
+            clamped: names of clamped interfaces; or a mapping from name to the clamped
+                components among ``x y z rx ry rz`` (in the interface's own axes), as in
+                ``{"root": ("x", "y", "z", "rx", "rz")}`` for a hinge about y.
+
+        Returns:
+            Ascending elastic frequencies; rigid-body modes that the supports leave are not
+            listed.
+
+        Raises:
+            InterfaceError: an interface or a component is not known.
+        """
+        n = self.n_modes
+        rows = np.zeros((0, 6 + n))
+        choice = clamped if isinstance(clamped, Mapping) else dict.fromkeys(clamped, FRAME_DOFS)
+        for name, components in choice.items():
+            motion = self._interface_motion(self.interface(name))
+            for component in components:
+                if component not in FRAME_DOFS:
+                    raise InterfaceError(
+                        f"interface {name!r} has no component {component!r}; "
+                        f"choose from {', '.join(FRAME_DOFS)}"
+                    )
+                rows = np.vstack([rows, motion[FRAME_DOFS.index(component)]])
+        free = _null_space(rows)
+        n_rigid = 6 - np.linalg.matrix_rank(rows[:, :6]) if len(rows) else 6
+        mass = self.mass_matrix()
+        inverse = np.linalg.inv(np.linalg.cholesky(free.T @ mass @ free))
+        k = (free[6:].T * self.stiffness) @ free[6:]
+        shapes = free @ inverse.T @ np.linalg.eigh(inverse @ k @ inverse.T)[1][:, n_rigid:]
+        # Rayleigh quotients: the solver's eigenvalues have an error relative to the largest one
+        eigenvalues = (self.stiffness @ shapes[6:] ** 2) / np.sum(shapes * (mass @ shapes), axis=0)
+        return np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi)
+
+    def _interface_motion(self, frame: InterfaceFrame) -> FloatArray:
+        """(6, 6 + n) motion of an interface in its own axes per (translation, rotation of B, q)."""
+        motion = np.zeros((6, 6 + self.n_modes))
+        motion[:3, :3] = motion[3:, 3:6] = np.eye(3)
+        motion[:3, 3:6] = -_cross_matrix(frame.p_BI_B)
+        motion[:, 6:] = frame.modes
+        motion[:3] = frame.R_BI.T @ motion[:3]
+        motion[3:] = frame.R_BI.T @ motion[3:]
+        return motion
+
+    def fingerprint(self) -> str:
+        """Hexadecimal digest of the mechanical content; the same after save and load."""
+        digest = hashlib.sha256()
+        for array in (self.gram, self.stiffness, self.damping, self.partition):
+            digest.update(array.tobytes())
+        for frame in self.interfaces:
+            digest.update(frame.name.encode())
+            digest.update(frame.modes.tobytes())
+        return digest.hexdigest()
+
+    def save(self, path: str | Path) -> None:
+        """Write the record to an HDF5 file; an existing file survives a failed write.
+
+        Not collective; if all ranks call it, each writes the same file whole.
+
+        Raises:
+            RecordError: the destination cannot be written.
+        """
+        frames = self.interfaces
+        tree: Tree = {
+            "gram": self.gram,
+            "stiffness": self.stiffness,
+            "damping": self.damping,
+            "partition": self.partition,
+            "partition_names": self.partition_names,
+            "frame": self.frame or "",
+            "provenance": dict(self.provenance),
+            "interface_names": tuple(frame.name for frame in frames),
+            "interface_p": np.reshape([f.p_BI_B for f in frames], (len(frames), 3)),
+            "interface_R": np.reshape([f.R_BI for f in frames], (len(frames), 3, 3)),
+            "interface_modes": np.reshape(
+                [f.modes for f in frames], (len(frames), 6, self.n_modes)
+            ),
+        }
+        for group in ("modes", "surface"):
+            value = getattr(self, group)
+            if value is not None:
+                tree[group] = {f.name: getattr(value, f.name) for f in fields(value)}
+        write_tree(Path(path), tree)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReducedBody:
+        """Read a record written by ``save``, bit for bit. Not collective.
+
+        Raises:
+            RecordError: the file is missing, truncated, foreign, or of another version.
+        """
+        tree = read_tree(Path(path))
+        try:
+            return cls._from_tree(tree)
+        except (KeyError, TypeError, ValueError, RecordError) as error:
+            raise RecordError(f"{path} is a record, but not of a reduced body: {error}") from error
+
+    @classmethod
+    def _from_tree(cls, tree: Tree) -> ReducedBody:
+        frames = zip(
+            tree["interface_names"],
+            tree["interface_p"],
+            tree["interface_R"],
+            tree["interface_modes"],
+            strict=True,
+        )
+        return cls(
+            gram=tree["gram"],
+            stiffness=tree["stiffness"],
+            damping=tree["damping"],
+            interfaces=tuple(InterfaceFrame(*parts) for parts in frames),
+            frame=tree["frame"] or None,
+            partition=tree["partition"],
+            partition_names=tree["partition_names"],
+            provenance=tree["provenance"],
+            modes=NodalModes(**tree["modes"]) if "modes" in tree else None,
+            surface=Surface(**tree["surface"]) if "surface" in tree else None,
+        )
+
+
+def _frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:
+    return InterfaceFrame(
+        frame.name, _frozen(frame.p_BI_B), _frozen(frame.R_BI), _frozen(frame.modes)
+    )
+
+
+def _frozen_group(group: NodalModes | Surface) -> NodalModes | Surface:
+    whole = ("node", "triangle")
+    parts = {
+        item.name: _frozen(
+            getattr(group, item.name), kind=np.int64 if item.name in whole else np.float64
+        )
+        for item in fields(group)
+    }
+    return type(group)(**parts)
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    """Return [v]x with [v]x w = v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _null_space(rows: FloatArray) -> FloatArray:
+    """Orthonormal basis of the vectors that every row annihilates."""
+    if len(rows) == 0:
+        return np.eye(rows.shape[1])
+    scaled = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    _, s, vt = np.linalg.svd(scaled)
+    rank = int(np.sum(s > 1e-12 * s[0]))
+    return vt[rank:].T

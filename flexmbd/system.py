@@ -1,0 +1,212 @@
+"""System: what a user builds, compiles and simulates.
+
+It stands above bodies, joints, integrators and trajectories, and ties them together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.explain import explain
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.initial import Start, consistent_start
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels.compiling import announce
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.plan import CompiledScene, build
+from flexmbd.multibody.team import Alone, Team
+from flexmbd.multibody.topology import span
+from flexmbd.simulation import evaluate_inputs, run
+from flexmbd.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody)
+
+
+@dataclass(eq=False)
+class System:
+    """A machine: bodies, joints, forces, gravity.
+
+    Attributes:
+        gravity: (3,) m/s^2, in inertial axes.
+        team: the processes that run this machine side by side; alone by default.
+    """
+
+    gravity: Sequence[float] = (0.0, 0.0, 0.0)
+    team: Team = field(default_factory=Alone)
+
+    def __post_init__(self) -> None:
+        if np.shape(self.gravity) != (3,) or not np.isfinite(np.asarray(self.gravity)).all():
+            raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
+        self.ground = Ground()
+        self._bodies: list[Body] = []
+        self._connections: list[Connection] = []
+        self._forces: list[Force] = []
+
+    def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
+        """Put a body into the scene and return it.
+
+        Args:
+            body: a RigidBody or FlexibleBody not yet in a scene.
+            name: unique name; by default "body 1", "body 2", ...
+
+        Raises:
+            SceneError: the name is taken, or the body is already in a scene.
+        """
+        chosen = name or body.name or f"body {len(self._bodies) + 1}"
+        if any(body is other for other in self._bodies):
+            raise SceneError(f"body {body.name!r} is already in this scene")
+        if chosen in {other.name for other in self._bodies} | {self.ground.name}:
+            raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
+        body.name = chosen
+        self._bodies.append(body)
+        return body
+
+    def connect(
+        self, joint: Joint, parent: Frame, child: Frame, *, name: str | None = None
+    ) -> Connection:
+        """Join two frames; the joint's coordinates move ``child`` against ``parent``.
+
+        Args:
+            joint: fm.joint.Revolute(axis="z") and the like.
+            parent: a frame on a body or on the ground.
+            child: a frame on another body.
+            name: unique name; by default made of the joint's kind and the bodies.
+
+        Raises:
+            SceneError: both frames lie on one body, a frame is of another scene, or the name is
+                taken.
+        """
+        for frame in (parent, child):
+            if frame.body is not self.ground and not any(frame.body is b for b in self._bodies):
+                raise SceneError(
+                    f"frame {frame.label} is on a body that is not in this scene; add the body first"
+                )
+        kind = type(joint).__name__.lower()
+        chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
+        if parent.body is child.body:
+            raise SceneError(
+                f"joint {chosen!r} connects body {parent.body.name!r} to itself; a joint needs "
+                "two bodies"
+            )
+        if chosen in {c.name for c in self._connections}:
+            raise SceneError(f"the name {chosen!r} is taken; give the joint a name of its own")
+        connection = Connection(joint, parent, child, chosen)
+        self._connections.append(connection)
+        return connection
+
+    def add_force(self, force: Force) -> Force:
+        """Put a force element into the scene and return it.
+
+        Raises:
+            SceneError: it acts on a joint of another scene, or one that cannot take it.
+        """
+        if not any(force.connection is c for c in self._connections):
+            raise SceneError(f"joint {force.connection.name!r} is not in this scene")
+        force.check()
+        self._forces.append(force)
+        return force
+
+    def compile(self) -> CompiledScene:
+        """Decide what will be computed and lay it out flat.
+
+        Raises:
+            SceneError: a body that nothing connects, or a force or motion on a joint that has no
+                coordinate.
+        """
+        topology = span(self.ground, self._bodies, self._connections)
+        gravity = np.array(self.gravity, dtype=np.float64)
+        return build(topology, self.ground, self._forces, gravity)
+
+    def start(self, *, t: float = 0.0) -> Start:
+        """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
+
+        Raises:
+            SceneError: as ``compile``.
+            AssemblyError: the mechanism cannot be assembled.
+        """
+        scene = self.compile()
+        if self.team.is_root:
+            announce()
+        work = new_work(scene.plan)
+        evaluate_inputs(scene, work, self.team, t)
+        x, v = scene.start.copy(), np.zeros(scene.nv)
+        held_x, held_v = np.zeros((2, scene.nv), bool)
+        flying = {id(b.outer.body) for b in scene.topology.branches if b.connection is None}
+        for connection in self._connections:
+            slots = scene.joint_slots.get(id(connection))
+            if slots is None:
+                if connection.velocity is not None:
+                    raise SceneError(
+                        f"joint {connection.name!r} closes a loop and has no velocity to set; "
+                        "set those of the joints along the tree"
+                    )
+                ends = {id(connection.parent.body), id(connection.child.body)}
+                if connection.position is not None and not ends & flying:
+                    raise SceneError(
+                        f"joint {connection.name!r} closes a loop and has no coordinate to set; "
+                        "set those of the joints along the tree"
+                    )
+                continue
+            if connection.position is not None:
+                x[slots.x] = connection.position
+                held_x[slots.v] = True
+            if connection.velocity is not None:
+                v[slots.v] = connection.velocity
+                held_v[slots.v] = True
+        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+
+    def explain(self) -> str:
+        """Say for a person what is computed, what is skipped, and why.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``.
+        """
+        return explain(self.start())
+
+    def simulate(
+        self,
+        t_end: float,
+        *,
+        rtol: float = 1e-6,
+        h: float | None = None,
+        t_start: float = 0.0,
+        integrator: GeneralizedAlpha | None = None,
+        progress: bool = False,
+    ) -> Trajectory:
+        """Run the machine from ``t_start`` to ``t_end`` (s).
+
+        Args:
+            t_end: end time (s).
+            rtol: error tolerated per characteristic time of the machine, relative to 1 rad, the
+                machine's extent, and the largest deformation met.
+            h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
+            t_start: start time (s).
+            integrator: the method; by default GeneralizedAlpha(rho=0.8).
+            progress: show a progress bar.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``; or a bad argument.
+            SimulationError: the step reached its floor or a fixed step failed; its
+                ``trajectory`` holds what was computed up to then.
+        """
+        return run(
+            self.start(t=t_start),
+            {body.name: body for body in self._bodies},
+            self.team,
+            t_start=t_start,
+            t_end=t_end,
+            rtol=rtol,
+            h=h,
+            method=integrator or GeneralizedAlpha(),
+            progress=progress,
+        )

@@ -1,0 +1,304 @@
+"""Trajectory: what a simulation leaves, asked by frame, joint and body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
+from flexmbd.multibody.plan import CompiledScene, Slots, add_probe
+from flexmbd.multibody.team import Team
+from flexmbd.reduced import ReducedBody
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmbd.visual import StressPicture
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stats:
+    """What a simulation cost and how well it kept its constraints.
+
+    Attributes:
+        steps, rejected: accepted and rejected steps.
+        iterations: Newton iterations.
+        factorisations: of the iteration matrix.
+        evaluations: of the residual.
+        seconds: wall time of the stepping, compilation or cache loading included.
+        compile_seconds: the part until the first step ended (compilation or cache loading).
+        start_moved: (coordinate, from, to) that the consistent start changed.
+        start_residual: largest constraint residual at the start (m or rad).
+        constraint_residual: largest constraint residual over the run, redundant rows included.
+    """
+
+    steps: int
+    rejected: int
+    iterations: int
+    factorisations: int
+    evaluations: int
+    seconds: float
+    compile_seconds: float
+    start_moved: tuple[tuple[str, float, float], ...]
+    start_residual: float
+    constraint_residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """Energies (J) at each instant, each (nt,)."""
+
+    kinetic: FloatArray
+    elastic: FloatArray
+    gravitational: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of the three."""
+        return self.kinetic + self.elastic + self.gravitational
+
+
+class StressModel(Protocol):
+    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+
+    def stress_picture(self, body: ReducedBody, q: FloatArray) -> StressPicture:
+        """Stress on the mesh at modal coordinates q (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Time series of a machine; arrays run over the accepted steps, start included.
+
+    Attributes:
+        scene: the compiled scene.
+        t: (nt,) s.
+        x: (nt, nx) configurations.  v, a: (nt, nv) velocities and accelerations.
+        multipliers: (nt, m) reactions of the loop rows (N or N m).
+        stats: cost and residuals.
+        bodies: name to body.
+        team: who writes files.
+    """
+
+    scene: CompiledScene
+    t: FloatArray
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    multipliers: FloatArray
+    stats: Stats
+    bodies: Mapping[str, Body]
+    team: Team
+
+    def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, :3]
+
+    def rotation(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) rotations from the frame's axes to inertial ones; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, 3:12].reshape(-1, 3, 3)
+
+    def velocity(self, frame: Frame) -> FloatArray:
+        """(nt, 3) m/s, velocity of the frame's origin, in inertial axes."""
+        return self._frame(frame)[:, 12:15]
+
+    def angular_velocity(self, frame: Frame) -> FloatArray:
+        """(nt, 3) rad/s, angular velocity of the frame, in inertial axes."""
+        return self._frame(frame)[:, 15:18]
+
+    def acceleration(self, frame: Frame) -> FloatArray:
+        """(nt, 3) m/s^2, acceleration of the frame's origin, in inertial axes."""
+        return self._frame(frame)[:, 18:21]
+
+    def beta(self, connection: Connection) -> FloatArray:
+        """Joint coordinates, (nt,) where there is one, else (nt, k)."""
+        return _single(self.x[:, self._slots(connection).x])
+
+    def beta_rate(self, connection: Connection) -> FloatArray:
+        """Joint velocities, (nt,) where there is one, else (nt, k)."""
+        return _single(self.v[:, self._slots(connection).v])
+
+    def q(self, body: FlexibleBody, *, t: float | None = None) -> FloatArray:
+        """Modal coordinates (nt, n), or (n,) interpolated at time ``t`` (s)."""
+        slots = self._modal_slots(body)
+        if t is None:
+            return self.x[:, slots.x]
+        return self.configuration(np.array([t]))[0, slots.x]
+
+    def q_rate(self, body: FlexibleBody) -> FloatArray:
+        """Rates of the modal coordinates, (nt, n)."""
+        return self.v[:, self._modal_slots(body).v]
+
+    def energy(self) -> Energy:
+        """Kinetic, elastic and gravitational energy at each instant."""
+        return self._energy
+
+    def drive(self, connection: Connection) -> FloatArray:
+        """(nt,) N m or N: what applied and prescribed motion together ask of a joint."""
+        slots = self._slots(connection)
+        plan = self.scene.plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64))
+        out = np.zeros_like(self.v)
+        force_series(plan, new_work(plan), self.x, self.v, self.a, self.multipliers, out)
+        return _single(out[:, slots.v])
+
+    def configuration(self, t: ArrayLike) -> FloatArray:
+        """(k, nx) configurations at times ``t`` (s), by cubic Hermite interpolation.
+
+        Raises:
+            SceneError: a time outside the trajectory.
+        """
+        wanted = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        slack = 1e-12 * max(1.0, abs(float(self.t[-1])))
+        if wanted.min() < self.t[0] - slack or wanted.max() > self.t[-1] + slack:
+            raise SceneError(
+                f"time {wanted.min():g} to {wanted.max():g} s lies outside the trajectory, "
+                f"{self.t[0]:g} to {self.t[-1]:g} s"
+            )
+        if len(self.t) == 1:
+            return np.repeat(self.x, len(wanted), axis=0)
+        k = np.clip(np.searchsorted(self.t, wanted, side="right") - 1, 0, len(self.t) - 2)
+        h = (self.t[k + 1] - self.t[k])[:, None]
+        s = (wanted - self.t[k])[:, None] / h
+        rate = self._configuration_rate()
+        x = (
+            (1 + 2 * s) * (1 - s) ** 2 * self.x[k]
+            + s * (1 - s) ** 2 * h * rate[k]
+            + s**2 * (3 - 2 * s) * self.x[k + 1]
+            + s**2 * (s - 1) * h * rate[k + 1]
+        )
+        for o, _ in self._quaternions():
+            x[:, o : o + 4] /= np.linalg.norm(x[:, o : o + 4], axis=1, keepdims=True)
+        return x
+
+    def plot(
+        self,
+        *series: tuple[str, ArrayLike],
+        path: str | Path | None = None,
+        ylabel: str = "",
+        title: str = "",
+    ) -> Figure:
+        """Plot (label, values) pairs over time; without any, the energies.
+
+        See ``flexmbd.visual.plot_series``, also for what is raised.
+        """
+        import flexmbd.visual as visual  # matplotlib loads only here
+
+        return visual.plot_series(self, series, path=path, ylabel=ylabel, title=title)
+
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        between: tuple[float, float] | None = None,
+        slow_motion: float | None = None,
+        fps: int = 30,
+        size: tuple[int, int] = (1280, 720),
+        amplification: float = 1.0,
+        models: Mapping[FlexibleBody, StressModel] | None = None,
+        progress: bool = False,
+    ) -> Path:
+        """Film the machine off-screen to .mp4 or .gif.
+
+        See ``flexmbd.visual.animate`` for the arguments and for what is raised.
+        """
+        import flexmbd.visual as visual  # pyvista loads only here
+
+        return visual.animate(
+            self,
+            path,
+            between=between,
+            slow_motion=slow_motion,
+            fps=fps,
+            size=size,
+            amplification=amplification,
+            models=models,
+            progress=progress,
+        )
+
+    def stress(self, body: FlexibleBody, model: StressModel, *, t: float) -> StressPicture:
+        """Stress of a flexible body on its mesh at time ``t`` (s).
+
+        Collective over the model's communicator.
+
+        Raises:
+            RecordError: neither the record nor ``model`` holds the nodal modes.
+        """
+        return model.stress_picture(body.record, self.q(body, t=t))
+
+    @cached_property
+    def _energy(self) -> Energy:
+        plan = self.scene.plan
+        out = np.zeros((len(self.t), 3))
+        none, scratch = np.zeros((2, self.scene.nv))
+        energy_series(plan, new_work(plan), self.x, self.v, none, scratch, out)
+        return Energy(*out.T)
+
+    def _frame(self, frame: Frame, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 21) rows of ``frame_series``; at times ``t`` (k,) the pose alone, the rest zero."""
+        x, v, a = self.x, self.v, self.a
+        if t is not None:
+            x = self.configuration(t)
+            v = a = np.zeros((len(x), self.scene.nv))
+        plan = add_probe(self.scene, frame)
+        out = np.zeros((len(x), 21))
+        frame_series(plan, new_work(plan), len(plan.frames) - 1, x, v, a, out)
+        return out
+
+    def _slots(self, connection: Connection) -> Slots:
+        slots = self.scene.joint_slots.get(id(connection))
+        if slots is None:
+            raise SceneError(
+                f"joint {connection.name!r} has no joint coordinate in this trajectory: it closes "
+                "a loop, or belongs to another scene; ask for the frames' positions instead"
+            )
+        return slots
+
+    def _modal_slots(self, body: FlexibleBody) -> Slots:
+        slots = self.scene.modal_slots.get(id(body))
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modal coordinates in this trajectory")
+        return slots
+
+    def _quaternions(self) -> list[tuple[int, int]]:
+        """(offset in x, offset of its angular velocity in v) of each quaternion."""
+        found = []
+        for row in self.scene.plan.tree:
+            if row[at.JOINT] == at.SPHERICAL:
+                found.append((int(row[at.JOINT_X]), int(row[at.JOINT_V])))
+            elif row[at.JOINT] == at.FREE:
+                found.append((int(row[at.JOINT_X]) + 3, int(row[at.JOINT_V]) + 3))
+        return found
+
+    def _configuration_rate(self) -> FloatArray:
+        """(nt, nx) time derivative of the configuration."""
+        rate = np.zeros_like(self.x)
+        quaternions = self._quaternions()
+        skip_x = {o + i for o, _ in quaternions for i in range(4)}
+        skip_v = {o + i for _, o in quaternions for i in range(3)}
+        plain_x = [k for k in range(self.x.shape[1]) if k not in skip_x]
+        plain_v = [k for k in range(self.v.shape[1]) if k not in skip_v]
+        rate[:, plain_x] = self.v[:, plain_v]
+        for o, k in quaternions:
+            w, x, y, z = self.x[:, o : o + 4].T
+            a, b, c = self.v[:, k : k + 3].T
+            rate[:, o] = -0.5 * (x * a + y * b + z * c)
+            rate[:, o + 1] = 0.5 * (w * a + y * c - z * b)
+            rate[:, o + 2] = 0.5 * (w * b + z * a - x * c)
+            rate[:, o + 3] = 0.5 * (w * c + x * b - y * a)
+        return rate
+
+
+def _single(values: FloatArray) -> FloatArray:
+    return values[:, 0] if values.shape[1] == 1 else values

@@ -1,0 +1,8 @@
+"""Pictures: series over time, films of the machine, stress on a mesh.
+
+Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
+"""
+
+from flexmbd.visual.film import animate as animate
+from flexmbd.visual.series import plot_series as plot_series
+from flexmbd.visual.stress_picture import StressPicture as StressPicture

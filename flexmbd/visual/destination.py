@@ -1,0 +1,44 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from flexmbd.errors import PictureError
+
+
+def checked_path(path: str | Path, suffixes: Collection[str]) -> Path:
+    """Return ``path`` as a Path.
+
+    Raises:
+        PictureError: its suffix is none of ``suffixes``; the message lists them.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise PictureError(
+            f"{target}: the suffix {target.suffix!r} is not known; use {' or '.join(sorted(suffixes))}"
+        )
+    return target
+
+
+def write(target: Path, fill: Callable[[Path], None]) -> Path:
+    """Let ``fill`` write a temporary file beside ``target``, then rename it; return ``target``.
+
+    An existing file survives a failure.
+
+    Raises:
+        PictureError: the folder or the file cannot be written.
+    """
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        temporary.touch()  # tells at once, before minutes of drawing
+        fill(temporary)
+        os.replace(temporary, target)
+    except OSError as reason:
+        why = reason.strerror or str(reason).partition("\n")[0]  # ffmpeg's report has many lines
+        raise PictureError(f"cannot write {target}: {why}") from reason
+    finally:
+        temporary.unlink(missing_ok=True)
+    return target

@@ -1,0 +1,7 @@
+"""Formulations: one a file, written in UFL alone; ufl, basix.ufl, dataclasses are all it imports.
+
+The contract of such a file is `flexmbd.continuum.formulation.Formulation`. A formulation need not
+live here: any module that satisfies the contract can be handed to the continuum side.
+"""
+
+from flexmbd.forms import solid_linear as solid_linear

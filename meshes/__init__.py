@@ -1,0 +1,10 @@
+"""Parametrised parts, one geometry a file, and meshes read from files; all lengths in m.
+
+Every function returns a `flexmbd.continuum.tagged_mesh.TaggedMesh`, is collective over `comm`, runs
+gmsh on rank 0, and raises `flexmbd.errors.MeshError` on all ranks.
+"""
+
+from flexmbd.meshes.beam import beam as beam
+from flexmbd.meshes.block import block as block
+from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
+from flexmbd.meshes.msh_file import read as read

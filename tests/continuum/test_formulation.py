@@ -1,0 +1,192 @@
+"""Loading a form file, and each way in which one can break the contract."""
+
+import re
+import sys
+import types
+from pathlib import Path
+
+from mpi4py import MPI
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+from flexmbd.continuum import formulation
+from flexmbd.errors import FormulationError
+from flexmbd.forms import solid_linear
+
+GOOD = Path(solid_linear.__file__).read_text()
+RETURN = "return [(energy, Quadrature(degree))]"
+
+
+@pytest.fixture
+def load_text(tmp_path):
+    """Loads a text as a form file."""
+
+    def load(text):
+        path = tmp_path / "my_form.py"
+        path.write_text(text)
+        return formulation.load(path)
+
+    return load
+
+
+def faults(load_text, *changes):
+    """The violations listed for solid_linear with some of its text replaced."""
+    text = GOOD
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    with pytest.raises(FormulationError) as caught:
+        load_text(text)
+    lines = str(caught.value).split("\n  - ")
+    assert f"({len(lines) - 1} violations)" in lines[0]
+    return lines[1:]
+
+
+def test_loads_by_name_path_and_module(load_text):
+    assert formulation.load("solid_linear") is solid_linear
+    assert formulation.load(solid_linear) is solid_linear
+    mine = load_text(GOOD)
+    assert mine is not solid_linear
+    assert mine.Parameters(E=1.0, nu=0.25, rho=1.0).nu == 0.25
+
+
+def test_a_module_is_a_formulation():
+    form: formulation.Formulation = solid_linear  # mypy holds this too
+    assert isinstance(form, formulation.Formulation)
+    assert not isinstance(types.ModuleType("empty"), formulation.Formulation)
+
+
+def test_a_module_without_a_source_file_is_checked():
+    with pytest.raises(FormulationError, match=r"empty breaks .*\(1\d violations\)"):
+        formulation.load(types.ModuleType("empty"))
+
+
+def test_unknown_name_lists_the_forms():
+    with pytest.raises(FormulationError, match=r"no 'solid_lineer', only .*solid_linear.*Path"):
+        formulation.load("solid_lineer")
+
+
+def test_missing_file_and_bad_python_name_the_file(tmp_path, load_text):
+    with pytest.raises(FormulationError, match=r"nowhere\.py: cannot be read"):
+        formulation.load(tmp_path / "nowhere.py")
+    with pytest.raises(FormulationError, match=r"my_form\.py: cannot be read as Python: invalid"):
+        load_text("def element(:")
+    with pytest.raises(FormulationError, match="cannot be imported: ZeroDivisionError"):
+        load_text("import ufl\n1 / 0")
+    assert "form_file.my_form" not in sys.modules
+
+
+def test_all_missing_names_are_listed_at_once(load_text):
+    text = "import numpy\nORDER = 2\nclass Parameters: pass\ndef element(cell): pass\n"
+    with pytest.raises(FormulationError) as caught:
+        load_text(text)
+    message = str(caught.value)
+    for missing in ("strain_energy", "kinetic_energy", "rigid_motion", "stress", "reference"):
+        assert f"{missing} is missing" in message
+    for other in ("imports 'numpy'", "CELLS must", "ORDER must", "REFERENCE must", "frozen"):
+        assert other in message
+    assert "element must take 3 positional arguments" in message
+    assert "(11 violations)" in message
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("import numpy", "numpy"),
+        ("import dolfinx.fem", "dolfinx.fem"),
+        ("from scipy import linalg", "scipy"),
+        ("from basix import CellType", "basix.CellType"),
+        ("from flexmbd import rotation", "flexmbd"),
+        ("def late():\n    import math", "math"),
+    ],
+)
+def test_forbidden_imports_are_named(load_text, line, named):
+    assert faults(load_text, ("import basix.ufl", f"import basix.ufl\n{line}")) == [
+        f"imports {named!r}; a form file imports only ufl, basix.ufl and dataclasses"
+    ]
+
+
+@pytest.mark.parametrize(
+    "line", ["from basix import ufl as elements", "from ufl.classes import Zero"]
+)
+def test_allowed_imports_pass(load_text, line):
+    load_text(GOOD.replace("import basix.ufl", f"import basix.ufl\n{line}"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "pattern"),
+    [
+        ([('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("cube",)')], "CELLS must.*cube"),
+        ([("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2.5}")], "ORDER must.*2.5"),
+        ([('REFERENCE = "INITIAL"', 'REFERENCE = "CURRENT"')], "REFERENCE must.*CURRENT"),
+        ([("(frozen=True)\nclass Parameters", "\nclass Parameters")], "frozen dataclass"),
+        ([("def strain_energy(", "def energy_of_strain(")], "strain_energy is missing"),
+        ([("def reference()", "def reference(n)")], "reference must take 0 positional"),
+        ([("return Reference(", "return Reference(1, ")], "reference.* raises TypeError"),
+        ([("def body_force(self, x", "def body_force(self")], "body_force must be a function"),
+        ([(RETURN, "return []")], "strain_energy: has no terms"),
+        ([(RETURN, "return [energy]")], r"term 0 must be a pair \(integrand, Quadrature\)"),
+        ([(RETURN, "return [(energy, None)]")], "term 0 must state a quadrature degree.*None"),
+        ([(RETURN, "return [(energy, Quadrature(-1))]")], "must state a quadrature degree"),
+        ([(RETURN, "return [(strain, Quadrature(2))]")], r"must be scalar, has shape \(3, 3\)"),
+        ([(RETURN, "return [(1.0, Quadrature(2))]")], "must be a UFL expression, got float"),
+        (
+            [(RETURN, "return [energy * ufl.dx(degree=0) + energy * ufl.dx(degree=2)]")],
+            "term 0 is a form with 2 rules",
+        ),
+        ([(RETURN, "return undefined")], "strain_energy: NameError"),
+        ([("return translation +", "return translation[0] +")], "rigid_motion: .*shape"),
+        ([("    return _small_strain_stress(u, p)\n", "    return None\n")], "stress: must return"),
+    ],
+)
+def test_each_violation_is_reported_alone(load_text, changes, pattern):
+    (fault,) = faults(load_text, *changes)
+    assert re.search(pattern, fault, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    ("energy", "what"),
+    [
+        ("1 / ufl.tr(strain)", "value"),
+        ("ufl.ln(ufl.tr(strain))", "value"),
+        ("ufl.sqrt(energy)", "first derivative"),
+        ("ufl.sqrt(ufl.inner(strain, strain)) * ufl.tr(strain)", "first derivative"),
+        ("ufl.max_value(ufl.tr(strain), 0) ** 1.5", "second derivative"),
+    ],
+)
+def test_energy_that_is_not_finite_at_rest_is_refused(load_text, energy, what):
+    (fault,) = faults(load_text, (RETURN, RETURN.replace("energy", energy)))
+    assert f"the {what} at u = 0 is not finite" in fault
+
+
+def test_energy_that_only_a_mesh_can_evaluate_is_let_through(load_text):
+    volume = "energy * ufl.CellVolume(u.ufl_function_space().ufl_domain())"
+    load_text(GOOD.replace(RETURN, RETURN.replace("energy", volume)))
+
+
+def test_symbols_take_the_place_of_numbers():
+    """The same stiffness; and other values are followed without another form."""
+    mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+    space = fem.functionspace(mesh, solid_linear.element("tetrahedron", 3, 1))
+    u = fem.Function(space)
+    p = solid_linear.Parameters(E=3.0, nu=0.2, rho=1.0)
+    twin = formulation.symbols(p, mesh=mesh)
+    assert isinstance(twin, solid_linear.Parameters)
+
+    def form(parameters):
+        ((integrand, rule),) = solid_linear.strain_energy(u, parameters)
+        energy = integrand * ufl.dx(domain=mesh, degree=rule.degree)
+        return fem.form(ufl.derivative(ufl.derivative(energy, u), u))
+
+    symbolic = form(twin)
+    assert np.allclose(matrix(symbolic), matrix(form(p)), rtol=0, atol=1e-14)
+    twin.E.value = 6.0
+    assert np.allclose(matrix(symbolic), 2 * matrix(form(p)), rtol=0, atol=1e-14)
+
+
+def matrix(form):
+    return fem.assemble_matrix(form).to_dense()

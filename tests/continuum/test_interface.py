@@ -1,0 +1,146 @@
+"""Rigid interfaces: their frames and nodes, on any number of ranks, and what is refused."""
+
+import dataclasses
+
+from mpi4py import MPI
+
+import dolfinx
+import numpy as np
+import pytest
+
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.errors import InterfaceError
+from flexmbd.forms import solid_linear
+
+MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)
+
+
+def model(mesh, *interfaces):
+    return ContinuumModel(mesh, solid_linear, MATERIAL, degree=1, interfaces=interfaces)
+
+
+def block(divisions=(6, 1, 1), comm=MPI.COMM_WORLD):
+    return meshes.block(0.6, 0.1, 0.2, divisions=divisions, comm=comm)
+
+
+def wedge(comm=MPI.COMM_WORLD):
+    """A box whose top is steep on one side: facets of very different areas on x = 0 and x = 1."""
+    grid = [(x, y, z) for z in range(2) for y in range(3) for x in range(2)]
+    points = np.array(grid, dtype=float)
+    points[:, 1] = np.where(points[:, 1] == 1.0, 1.8, points[:, 1])
+    points[:, 2] *= 1.0 + points[:, 1]
+    corner = [0, 1, 2, 3, 6, 7, 8, 9]
+    cells = np.array([corner, [i + 2 for i in corner]])
+    groups = {"left": lambda x: x[0] < 1e-9, "right": lambda x: x[0] > 1 - 1e-9}
+    return from_arrays(comm, points, cells, cell="hexahedron", degree=1, facet_groups=groups)
+
+
+@pytest.mark.mpi
+def test_origin_is_the_centroid_by_area():
+    """Face between z = 0 and z = 1 + y, 0 <= y <= 2: area 4, moments by the closed form."""
+    found = model(wedge(), Interface("left"), Interface("right")).interface("left")
+    area = 4.0
+    y = (2.0**2 / 2 + 2.0**3 / 3) / area
+    z = ((3.0**3 - 1.0) / 6) / area
+    assert found.p == pytest.approx([0.0, y, z], abs=1e-14)
+    assert np.array_equal(found.R, np.eye(3))
+
+
+@pytest.mark.mpi
+def test_origin_and_axes_of_the_user():
+    axes = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    asked = Interface("x_max", origin=(0.7, 0.0, 0.3), axes=axes)
+    found = model(block(), asked).interface("x_max")
+    assert np.array_equal(found.p, [0.7, 0.0, 0.3])
+    assert np.array_equal(found.R, axes)
+
+
+def test_axes_with_seven_digits_become_a_rotation():
+    c, s = round(np.cos(0.3), 7), round(np.sin(0.3), 7)
+    found = model(
+        block(comm=MPI.COMM_SELF), Interface("x_max", axes=[[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    )
+    R = found.interface("x_max").R
+    assert abs(R.T @ R - np.eye(3)).max() < 1e-15
+    assert R[:, 0] == pytest.approx([np.cos(0.3), np.sin(0.3), 0.0], abs=1e-7)
+
+
+@pytest.mark.mpi
+def test_nodes_are_those_of_the_facets_also_on_a_rank_without_any():
+    body = model(block(), Interface("x_min"), Interface("x_max"))
+    x = body.space.tabulate_dof_coordinates()
+    for name, place in (("x_min", 0.0), ("x_max", 0.6)):
+        nodes = body.interface(name).nodes
+        assert np.array_equal(np.sort(nodes), np.flatnonzero(abs(x[:, 0] - place) < 1e-9))
+        owned = nodes[nodes < body.n_owned // 3]
+        counts = body.comm.allgather(len(owned))
+        assert sum(counts) == 4
+    if body.comm.size > 1:
+        # the mesh is long, so that the ranks' parts lie one behind the other
+        assert 0 in counts
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["bore"], "'bore': the mesh has no such facet group; it has: 'empty', 'x_max'"),
+        (["x_min", "x_min"], "'x_min' is given twice"),
+        (["empty"], "'empty' has no facets; tag"),
+        (["x_max", "x_min", "y_max"], "'x_max' and 'y_max' share nodes"),
+    ],
+)
+def test_groups_that_cannot_be_interfaces(names, message):
+    mesh = block()
+    mesh = dataclasses.replace(mesh, facet_groups={**mesh.facet_groups, "empty": 99})
+    with pytest.raises(InterfaceError, match=message):
+        model(mesh, *map(Interface, names))
+
+
+def one_cell(thickness):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, thickness, 0], [0, 0, 1.0]])
+    groups = {"base": lambda x: abs(x[2]) < 1e-9}
+    return from_arrays(MPI.COMM_WORLD, points, [[0, 1, 2, 3]], degree=1, facet_groups=groups)
+
+
+@pytest.mark.mpi
+def test_nodes_in_one_line_are_refused():
+    assert len(model(one_cell(1e-3), Interface("base")).interfaces) == 1
+    with pytest.raises(InterfaceError, match=r"'base' has 3 nodes, .*not in one line"):
+        model(one_cell(1e-8), Interface("base"))
+
+
+@pytest.mark.mpi
+def test_facets_inside_the_part_are_refused():
+    mesh = block()
+    topology = mesh.mesh.topology
+    topology.create_connectivity(2, 3)
+    own = np.arange(topology.index_map(2).size_local, dtype=np.int32)
+    inner = np.setdiff1d(own, dolfinx.mesh.exterior_facet_indices(topology))
+    tags = dolfinx.mesh.meshtags(mesh.mesh, 2, inner, np.full(len(inner), 7, dtype=np.int32))
+    cut = dataclasses.replace(mesh, facet_tags=tags, facet_groups={"cut": 7})
+    with pytest.raises(InterfaceError, match="'cut' has 5 facets inside the part"):
+        model(cut, Interface("cut"))
+
+
+def test_name_alone_is_no_interface():
+    with pytest.raises(InterfaceError, match=r"write Interface\('x_min'\)"):
+        model(block(comm=MPI.COMM_SELF), "x_min")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"origin": (0.0, 1.0)}, r"origin must be finite numbers of shape \(3,\)"),
+        ({"origin": (0.0, 1.0, float("nan"))}, "origin must be finite"),
+        ({"origin": "centre"}, "origin must be finite"),
+        ({"axes": np.ones(3)}, r"axes must be finite numbers of shape \(3, 3\)"),
+        ({"axes": np.diag([1.0, 1.0, -1.0])}, "right-handed"),
+        ({"axes": 2.0 * np.eye(3)}, "orthonormal"),
+    ],
+)
+def test_bad_frames(values, message):
+    with pytest.raises(InterfaceError, match=message):
+        Interface("bore", **values)

@@ -1,0 +1,104 @@
+"""Nodal modes from the memory of the model and from the record."""
+
+import dataclasses
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from full_model import FullModel
+
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.nodes import node_numbers
+from flexmbd.continuum.recovery import nodal_modes
+from flexmbd.errors import RecordError
+from flexmbd.forms import solid_linear
+from flexmbd.reduced import ReducedBody
+from flexmbd.reduction import craig_bampton
+
+MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)
+AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+def model(*, comm=MPI.COMM_WORLD, length=0.6, degree=2):
+    mesh = meshes.block(length, 0.1, 0.2, divisions=(4, 1, 1), cell="tetrahedron", comm=comm)
+    interfaces = [Interface("x_min", axes=AXES), Interface("x_max")]
+    return ContinuumModel(mesh, solid_linear, MATERIAL, degree=degree, interfaces=interfaces)
+
+
+def reduced(body_model, **arguments):
+    return craig_bampton(body_model, modes=3, frame="x_min", **arguments)
+
+
+@pytest.mark.mpi
+def test_modes_are_those_of_the_matrices():
+    """In the mesh's axes and the model's order: phi^T M phi = 1, phi^T K phi = the stiffness."""
+    body_model = model()
+    body = reduced(body_model)
+    modes = nodal_modes(body, body_model)
+    full = FullModel(body_model)
+    rows = (3 * node_numbers(body_model)[:, None] + np.arange(3)).reshape(-1)
+    whole = np.zeros((full.K.shape[0], body.n_modes))
+    whole[rows[: body_model.n_owned]] = modes[: body_model.n_owned]
+    whole = body_model.comm.allreduce(whole)
+    # the ghosts' values are those of their owners
+    assert np.array_equal(whole[rows], modes)
+    assert abs(whole.T @ full.M @ whole - np.eye(body.n_modes)).max() < 1e-11
+    size = np.sqrt(body.stiffness)
+    off = whole.T @ full.K @ whole / np.outer(size, size) - np.eye(body.n_modes)
+    assert abs(off).max() < 1e-10
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("reduced_on", [MPI.COMM_WORLD, MPI.COMM_SELF])
+def test_group_gives_what_the_memory_gives(shared_path, reduced_on):
+    """Also when the body was reduced on another number of ranks, and read from a file."""
+    first = model(comm=reduced_on)
+    body = reduced(first, keep_modes=True)
+    path = shared_path / "body.h5"
+    if MPI.COMM_WORLD.rank == 0:
+        body.save(path)
+    MPI.COMM_WORLD.barrier()
+    loaded = ReducedBody.load(path)
+    other = model()
+    found = nodal_modes(loaded, other)
+
+    expected = np.full((3 * len(loaded.modes.node), body.n_modes), np.nan)
+    rows = (3 * node_numbers(first)[:, None] + np.arange(3)).reshape(-1)
+    expected[rows] = nodal_modes(body, first)
+    rows = (3 * node_numbers(other)[:, None] + np.arange(3)).reshape(-1)
+    there = ~np.isnan(expected[rows, 0])
+    assert there.mean() > 0.3
+    assert abs(found[there] - expected[rows][there]).max() < 1e-9 * np.nanmax(abs(expected))
+
+
+@pytest.mark.mpi
+def test_no_modes_anywhere(shared_path):
+    body = reduced(model())
+    with pytest.raises(RecordError, match=r"keep_modes=True, or reduce it again here"):
+        nodal_modes(body, model())
+
+
+@pytest.mark.mpi
+def test_record_of_another_mesh():
+    body = reduced(model(), keep_modes=True)
+    with pytest.raises(RecordError, match="of another mesh"):
+        nodal_modes(body, model(length=0.7))
+
+
+@pytest.mark.mpi
+def test_record_of_another_degree():
+    body = reduced(model(degree=1), keep_modes=True)
+    with pytest.raises(RecordError, match=r"lack nodes of the model: .*another degree than 2"):
+        nodal_modes(body, model(degree=2))
+
+
+def test_another_reduction_of_the_same_model_is_told_apart():
+    body_model = model(comm=MPI.COMM_SELF)
+    few, many = reduced(body_model), craig_bampton(body_model, modes=5, frame="x_max")
+    assert nodal_modes(few, body_model).shape[1] == 9
+    assert nodal_modes(many, body_model).shape[1] == 11
+    stranger = dataclasses.replace(few, damping=np.eye(9))
+    with pytest.raises(RecordError, match="holds no nodal modes"):
+        nodal_modes(stranger, body_model)

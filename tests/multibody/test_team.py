@@ -1,0 +1,56 @@
+"""Several processes run one machine: rank 0 decides, and an error of one is the error of all."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from machines import slider_crank
+
+import flexmbd as fm
+from flexmbd.continuum.parallel import MpiTeam
+from flexmbd.errors import SimulationError
+
+pytestmark = pytest.mark.mpi
+
+
+def machine(torque):
+    scene, piston, j1 = slider_crank()
+    scene.team = MpiTeam(MPI.COMM_WORLD)
+    scene.add_force(fm.force.JointTorque(j1, torque))
+    j1.velocity = 20.0
+    return scene, piston
+
+
+def test_rank_0_decides_what_a_callback_gives():
+    """Ranks whose callbacks differ still step alike, to the bit."""
+    rank = MPI.COMM_WORLD.rank
+    scene, piston = machine(lambda t: 1.0 + 0.5 * rank)
+    run = scene.simulate(0.05, rtol=1e-5)
+    alone, other = machine(lambda t: 1.0)
+    alone.team = fm.System().team
+    exact = alone.simulate(0.05, rtol=1e-5)
+    np.testing.assert_array_equal(run.x, exact.x)
+    np.testing.assert_array_equal(run.position(piston.frame()), exact.position(other.frame()))
+
+
+def test_a_callback_that_fails_on_the_last_rank_stops_all():
+    last = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+
+    def torque(t):
+        if last and t > 0.02:
+            raise ValueError("the sensor is gone")
+        return 1.0
+
+    scene, _ = machine(torque)
+    with pytest.raises(SimulationError, match=r"at t = 0\.02.*the sensor is gone") as caught:
+        scene.simulate(0.05, rtol=1e-4)
+    assert 0.01 < caught.value.trajectory.t[-1] <= 0.021
+
+
+def test_only_the_root_shows_a_bar(capfd):
+    scene, _ = machine(1.0)
+    scene.simulate(0.01, progress=True)
+    shown = capfd.readouterr().err
+    assert ("100%" in shown) == (MPI.COMM_WORLD.rank == 0)

@@ -1,0 +1,63 @@
+"""A rigid scene runs in a fresh process without the continuum side, pictures or plots."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SCENE = """
+import sys
+from pathlib import Path
+import flexmbd as fm
+
+scene = fm.System(gravity=(0.0, -9.81, 0.0))
+arm = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.5, 0.0, 0.0)), name="arm")
+scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame())
+run = scene.simulate(0.1)
+assert run.t[-1] == 0.1 and run.position(arm.frame(p=(1, 0, 0))).shape == (len(run.t), 3)
+run.energy(), scene.explain()
+print("loaded:", *sorted({name.split(".")[0] for name in sys.modules}))
+"""
+
+BEYOND_THE_WALL = {
+    "dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh", "pyvista", "vtkmodules",
+    "matplotlib", "h5py", "tqdm",
+}  # fmt: skip
+
+
+def test_a_rigid_scene_loads_only_numpy_scipy_numba():
+    done = subprocess.run([sys.executable, "-c", SCENE], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split("loaded:")[1].split())
+    assert {"flexmbd", "numpy", "scipy", "numba"} <= loaded
+    assert not loaded & BEYOND_THE_WALL
+
+
+def test_the_first_compilation_is_announced_once(tmp_path):
+    """With an empty cache a process says that it compiles; the next one does not."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", SCENE], capture_output=True, text=True, check=True, env=environment
+        ).stderr
+        for _ in range(2)
+    ]
+    assert "compiling the kernels" in said[0]
+    assert said[0].count("\n") == 1
+    assert said[1] == ""
+
+
+def test_kernels_of_other_sources_are_not_touched(tmp_path):
+    """What another version left in the cache is neither read nor removed."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    place = "from flexmbd.multibody.kernels import so3; print(so3.add3._cache.cache_path)"
+    done = subprocess.run(
+        [sys.executable, "-c", place], capture_output=True, text=True, check=True, env=environment
+    )
+    folder = Path(done.stdout.strip())
+    assert tmp_path in folder.parents
+    version = folder.relative_to(tmp_path).parts[0]
+    stamp = "from flexmbd.multibody.kernels import compiling; print(compiling._source_stamp())"
+    known = subprocess.run([sys.executable, "-c", stamp], capture_output=True, text=True, check=True)
+    assert version == f"flexmbd-{known.stdout.strip()[:16]}"

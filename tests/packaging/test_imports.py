@@ -1,0 +1,60 @@
+"""The wall: what runs a machine loads nothing of the continuum side, and forms import only UFL."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+CONTINUUM = {"basix", "dolfinx", "ffcx", "gmsh", "mpi4py", "petsc4py", "slepc4py", "ufl"}
+PICTURES = {"matplotlib", "pyvista", "vtk", "vtkmodules", "imageio"}
+
+MACHINE = [
+    "errors",
+    "integrate",
+    "multibody",
+    "record_file",
+    "reduced",
+    "rotation",
+    "simulation",
+    "system",
+    "trajectory",
+]
+ALLOWED_IN_FORMS = {"__future__", "basix", "dataclasses", "enum", "math", "typing", "ufl"}
+
+
+def packages_loaded_by(statement: str) -> set[str]:
+    """The top-level packages that a fresh python has loaded after a statement."""
+    script = f"{statement}\nimport json, sys\nprint(json.dumps(sorted({{m.partition('.')[0] for m in sys.modules}})))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd="/")
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_flexmbd_loads_neither_continuum_nor_pictures() -> None:
+    loaded = packages_loaded_by("import flexmbd")
+    assert not loaded & (CONTINUUM | PICTURES)
+
+
+@pytest.mark.parametrize("name", MACHINE)
+def test_machine_modules_load_neither_continuum_nor_pictures(name: str) -> None:
+    loaded = packages_loaded_by(f"import flexmbd.{name}")
+    assert not loaded & (CONTINUUM | PICTURES)
+
+
+FORMS = [file for file in sorted((REPOSITORY / "forms").rglob("*.py")) if file.name != "__init__.py"]
+
+
+@pytest.mark.parametrize("file", FORMS, ids=lambda file: file.stem)
+def test_forms_import_ufl_and_little_else(file: Path) -> None:
+    imported = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add("." if node.level else str(node.module).partition(".")[0])
+    assert imported <= ALLOWED_IN_FORMS

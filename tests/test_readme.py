@@ -1,0 +1,34 @@
+"""The README's example runs as it stands."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def example():
+    """The first python block of the README."""
+    found = re.search(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert found
+    return found.group(1)
+
+
+def test_the_example_is_short():
+    lines = [line for line in example().splitlines() if line.strip()]
+    assert len(lines) <= 27  # twenty-five statements, two of them on two lines
+
+
+def test_the_example_runs(tmp_path):
+    script = tmp_path / "example.py"
+    script.write_text(example())
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "loops, closed by multipliers" in done.stdout
+    # nothing but the note of the first run on a machine
+    assert all(line.startswith("flexmbd: compiling") for line in done.stderr.splitlines())

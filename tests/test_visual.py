@@ -1,0 +1,355 @@
+"""Pictures: what is drawn where, and files that are whole or not there."""
+
+import subprocess
+import sys
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.errors import PictureError, SceneError
+from flexmbd.reduced import InterfaceFrame, Surface
+from flexmbd.visual import StressPicture, camera, film, sketch, stage
+from flexmbd.visual.skin import DisplacementSkin, _rigid_motion, skins
+
+SMALL = {"size": (160, 120), "fps": 10}
+
+
+@dataclass
+class Team:
+    """A team of which this process is the root or not, which remembers the errors it was told."""
+
+    is_root: bool
+    told: list = field(default_factory=list)
+
+    def agree(self, x):
+        return x
+
+    def fail(self, error):
+        self.told.append(error)
+        if error is not None:
+            raise error
+
+
+def slider_crank():
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    crank = scene.add(fm.RigidBody(0.4, (1e-4, 4e-4, 4e-4), (0.03, 0.0, 0.0)), name="crank")
+    rod = scene.add(fm.RigidBody(0.6, (1e-4, 4e-3, 4e-3), (0.12, 0.0, 0.0)), name="rod")
+    piston = scene.add(fm.RigidBody(0.3, (1e-4, 1e-4, 1e-4)), name="piston")
+    turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), crank.frame())
+    scene.connect(fm.joint.Revolute("z"), crank.frame((0.08, 0.0, 0.0)), rod.frame())
+    scene.connect(fm.joint.Revolute("z"), rod.frame((0.3, 0.0, 0.0)), piston.frame())
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), piston.frame())
+    turn.velocity = 50.0
+    return scene
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return slider_crank().simulate(0.1, rtol=1e-5)
+
+
+def bar_record():
+    """A bar of 12 triangles along x, eight masses at its corners, one mode that bends it."""
+    x = np.array([[i, j, k] for i in (0.0, 1.0) for j in (-0.1, 0.1) for k in (-0.1, 0.1)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangle = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    phi = np.zeros((8, 3, 1))
+    phi[4:, 2, 0] = np.sqrt(2.0)  # of modal mass 1
+    fields = np.vstack([np.ones(8), x.T, phi.reshape(8, 3).T])
+    return fm.ReducedBody(
+        gram=fields @ fields.T / 8.0,
+        stiffness=np.array([400.0]),
+        damping=np.zeros((1, 1)),
+        interfaces=(InterfaceFrame("root", np.zeros(3), np.eye(3), np.zeros((6, 1))),),
+        frame="root",
+        partition=np.eye(1),
+        partition_names=("bending",),
+        surface=Surface(x, triangle, phi),
+    )
+
+
+@pytest.fixture(scope="module")
+def bar():
+    """A flexible body with a surface on a hinge."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.FlexibleBody(bar_record()), name="bar")
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame("root"))
+    return scene.simulate(0.3, rtol=1e-4), body
+
+
+def film_pictures(path):
+    imageio = pytest.importorskip("imageio.v2")
+    with imageio.get_reader(path) as reader:
+        return [np.asarray(picture)[..., :3].astype(int) for picture in reader]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_film_moves(machine, tmp_path, suffix):
+    path = machine.animate(tmp_path / f"crank{suffix}", slow_motion=10.0, **SMALL)
+    pictures = film_pictures(path)
+    assert len(pictures) == 11
+    assert pictures[0].shape == (120, 160, 3)
+    assert np.abs(pictures[0] - pictures[5]).max() > 100
+    # the background is white, and something is drawn on it
+    assert 0.5 < (pictures[0].min(axis=2) > 240).mean() < 0.99
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_film_of_a_surface(bar, tmp_path):
+    run, _ = bar
+    path = run.animate(tmp_path / "bar.gif", slow_motion=2.0, amplification=3.0, **SMALL)
+    assert len(film_pictures(path)) == 7
+
+
+def test_short_motions_are_slowed_and_long_ones_are_not(machine):
+    times, slowness = film._times(machine, None, None, 30)
+    assert len(times) == 241
+    assert slowness == pytest.approx(80.0)
+    times, slowness = film._times(machine, (0.02, 0.03), 100.0, 30)
+    assert (times[0], times[-1], len(times)) == (0.02, 0.03, 31)
+    assert film._notes(times, 100.0, 5.0)[1] == "t = 20.3 ms    slowed 100 times    deformation × 5"
+    assert film._notes(np.array([0.0, 0.5, 5.0]), 1.0, 1.0)[1] == "t = 0.5 s"
+
+
+@pytest.mark.parametrize(
+    ("name", "choices", "message"),
+    [
+        ("film.avi", {}, r"\.gif or \.mp4"),
+        ("film", {}, r"\.gif or \.mp4"),
+        ("film.gif", {"fps": 0}, "fps"),
+        ("film.gif", {"slow_motion": -1.0}, "slow_motion"),
+        ("film.gif", {"size": (161, 120)}, "even"),
+        ("film.gif", {"between": (0.05, 0.05)}, "nothing"),
+        ("film.gif", {"amplification": float("nan")}, "amplification"),
+        ("nowhere/film.gif", {}, "nowhere"),
+    ],
+)
+def test_bad_films_are_refused(machine, tmp_path, name, choices, message):
+    with pytest.raises(PictureError, match=message):
+        machine.animate(tmp_path / name, **choices)
+    assert not list(tmp_path.iterdir())
+
+
+def test_film_outside_the_trajectory(machine, tmp_path):
+    with pytest.raises(SceneError, match="outside"):
+        machine.animate(tmp_path / "film.gif", between=(0.0, 1.0))
+
+
+def test_old_file_survives_a_failure(machine, tmp_path, monkeypatch):
+    old = tmp_path / "film.gif"
+    old.write_text("old")
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(film, "_write_film", full)
+    with pytest.raises(PictureError, match="No space left"):
+        machine.animate(old, **SMALL)
+    assert old.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [old]
+
+
+def test_only_the_root_writes(machine, tmp_path):
+    other = Team(is_root=False)
+    run = replace(machine, team=other)
+    run.animate(tmp_path / "film.gif", **SMALL)
+    run.plot(path=tmp_path / "plot.png")
+    assert not list(tmp_path.iterdir())
+    assert other.told == [None, None]
+    root = Team(is_root=True)
+    with pytest.raises(PictureError):
+        replace(machine, team=root).plot(path=tmp_path / "nowhere" / "plot.png")
+    assert len(root.told) == 1
+
+
+def test_plot_of_series(machine, tmp_path):
+    piston = machine.bodies["piston"].frame()
+    figure = machine.plot(
+        ("piston", machine.position(piston)), ("crank", machine.t), path=tmp_path / "a.png", ylabel="m"
+    )
+    axes = figure.axes[0]
+    assert [line.get_label() for line in axes.lines] == ["piston x", "piston y", "piston z", "crank"]
+    assert axes.get_ylabel() == "m"
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), machine.position(piston)[:, 0])
+
+
+def test_plot_of_energies(machine, tmp_path):
+    figure = machine.plot(path=tmp_path / "energy.svg")
+    # rigid: nothing elastic to show
+    assert [line.get_label() for line in figure.axes[0].lines] == ["kinetic", "gravitational", "total"]
+
+
+def test_bad_plots_are_refused(machine, tmp_path):
+    with pytest.raises(PictureError, match=r"'short' has shape \(3,\)"):
+        machine.plot(("short", np.zeros(3)))
+    with pytest.raises(PictureError, match=r"\.pdf or \.png or \.svg"):
+        machine.plot(path=tmp_path / "plot.jpeg")
+    assert not list(tmp_path.iterdir())
+
+
+def test_solids_are_where_the_bodies_are(machine):
+    times = 0.025 * np.arange(5.0)
+    drawn = sketch.sketch(machine, times, skinned=[])
+    crank, rod, piston = (machine.bodies[name] for name in ("crank", "rod", "piston"))
+    by_colour = {
+        (solid.form, solid.colour): solid for solid in drawn.solids if solid.colour in drawn.colours.values()
+    }
+    stick = by_colour[sketch.Form.CYLINDER, drawn.colours["rod"]]
+    ends = np.einsum("kij,jn->kni", stick.pose, np.array([[0, 0], [0, 0], [0, 1], [1, 1.0]]))[:, :, :3]
+    np.testing.assert_allclose(ends[:, 0], machine.position(crank.frame((0.08, 0, 0)), t=times), atol=1e-12)
+    np.testing.assert_allclose(ends[:, 1], machine.position(rod.frame((0.3, 0, 0)), t=times), atol=1e-12)
+    block = by_colour[sketch.Form.BOX, drawn.colours["piston"]]
+    np.testing.assert_allclose(block.pose[:, :3, 3], machine.position(piston.frame(), t=times), atol=1e-12)
+    ball = by_colour[sketch.Form.BALL, drawn.colours["crank"]]
+    np.testing.assert_allclose(
+        ball.pose[:, :3, 3], machine.position(crank.frame((0.03, 0, 0)), t=times), atol=1e-12
+    )
+    # the bearing and the rail
+    assert [solid.colour for solid in drawn.solids].count(sketch.GROUND) == 2
+
+
+def test_cylinder_runs_between_its_ends():
+    rng = np.random.default_rng(1)
+    a, b = rng.standard_normal((2, 6, 3))
+    solid = sketch.cylinder(a, b, 0.1, "#000000")
+    np.testing.assert_allclose(solid.pose[:, :3, 3], a)
+    np.testing.assert_allclose(solid.pose[:, :3, 2], b - a)
+    across = solid.pose[:, :3, :2]
+    square = across.transpose(0, 2, 1) @ across
+    np.testing.assert_allclose(square, [0.01 * np.eye(2)] * 6, atol=1e-15)
+    assert (np.linalg.det(solid.pose[:, :3, :3]) > 0.0).all()
+
+
+def test_positions_at_chosen_times_lie_on_the_trajectory(machine):
+    frame = machine.bodies["piston"].frame()
+    np.testing.assert_allclose(machine.position(frame, t=machine.t), machine.position(frame), atol=1e-14)
+    np.testing.assert_allclose(machine.rotation(frame, t=machine.t[:3]), machine.rotation(frame)[:3], atol=1e-14)
+
+
+def test_skin_shows_the_modes(bar):
+    run, body = bar
+    times = np.array([0.1, 0.2])
+    (skin,) = skins(run, times, {}, amplification=3.0)
+    assert isinstance(skin, DisplacementSkin)
+    places, value = skin.at(1)
+    u = body.record.surface.phi @ run.q(body, t=0.2)
+    np.testing.assert_allclose(places, body.record.surface.x + 3.0 * u, atol=1e-15)
+    np.testing.assert_allclose(value, np.linalg.norm(u, axis=1))
+    assert skin.largest == max(skin.at(k)[1].max() for k in (0, 1))
+    np.testing.assert_array_equal(
+        skin.bounds[1], np.maximum(*(skin.at(k)[0].max(axis=0) for k in (0, 1)))
+    )
+
+
+def test_amplification_keeps_bodies_on_their_interfaces():
+    """A field that is rigid at the interfaces but bends between them."""
+    chord = np.array([0.1, 0.02, -0.3])
+    tip = np.zeros((6, 1))
+    tip[:3, 0] = np.cross((0.0, 0.1, 0.2), chord)
+    record = replace(
+        bar_record(),
+        interfaces=(*bar_record().interfaces, InterfaceFrame("tip", chord, np.eye(3), tip)),
+    )
+    rigid = _rigid_motion(record, np.array([[0.0, 0.0, 0.0], chord, 0.5 * chord]))
+    np.testing.assert_allclose(rigid[:, :, 0], np.outer((0.0, 1.0, 0.5), tip[:3, 0]), atol=1e-12)
+
+
+class Model:
+    """Stress as a continuum model gives it: also at nodes inside, here one."""
+
+    def stress_picture(self, body, q):
+        surface = body.surface
+        x = np.vstack([[0.5, 0.0, 0.0], surface.x])
+        u = np.vstack([np.zeros(3), surface.phi @ q])
+        von_mises = np.append(1e9, 1e6 * (1.0 + np.arange(8.0)) * abs(q[0]))
+        return StressPicture(
+            np.arange(9), x, surface.triangle + 1, u, np.zeros((9, 3, 3)), von_mises, 1e9, x[0]
+        )
+
+
+def test_film_coloured_by_stress(bar, tmp_path):
+    run, body = bar
+    times = np.array([0.1, 0.2])
+    (skin,) = skins(run, times, {body: Model()}, amplification=3.0)
+    places, value = skin.at(1)
+    q = run.q(body, t=0.2)
+    np.testing.assert_allclose(value, 1e6 * (1.0 + np.arange(8)) * abs(q[0]), rtol=1e-6)
+    surface = body.record.surface
+    np.testing.assert_allclose(places, surface.x + 3.0 * surface.phi @ q, rtol=1e-6, atol=1e-7)
+    np.testing.assert_array_equal(skin.triangle, body.record.surface.triangle)
+    path = run.animate(tmp_path / "a.gif", models={body: Model()}, slow_motion=1.0, **SMALL)
+    assert len(film_pictures(path)) == 4
+
+
+def test_plot_of_a_stress_picture(tmp_path):
+    picture = Model().stress_picture(bar_record(), np.array([0.1]))
+    path = picture.plot(tmp_path / "stress.png", amplification=2.0, size=(160, 120), title="bar")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(PictureError, match=r"\.png"):
+        picture.plot(tmp_path / "stress.pdf")
+    with pytest.raises(PictureError, match="nowhere"):
+        picture.plot(tmp_path / "nowhere" / "stress.png")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("flat", "gravity", "towards", "up"),
+    [
+        (2, (0, 0, 0), (0, 0, 1), (0, 1, 0)),
+        (2, (0, -9.81, 0), (0, 0, 1), (0, 1, 0)),
+        (1, (0, 0, -9.81), (0, -1, 0), (0, 0, 1)),
+        (0, (0, 0, -9.81), (1, 0, 0), (0, 0, 1)),
+        (2, (-9.81, 0, 0), (0, 0, 1), (1, 0, 0)),
+        (2, (0, 0, -9.81), (0, 0, 1), (0, 1, 0)),
+    ],
+)
+def test_plane_motions_are_seen_along_their_normal(flat, gravity, towards, up):
+    places = np.random.default_rng(2).standard_normal((20, 3))
+    places[:, flat] = 0.001
+    seen = camera.viewing_axes(places, gravity)
+    np.testing.assert_allclose(seen[0], towards)
+    np.testing.assert_allclose(seen[1], up)
+
+
+def test_motion_along_a_line_is_not_seen_along_gravity():
+    places = np.outer(np.arange(4.0), (1.0, 0.0, 0.0))
+    towards, up = camera.viewing_axes(places, (0.0, 0.0, -9.81))
+    np.testing.assert_allclose(towards, (0, -1, 0))
+    np.testing.assert_allclose(up, (0, 0, 1))
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 0), (0, 0, -9.81), (0, -9.81, 0), (9.81, 0, 0)])
+def test_camera_sees_everything(gravity):
+    points = np.random.default_rng(3).standard_normal((50, 3)) * (1.0, 2.0, 0.7)
+    towards, up = camera.viewing_axes(points, gravity)
+    assert up @ towards == pytest.approx(0.0, abs=1e-12)
+    assert up @ np.array(gravity) <= 0.0
+    seen = camera.frame_all(points, towards, up, aspect=1.5, above=0.1, below=0.2)
+    height = (points - seen.focus) @ up / seen.half_height
+    width = (points - seen.focus) @ np.cross(up, towards) / seen.half_height
+    depth = (points - seen.focus) @ towards
+    assert -0.6 - 1e-9 <= height.min()
+    assert height.max() <= 0.8 + 1e-9
+    assert np.abs(width).max() <= 1.5
+    assert np.abs(depth).max() < seen.distance
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit", "name"), [(3.1e8, "Pa", "MPa"), (2e-3, "m", "mm"), (0.0, "m", "m"), (12.0, "s", "s")]
+)
+def test_units_that_read_well(largest, unit, name):
+    scale, readable = stage.readable(largest, unit)
+    assert readable == name
+    assert largest == 0.0 or 1.0 <= largest / scale < 1000.0
+
+
+def test_pictures_load_their_libraries_only_when_asked():
+    code = (
+        "import sys, flexmbd.visual; "
+        "loaded = {'pyvista', 'vtk', 'matplotlib', 'imageio', 'tqdm'} & set(sys.modules); "
+        "assert not loaded, loaded"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
