@@ -81,6 +81,60 @@ class Surface:
     phi: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class GeometricStiffness:
+    """Optional group ``geometric_stiffness/``: what each load adds to the modal stiffness.
+
+    With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
+    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  The loads and their c:
+
+    - ``acceleration x`` .. ``z``: acceleration of B's origin minus gravity, in B (m/s^2); the load
+      is the inertia force -rho c.
+    - ``angular acceleration x`` .. ``z``: of B, in B (rad/s^2).
+    - ``angular velocity xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz``: products w_a w_b of B's angular
+      velocity, in B (rad^2/s^2); the centrifugal force -rho w x (w x r) is the sum over these six.
+    - ``<interface>.x`` .. ``.rz``: force (N) and moment (N m) on an interface frame, in B's axes.
+    - ``load <name>``: factor of a distributed load.
+
+    Attributes:
+        loads: (l,) names; a load that is not among them stiffens nothing.
+        K: (l, n, n) symmetric, 1/s^2 per unit of each load.
+    """
+
+    loads: tuple[str, ...]
+    K: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedLoads:
+    """Optional group ``loads/``: generalised forces of named loads that turn with the body.
+
+    Attributes:
+        names: (k,) as pressures and tractions are called.
+        force: (k, 3) N, resultant per unit factor, in B.
+        moment: (k, 3) N m, resultant moment about B's origin on the undeformed body, in B.
+        modal: (k, n) work per unit modal coordinate, N per unit of M_qq = 1.
+    """
+
+    names: tuple[str, ...]
+    force: FloatArray
+    moment: FloatArray
+    modal: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StressModes:
+    """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
+
+    Attributes:
+        node: (k,) node numbers, as in `NodalModes`.
+        sigma: (k, 6, n) Pa, components xx yy zz xy xz yz in B's axes.
+    """
+
+    node: IntArray
+    sigma: FloatArray
+
+
 def _frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
     """Return a read-only contiguous copy."""
     copy = np.array(array, dtype=kind, order="C", copy=True)
@@ -110,6 +164,9 @@ class ReducedBody:
         provenance: form, mesh hash, reduction, tolerances, ... as text.
         modes: optional full nodal modes.
         surface: optional boundary triangles.
+        geometric: optional geometric stiffness, load by load.
+        loads: optional distributed loads.
+        stress: optional stress modes.
     """
 
     gram: FloatArray
@@ -122,6 +179,9 @@ class ReducedBody:
     provenance: Mapping[str, str] = field(default_factory=dict)
     modes: NodalModes | None = None
     surface: Surface | None = None
+    geometric: GeometricStiffness | None = None
+    loads: DistributedLoads | None = None
+    stress: StressModes | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse a record whose parts do not fit together."""
@@ -130,7 +190,7 @@ class ReducedBody:
         object.__setattr__(self, "interfaces", tuple(map(_frozen_frame, self.interfaces)))
         object.__setattr__(self, "partition_names", tuple(self.partition_names))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
-        for group in ("modes", "surface"):
+        for group in _GROUPS:
             value = getattr(self, group)
             if value is not None:
                 object.__setattr__(self, group, _frozen_group(value))
@@ -175,6 +235,17 @@ class ReducedBody:
         for group in (self.modes, self.surface):
             if group is not None and group.phi.shape != (len(group.x), 3, n):
                 yield f"{type(group).__name__} has phi {group.phi.shape}"
+        yield from self._group_faults()
+
+    def _group_faults(self) -> Iterable[str]:
+        n = self.n_modes
+        if self.geometric is not None:
+            yield from _shape_faults(self.geometric, {"K": (len(self.geometric.loads), n, n)})
+        if self.loads is not None:
+            k = len(self.loads.names)
+            yield from _shape_faults(self.loads, {"force": (k, 3), "moment": (k, 3), "modal": (k, n)})
+        if self.stress is not None:
+            yield from _shape_faults(self.stress, {"sigma": (len(self.stress.node), 6, n)})
 
     @property
     def n_modes(self) -> int:
@@ -292,6 +363,11 @@ class ReducedBody:
         for frame in self.interfaces:
             digest.update(frame.name.encode())
             digest.update(frame.modes.tobytes())
+        for group in (self.geometric, self.loads):
+            if group is not None:
+                for item in fields(group):
+                    value = getattr(group, item.name)
+                    digest.update(repr(value).encode() if isinstance(value, tuple) else value.tobytes())
         return digest.hexdigest()
 
     def save(self, path: str | Path) -> None:
@@ -318,7 +394,7 @@ class ReducedBody:
                 [f.modes for f in frames], (len(frames), 6, self.n_modes)
             ),
         }
-        for group in ("modes", "surface"):
+        for group in _GROUPS:
             value = getattr(self, group)
             if value is not None:
                 tree[group] = {f.name: getattr(value, f.name) for f in fields(value)}
@@ -346,6 +422,7 @@ class ReducedBody:
             tree["interface_modes"],
             strict=True,
         )
+        groups: dict[str, Any] = {name: kind(**tree[name]) for name, kind in _GROUPS.items() if name in tree}
         return cls(
             gram=tree["gram"],
             stiffness=tree["stiffness"],
@@ -355,8 +432,7 @@ class ReducedBody:
             partition=tree["partition"],
             partition_names=tree["partition_names"],
             provenance=tree["provenance"],
-            modes=NodalModes(**tree["modes"]) if "modes" in tree else None,
-            surface=Surface(**tree["surface"]) if "surface" in tree else None,
+            **groups,
         )
 
 
@@ -366,15 +442,36 @@ def _frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:
     )
 
 
-def _frozen_group(group: NodalModes | Surface) -> NodalModes | Surface:
+_Group = NodalModes | Surface | GeometricStiffness | DistributedLoads | StressModes
+
+_GROUPS: dict[str, type[_Group]] = {
+    "modes": NodalModes,
+    "surface": Surface,
+    "geometric": GeometricStiffness,
+    "loads": DistributedLoads,
+    "stress": StressModes,
+}
+
+
+def _frozen_group(group: _Group) -> _Group:
     whole = ("node", "triangle")
-    parts = {
-        item.name: _frozen(
-            getattr(group, item.name), kind=np.int64 if item.name in whole else np.float64
-        )
-        for item in fields(group)
-    }
+    parts: dict[str, Any] = {}
+    for item in fields(group):
+        value = getattr(group, item.name)
+        if isinstance(value, (tuple, list)) and item.name in ("loads", "names"):
+            parts[item.name] = tuple(map(str, value))
+        else:
+            parts[item.name] = _frozen(value, kind=np.int64 if item.name in whole else np.float64)
     return type(group)(**parts)
+
+
+def _shape_faults(group: _Group, shapes: Mapping[str, tuple[int, ...]]) -> Iterable[str]:
+    for item, shape in shapes.items():
+        array = getattr(group, item)
+        if array.shape != shape:
+            yield f"{type(group).__name__} has {item} {array.shape}, expected {shape}"
+        elif not np.isfinite(array).all():
+            yield f"{type(group).__name__}: {item} holds values that are not finite"
 
 
 def _cross_matrix(v: FloatArray) -> FloatArray:

@@ -76,12 +76,14 @@ class RigidInterface:
         R: (3, 3) rotation taking I's axes to the mesh's.
         nodes: (k,) the nodes it binds, as blocks of the space local to this rank, ghosts
             included; k may be zero.
+        dofs: (m,) the local dofs it binds, ghosts included.
     """
 
     name: str
     p: FloatArray
     R: FloatArray
     nodes: NDArray[np.int32]
+    dofs: NDArray[np.int32]
 
 
 def find_interfaces(
@@ -146,7 +148,8 @@ def _find(interface: Interface, *, mesh: TaggedMesh, space: fem.FunctionSpace) -
     else:
         origin = np.array(interface.origin, dtype=float)
     axes = np.eye(3) if interface.axes is None else _nearest_rotation(interface.axes)
-    return RigidInterface(interface.name, origin, axes, nodes)
+    dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).reshape(-1)
+    return RigidInterface(interface.name, origin, axes, nodes, dofs)
 
 
 def _nearest_rotation(axes: ArrayLike) -> FloatArray:

@@ -110,6 +110,24 @@ class ContinuumModel:
         """Number of dofs this rank owns, which stand before its ghosts."""
         return int(3 * self.space.dofmap.index_map.size_local)
 
+    @property
+    def n_owned_nodes(self) -> int:
+        """Number of displacement nodes this rank owns, which stand before its ghosts."""
+        return int(self.space.dofmap.index_map.size_local)
+
+    @cached_property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+        blocks = self.space.dofmap.index_map
+        count = blocks.size_local + blocks.num_ghosts
+        return np.arange(3 * count, dtype=np.int32).reshape(count, 3)
+
+    @cached_property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, positions of the displacement nodes in the mesh's axes."""
+        x: FloatArray = self.space.tabulate_dof_coordinates()
+        return x
+
     @cached_property
     def mesh_fingerprint(self) -> str:
         """`TaggedMesh.fingerprint` of the mesh. Collective at the first call."""
