@@ -12,16 +12,22 @@ from flexmbd.multibody.initial import constraint_jacobian, constraint_values, ma
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.series import frame_series
+from flexmbd.multibody.kernels.series import energy_series, frame_series
 from flexmbd.multibody.plan import add_probe
 
 GRAVITY = np.array([0.3, -9.81, 1.2])
 
 
-def mixed_scene():
+@pytest.fixture(params=[False, True], ids=["first order", "second order"])
+def bends(request):
+    """Whether the flexible bodies have a geometric stiffness, and so a second-order displacement."""
+    return request.param
+
+
+def mixed_scene(bends):
     """Every joint kind, rigid and flexible parents, a reversed joint, a joint at a flexible tip."""
     scene = fm.System(gravity=GRAVITY)
-    clouds = [particle_body(1, modes=3, damping=2.0), particle_body(2, modes=2)]
+    clouds = [particle_body(1, modes=3, damping=2.0, bends=bends), particle_body(2, modes=2, bends=bends)]
     turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     a = scene.add(fm.RigidBody(1.3, np.diag([0.02, 0.03, 0.04]), (0.1, 0.05, -0.02)), name="a")
     b = scene.add(fm.FlexibleBody(clouds[0].record), name="b")
@@ -68,16 +74,16 @@ def particle_positions(compiled, bodies, clouds, x):
         p, R = out[0, :3], out[0, 3:12].reshape(3, 3)
         if id(body) in clouds:
             cloud = clouds[id(body)]
-            local = cloud.x + cloud.phi @ x[compiled.modal_slots[id(body)].x]
+            local = cloud.places(x[compiled.modal_slots[id(body)].x])
         else:
             local = rigid_cloud(body)[1]
         points.append(p + local @ R.T)
     return np.concatenate(points)
 
 
-def test_bodies_frames_are_where_the_joints_put_them():
+def test_bodies_frames_are_where_the_joints_put_them(bends):
     """Poses through a flexible parent, composed by hand with SciPy's rotations."""
-    scene, bodies, clouds, _ = mixed_scene()
+    scene, bodies, clouds, _ = mixed_scene(bends)
     compiled = scene.compile()
     rng = np.random.default_rng(7)
     x = np.empty(compiled.nx)
@@ -98,8 +104,13 @@ def test_bodies_frames_are_where_the_joints_put_them():
     p_b = p_a + R_a @ [0.3, 0.0, 0.1]
     tip = clouds[id(b)].record.interface("tip")
     q = x[compiled.modal_slots[id(b)].x]
-    R_tip = R_b @ Rotation.from_rotvec(tip.modes[3:] @ q).as_matrix() @ tip.R_BI
-    p_tip = p_b + R_b @ (tip.p_BI_B + tip.modes[:3] @ q)
+    moved = tip.modes @ q
+    geometric = clouds[id(b)].record.geometric
+    if geometric is not None:
+        at_tip = [k for k, load in enumerate(geometric.loads) if load.startswith("tip.")]
+        moved = moved - 0.5 * geometric.K[at_tip] @ q @ q
+    R_tip = R_b @ Rotation.from_rotvec(moved[3:]).as_matrix() @ tip.R_BI
+    p_tip = p_b + R_b @ (tip.p_BI_B + moved[:3])
     R_c = R_tip @ matrix(x[slot[2]]) @ turn.T
     p_c = p_tip - R_c @ [0.0, -0.1, 0.0]
     plan = add_probe(compiled, c.frame())
@@ -117,9 +128,9 @@ def along(compiled, x, v, a, t):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_residual_is_d_alembert_on_particles(seed):
+def test_residual_is_d_alembert_on_particles(seed, bends):
     """out_j = sum m dr/dv_j . (r'' - g) + elastic + damping, r'' by central differences."""
-    scene, bodies, clouds, _ = mixed_scene()
+    scene, bodies, clouds, _ = mixed_scene(bends)
     compiled = scene.compile()
     plan = compiled.plan
     rng = np.random.default_rng(seed)
@@ -157,8 +168,8 @@ def test_residual_is_d_alembert_on_particles(seed):
     np.testing.assert_allclose(out, expected, atol=2e-8 * np.abs(expected).max())
 
 
-def test_constraint_rates_are_derivatives_of_the_residuals():
-    scene, *_ = mixed_scene()
+def test_constraint_rates_are_derivatives_of_the_residuals(bends):
+    scene, *_ = mixed_scene(bends)
     compiled = scene.compile()
     work = new_work(compiled.plan)
     rng = np.random.default_rng(3)
@@ -182,8 +193,8 @@ def test_constraint_rates_are_derivatives_of_the_residuals():
     np.testing.assert_allclose(rate2, second / step**2, atol=1e-7 * np.abs(rate2).max())
 
 
-def test_reactions_are_the_transposed_jacobian():
-    scene, *_ = mixed_scene()
+def test_reactions_are_the_transposed_jacobian(bends):
+    scene, *_ = mixed_scene(bends)
     compiled = scene.compile()
     plan, work = compiled.plan, new_work(compiled.plan)
     rng = np.random.default_rng(4)
@@ -199,9 +210,9 @@ def test_reactions_are_the_transposed_jacobian():
     np.testing.assert_allclose(with_ - without, expected, atol=1e-12 * np.abs(with_).max())
 
 
-def test_mass_matrix_is_the_kinetic_energy():
+def test_mass_matrix_is_the_kinetic_energy(bends):
     """v M v / 2 from the trajectory's energy kernel and from the particles' velocities."""
-    scene, bodies, clouds, _ = mixed_scene()
+    scene, bodies, clouds, _ = mixed_scene(bends)
     compiled = scene.compile()
     work = new_work(compiled.plan)
     rng = np.random.default_rng(5)
@@ -219,3 +230,23 @@ def test_mass_matrix_is_the_kinetic_energy():
     )
     kinetic = 0.5 * np.sum(mass[:, None] * rate**2)
     assert 0.5 * v @ matrix @ v == pytest.approx(kinetic, rel=1e-9)
+
+
+def test_energies_are_those_of_the_particles(bends):
+    """Elastic and gravitational energy of the trajectory's kernel, at rest."""
+    scene, bodies, clouds, _ = mixed_scene(bends)
+    compiled = scene.compile()
+    rng = np.random.default_rng(6)
+    x = np.empty(compiled.nx)
+    retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * 0.5, x)
+    rest, scratch = np.zeros((2, compiled.nv))
+    out = np.zeros((1, 3))
+    energy_series(compiled.plan, new_work(compiled.plan), x[None], rest[None], rest, scratch, out)
+    mass = np.concatenate([clouds[id(b)].mass if id(b) in clouds else rigid_cloud(b)[0] for b in bodies])
+    height = particle_positions(compiled, bodies, clouds, x) @ GRAVITY
+    elastic = 0.0
+    for body in bodies:
+        if id(body) in clouds:
+            q = x[compiled.modal_slots[id(body)].x]
+            elastic += 0.5 * clouds[id(body)].record.stiffness @ q**2
+    np.testing.assert_allclose(out[0], [0.0, elastic, -mass @ height], atol=1e-12 * abs(mass @ height))

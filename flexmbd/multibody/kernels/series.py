@@ -7,6 +7,7 @@ from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
+    bending,
     flexible_inertia,
     rigid_second_moment,
 )
@@ -74,6 +75,8 @@ def _body_energy(plan, work, i, x, v, none, out):
             kinetic += 0.5 * qd[j] * (out[j] - force)
             o = flex[at.MODAL_FIRST] + 3 * j
             first = add3(first, scale3(q[j], load3(plan.modal, o)))
+        if flex[at.BENDS] > 0:
+            first = add3(first, (bending(row, 0, 0), bending(row, 1, 0), bending(row, 2, 0)))
     kinetic += 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(w, load3(row, at.B_T)))
     g = load3(plan.gravity, 0)
     moment = add3(
