@@ -3,6 +3,7 @@
 This root loads numpy, scipy and numba only; DOLFINx and PETSc load with ``flexmbd.continuum``.
 """
 
+from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.multibody import force as force

@@ -1,7 +1,8 @@
-"""Interfaces: named groups of facets that move as rigid six-dof frames (RBE2).
+"""Interfaces: named groups of facets, edges or vertices that are tied to six-dof frames.
 
-The nodes of an interface move as its formulation's rigid motion about the interface's origin; six
-numbers, three translations and three small rotations, replace all their degrees of freedom.
+The nodes of a RIGID interface move as its formulation's rigid motion about the interface's origin
+(RBE2); six numbers, three translations and three small rotations, replace all their degrees of
+freedom.  Those of an AVERAGED one stay free, and the frame moves as their L2 average (RBE3).
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from itertools import combinations
 from mpi4py import MPI
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum import averaging
 from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
 
 FloatArray = NDArray[np.float64]
@@ -31,23 +33,25 @@ _ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """What a user asks for: a group of facets that moves as a rigid frame.
+    """What a user asks for: a group of the mesh that is tied to a frame.
 
     Attributes:
-        name: the facet group of the mesh, and the name of the frame.
+        name: the group of facets, edges or vertices of the mesh, and the name of the frame.
         origin: (3,) m, the frame's origin in the mesh's axes; default: the centroid of the facets
-            by area.
+            by area, of the edges by length, of the vertices by number.
         axes: (3, 3), the rotation whose columns are the frame's axes in the mesh's; default: the
             mesh's axes.
+        coupling: how the nodes and the frame move together.
 
     Raises:
-        InterfaceError: the origin or the axes are not numbers of that shape, or the axes not
-            orthonormal and right-handed.
+        InterfaceError: the origin or the axes are not numbers of that shape, the axes not
+            orthonormal and right-handed, or the coupling is none.
     """
 
     name: str
     origin: ArrayLike | None = None
     axes: ArrayLike | None = None
+    coupling: Coupling = Coupling.RIGID
 
     def __post_init__(self) -> None:
         for item, shape in (("origin", (3,)), ("axes", (3, 3))):
@@ -64,17 +68,22 @@ class Interface:
                     f"interface {self.name!r}: the columns of axes must be orthonormal and "
                     f"right-handed, got {r.tolist()}"
                 )
+        if not isinstance(self.coupling, Coupling):
+            raise InterfaceError(
+                f"interface {self.name!r}: coupling must be Coupling.RIGID or Coupling.AVERAGED, "
+                f"got {self.coupling!r}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class RigidInterface:
-    """An interface found on a mesh.
+    """A rigid interface found on a mesh.
 
     Attributes:
-        name: of the facet group.
+        name: of the group.
         p: (3,) m, the frame's origin I in the mesh's axes.
         R: (3, 3) rotation taking I's axes to the mesh's.
-        nodes: (k,) the nodes it binds, as blocks of the space local to this rank, ghosts
+        nodes: (k,) the nodes of the group, as blocks of the space local to this rank, ghosts
             included; k may be zero.
         dofs: (m,) the local dofs it binds, ghosts included.
     """
@@ -86,30 +95,51 @@ class RigidInterface:
     dofs: NDArray[np.int32]
 
 
+@dataclass(frozen=True, eq=False)
+class AveragedInterface:
+    """An averaged interface found on a mesh.
+
+    Attributes:
+        name: as in `RigidInterface`, and so are p, R and nodes.
+        p: (3,) m.
+        R: (3, 3).
+        nodes: (k,).
+        dofs: (m,) the local dofs it averages, ghosts included.
+        average: (m, 6), C^T on `dofs`: the frame's translation (m) and small rotation (rad), along
+            the mesh's axes, are (t, r) = C u, summed over the owned dofs of all ranks; a force and a
+            moment on the frame are the nodal forces C^T (force, moment).
+    """
+
+    name: str
+    p: FloatArray
+    R: FloatArray
+    nodes: NDArray[np.int32]
+    dofs: NDArray[np.int32]
+    average: FloatArray
+
+
+#: An interface found on a mesh.
+FoundInterface = RigidInterface | AveragedInterface
+
+
 def find_interfaces(
     interfaces: Sequence[Interface], *, mesh: TaggedMesh, space: fem.FunctionSpace
-) -> tuple[RigidInterface, ...]:
+) -> tuple[FoundInterface, ...]:
     """Find the nodes and frames of interfaces on a mesh. Collective.
 
     Args:
         interfaces: the same on all ranks.
         mesh: the mesh with the groups.
-        space: a blocked Lagrange space on it.
+        space: the displacement's space on it, blocked Lagrange.
 
     Raises:
-        InterfaceError: on all ranks: an unknown group, a group without facets or with facets inside
-            the part, with fewer than three nodes or all in one line, or two interfaces that share
-            nodes.
+        InterfaceError: on all ranks: an unknown group, an empty one or one with facets inside the
+            part, with fewer than three nodes or all in one line, two rigid interfaces that share
+            nodes, or an averaged one whose nodes are all bound by rigid ones.
     """
     _check_names(interfaces, mesh)
     found = tuple(_find(interface, mesh=mesh, space=space) for interface in interfaces)
-    for one, other in combinations(found, 2):
-        shared = mesh.comm.allreduce(len(np.intersect1d(one.nodes, other.nodes)))
-        if shared > 0:
-            raise InterfaceError(
-                f"interfaces {one.name!r} and {other.name!r} share nodes: two rigid frames cannot "
-                "hold the same node; take facets that do not touch"
-            )
+    _check_shared(found, mesh.comm)
     return found
 
 
@@ -126,30 +156,84 @@ def _check_names(interfaces: Sequence[Interface], mesh: TaggedMesh) -> None:
         if not isinstance(interface, Interface):
             raise InterfaceError(f"write Interface({interface!r}) rather than {interface!r}")
     names = [interface.name for interface in interfaces]
-    there = ", ".join(repr(name) for name in sorted(mesh.facet_groups)) or "none"
+    groups = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups}
+    there = ", ".join(repr(name) for name in sorted(groups)) or "none"
     for name in names:
-        if name not in mesh.facet_groups:
+        if name not in groups:
             raise InterfaceError(
-                f"interface {name!r}: the mesh has no such facet group; it has: {there}"
+                f"interface {name!r}: the mesh has no such group of facets, edges or vertices; it has: {there}"
             )
         if names.count(name) > 1:
             raise InterfaceError(f"interface {name!r} is given twice; give each group once")
 
 
-def _find(interface: Interface, *, mesh: TaggedMesh, space: fem.FunctionSpace) -> RigidInterface:
-    facets = mesh.facets(interface.name)
-    _check_boundary(interface.name, mesh, facets)
-    # collective: it tells nodes to ranks that hold none of the facets
-    nodes = fem.locate_dofs_topological(space, mesh.mesh.topology.dim - 1, facets)
+def _check_shared(found: Sequence[FoundInterface], comm: MPI.Comm) -> None:
+    """Refuse frames that cannot move one without the other. Collective."""
+    rigid = [one for one in found if isinstance(one, RigidInterface)]
+    for one, other in combinations(rigid, 2):
+        if comm.allreduce(len(np.intersect1d(one.nodes, other.nodes))) > 0:
+            raise InterfaceError(
+                f"interfaces {one.name!r} and {other.name!r} share nodes: two rigid frames cannot "
+                "hold the same node; take groups that do not touch, or make one Coupling.AVERAGED"
+            )
+    bound = np.concatenate([np.empty(0, np.int32), *(one.nodes for one in rigid)])
+    for other in found:
+        if isinstance(other, AveragedInterface):
+            if comm.allreduce(len(np.setdiff1d(other.nodes, bound))) == 0:
+                raise InterfaceError(
+                    f"interface {other.name!r} averages only nodes that rigid interfaces bind, so its "
+                    "frame cannot move by itself; leave it out, or take a larger group"
+                )
+
+
+def _find(interface: Interface, *, mesh: TaggedMesh, space: fem.FunctionSpace) -> FoundInterface:
+    name = interface.name
+    dim = _dimension(name, mesh)
+    entities = _entities(name, mesh, dim)
+    _check_entities(name, mesh, entities, dim)
+    mesh.mesh.topology.create_connectivity(dim, mesh.dim)
+    # collective: it tells nodes to ranks that hold none of the entities
+    nodes = fem.locate_dofs_topological(space, dim, entities)
     owned = nodes[nodes < space.dofmap.index_map.size_local]
-    _check_spread(interface.name, mesh.comm, space.tabulate_dof_coordinates()[owned])
-    if interface.origin is None:
-        origin = _centroid(mesh, mesh.facet_groups[interface.name])
+    _check_spread(name, mesh.comm, space.tabulate_dof_coordinates()[owned], dim=dim)
+    is_facet = name in mesh.facet_groups
+    if is_facet:
+        centroid = averaging.facet_centroid(mesh, mesh.facet_groups[name])
     else:
-        origin = np.array(interface.origin, dtype=float)
+        weights = averaging.point_weights(space, entities, dim)
+        centroid = averaging.weighted_centroid(space, weights)
+    origin = centroid if interface.origin is None else np.array(interface.origin, dtype=float)
     axes = np.eye(3) if interface.axes is None else _nearest_rotation(interface.axes)
     dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).reshape(-1)
-    return RigidInterface(interface.name, origin, axes, nodes, dofs)
+    if interface.coupling is Coupling.RIGID:
+        return RigidInterface(name, origin, axes, nodes, dofs)
+    if is_facet:
+        average = averaging.facet_average(space, mesh, mesh.facet_groups[name], centre=centroid)
+    else:
+        average = averaging.point_average(space, weights, centre=centroid)
+    at_origin = average.reshape(-1, 6)[dofs] @ _moved(centroid, origin)
+    return AveragedInterface(name, origin, axes, nodes, dofs, at_origin)
+
+
+def _moved(start: FloatArray, end: FloatArray) -> FloatArray:
+    """(6, 6) X with (t, r)_end = (t, r)_start X for rows of a rigid motion at two points."""
+    x = np.eye(6)
+    # t_end = t_start + r x (end - start)
+    x[3:, :3] = np.cross(np.eye(3), end - start)
+    return x
+
+
+def _dimension(name: str, mesh: TaggedMesh) -> int:
+    """Dimension of the entities of a group."""
+    if name in mesh.facet_groups:
+        return mesh.dim - 1
+    return 1 if name in mesh.edge_groups else 0
+
+
+def _entities(name: str, mesh: TaggedMesh, dim: int) -> NDArray[np.int32]:
+    if name in mesh.facet_groups:
+        return mesh.facets(name)
+    return mesh.edges(name) if dim == 1 else mesh.vertices(name)
 
 
 def _nearest_rotation(axes: ArrayLike) -> FloatArray:
@@ -157,46 +241,44 @@ def _nearest_rotation(axes: ArrayLike) -> FloatArray:
     return left @ right
 
 
-def _centroid(mesh: TaggedMesh, tag: int) -> FloatArray:
-    """Centroid by area of the boundary facets of a group. Collective."""
-    x = ufl.SpatialCoordinate(mesh.mesh)
-    ds = ufl.Measure("ds", domain=mesh.mesh, subdomain_data=mesh.facet_tags)
-    weight = fem.Constant(mesh.mesh, np.zeros(4))
-    integrand = weight[0] + sum(weight[i + 1] * x[i] for i in range(3))
-    degree = 3 * mesh.mesh.geometry.cmap.degree
-    form = fem.form(integrand * ds(tag, metadata={"quadrature_degree": degree}))
-    integrals = np.zeros(4)
-    for i in range(4):
-        weight.value[:] = np.eye(4)[i]
-        integrals[i] = mesh.comm.allreduce(fem.assemble_scalar(form))
-    centroid: FloatArray = integrals[1:] / integrals[0]
-    return centroid
+_KINDS = {0: "vertices", 1: "edges", 2: "facets"}
 
 
-def _check_boundary(name: str, mesh: TaggedMesh, facets: NDArray[np.int32]) -> None:
-    """Refuse a group without facets, or with some that are not on the boundary. Collective."""
+def _check_entities(
+    name: str, mesh: TaggedMesh, entities: NDArray[np.int32], dim: int
+) -> None:
+    """Refuse an empty group, or facets that are not on the boundary. Collective."""
     topology = mesh.mesh.topology
-    topology.create_connectivity(2, 3)
-    own = facets[facets < topology.index_map(2).size_local]
-    inside = mesh.comm.allreduce(len(np.setdiff1d(own, exterior_facet_indices(topology))))
+    topology.create_connectivity(dim, mesh.dim)
+    own = entities[entities < topology.index_map(dim).size_local]
     if mesh.comm.allreduce(len(own)) == 0:
         raise InterfaceError(
-            f"interface {name!r} has no facets; tag those of a surface of the part"
+            f"interface {name!r} has no {_KINDS[dim]}; tag those of a surface of the part"
         )
+    if name not in mesh.facet_groups:
+        return
+    topology.create_connectivity(mesh.dim - 1, mesh.dim)
+    inside = mesh.comm.allreduce(len(np.setdiff1d(own, exterior_facet_indices(topology))))
     if inside > 0:
         raise InterfaceError(
-            f"interface {name!r} has {inside} facets inside the part; tag only those of its surface"
+            f"interface {name!r} has {inside} {_KINDS[dim]} inside the part; tag only those of its "
+            "surface"
         )
 
 
-def _check_spread(name: str, comm: MPI.Comm, points: FloatArray) -> None:
+def _check_spread(name: str, comm: MPI.Comm, points: FloatArray, *, dim: int) -> None:
     """Refuse nodes that cannot carry a rotation. Collective."""
     count = comm.allreduce(len(points))
     mean = comm.allreduce(points.sum(axis=0)) / max(count, 1)
     spread = comm.allreduce((points - mean).T @ (points - mean))
     thin, long = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[1:], 0.0))
     if count < 3 or not thin > _THIN * long:
+        remedy = {
+            0: "a point of a solid carries no rotation: take a group of three vertices or more, or facets",
+            1: "a straight line of a solid carries no rotation about itself: take a curved one, or facets",
+            2: "take a larger group of facets",
+        }
         raise InterfaceError(
-            f"interface {name!r} has {count} nodes, and a rigid frame needs three that are not in "
-            "one line; take a larger group of facets"
+            f"interface {name!r} has {count} nodes, and a frame of six dofs needs three that are not in "
+            f"one line; {remedy[dim]}"
         )

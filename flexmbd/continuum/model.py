@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.formulation import Formulation, Term, load, symbols
-from flexmbd.continuum.interface import Interface, RigidInterface, find_interfaces
+from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
 from flexmbd.continuum.stress import StressRecovery
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
@@ -133,7 +133,7 @@ class ContinuumModel:
         """`TaggedMesh.fingerprint` of the mesh. Collective at the first call."""
         return self.mesh.fingerprint()
 
-    def interface(self, name: str) -> RigidInterface:
+    def interface(self, name: str) -> FoundInterface:
         """The interface of that name.
 
         Raises:
