@@ -19,127 +19,17 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import InterfaceError, RecordError
 from flexmbd.record_file import Tree, read_tree, write_tree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-#: Components of an interface frame, in the order of the rows of ``InterfaceFrame.modes``.
-FRAME_DOFS = ("x", "y", "z", "rx", "ry", "rz")
-
-
-@dataclass(frozen=True, eq=False)
-class InterfaceFrame:
-    """A named six-dof frame I on the body, carried by the modes.
-
-    Attributes:
-        name: the interface's name.
-        p_BI_B: (3,) m, position of I in the undeformed body, from the body frame B, in B.
-        R_BI: (3, 3) rotation from I's axes to B's, undeformed.
-        modes: (6, n) displacement of I's origin (rows 0-2, m) and small rotation (rows 3-5,
-            rad), both in B's axes, per unit of each modal coordinate.
-    """
-
-    name: str
-    p_BI_B: FloatArray
-    R_BI: FloatArray
-    modes: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class NodalModes:
-    """Optional group ``modes/``: the full modes at the mesh's nodes.
-
-    Attributes:
-        node: (k,) node numbers of the input file, counted from 0, ascending, so that no partition
-            matters; nodes the file does not have (middles of the edges of straight cells) follow
-            after them.
-        x: (k, 3) m, node positions in B.
-        phi: (k, 3, n) displacement per unit modal coordinate, in B.
-    """
-
-    node: IntArray
-    x: FloatArray
-    phi: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """Optional group ``surface/``: the boundary triangles, for pictures.
-
-    Attributes:
-        x: (k, 3) m, vertex positions in B.
-        triangle: (t, 3) vertex indices, oriented outwards.
-        phi: (k, 3, n) displacement of the vertices per unit modal coordinate, in B.
-    """
-
-    x: FloatArray
-    triangle: IntArray
-    phi: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class GeometricStiffness:
-    """Optional group ``geometric_stiffness/``: what each load adds to the modal stiffness.
-
-    With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
-    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  The loads and their c:
-
-    - ``acceleration x`` .. ``z``: acceleration of B's origin minus gravity, in B (m/s^2); the load
-      is the inertia force -rho c.
-    - ``angular acceleration x`` .. ``z``: of B, in B (rad/s^2).
-    - ``angular velocity xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz``: products w_a w_b of B's angular
-      velocity, in B (rad^2/s^2); the centrifugal force -rho w x (w x r) is the sum over these six.
-    - ``<interface>.x`` .. ``.rz``: force (N) and moment (N m) on an interface frame, in B's axes.
-    - ``load <name>``: factor of a distributed load.
-
-    Attributes:
-        loads: (l,) names; a load that is not among them stiffens nothing.
-        K: (l, n, n) symmetric, 1/s^2 per unit of each load.
-    """
-
-    loads: tuple[str, ...]
-    K: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class DistributedLoads:
-    """Optional group ``loads/``: generalised forces of named loads that turn with the body.
-
-    Attributes:
-        names: (k,) as pressures and tractions are called.
-        force: (k, 3) N, resultant per unit factor, in B.
-        moment: (k, 3) N m, resultant moment about B's origin on the undeformed body, in B.
-        modal: (k, n) work per unit modal coordinate, N per unit of M_qq = 1.
-    """
-
-    names: tuple[str, ...]
-    force: FloatArray
-    moment: FloatArray
-    modal: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class StressModes:
-    """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
-
-    Attributes:
-        node: (k,) node numbers, as in `NodalModes`.
-        sigma: (k, 6, n) Pa, components xx yy zz xy xz yz in B's axes.
-    """
-
-    node: IntArray
-    sigma: FloatArray
-
-
-def _frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-    """Return a read-only contiguous copy."""
-    copy = np.array(array, dtype=kind, order="C", copy=True)
-    copy.flags.writeable = False
-    return copy
+from flexmbd.record_groups import FRAME_DOFS as FRAME_DOFS
+from flexmbd.record_groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
+from flexmbd.record_groups import DistributedLoads as DistributedLoads
+from flexmbd.record_groups import GeometricStiffness as GeometricStiffness
+from flexmbd.record_groups import InterfaceFrame as InterfaceFrame
+from flexmbd.record_groups import NodalModes as NodalModes
+from flexmbd.record_groups import StressModes as StressModes
+from flexmbd.record_groups import Surface as Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,14 +76,14 @@ class ReducedBody:
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse a record whose parts do not fit together."""
         for item in ("gram", "stiffness", "damping", "partition"):
-            object.__setattr__(self, item, _frozen(getattr(self, item)))
-        object.__setattr__(self, "interfaces", tuple(map(_frozen_frame, self.interfaces)))
+            object.__setattr__(self, item, frozen(getattr(self, item)))
+        object.__setattr__(self, "interfaces", tuple(map(frozen_frame, self.interfaces)))
         object.__setattr__(self, "partition_names", tuple(self.partition_names))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
-        for group in _GROUPS:
+        for group in GROUPS:
             value = getattr(self, group)
             if value is not None:
-                object.__setattr__(self, group, _frozen_group(value))
+                object.__setattr__(self, group, frozen_group(value))
         faults = list(self._faults())
         if faults:
             raise RecordError("this reduced body is not consistent: " + "; ".join(faults))
@@ -232,20 +122,10 @@ class ReducedBody:
             yield f"two interfaces share a name: {names}"
         if self.frame is not None and self.frame not in names:
             yield f"the body frame's interface {self.frame!r} is not among {names}"
-        for group in (self.modes, self.surface):
-            if group is not None and group.phi.shape != (len(group.x), 3, n):
-                yield f"{type(group).__name__} has phi {group.phi.shape}"
-        yield from self._group_faults()
-
-    def _group_faults(self) -> Iterable[str]:
-        n = self.n_modes
-        if self.geometric is not None:
-            yield from _shape_faults(self.geometric, {"K": (len(self.geometric.loads), n, n)})
-        if self.loads is not None:
-            k = len(self.loads.names)
-            yield from _shape_faults(self.loads, {"force": (k, 3), "moment": (k, 3), "modal": (k, n)})
-        if self.stress is not None:
-            yield from _shape_faults(self.stress, {"sigma": (len(self.stress.node), 6, n)})
+        for attribute in GROUPS:
+            group = getattr(self, attribute)
+            if group is not None:
+                yield from group_faults(group, n=n)
 
     @property
     def n_modes(self) -> int:
@@ -362,7 +242,8 @@ class ReducedBody:
             digest.update(array.tobytes())
         for frame in self.interfaces:
             digest.update(frame.name.encode())
-            digest.update(frame.modes.tobytes())
+            for array in (frame.p_BI_B, frame.R_BI, frame.modes):
+                digest.update(array.tobytes())
         for group in (self.geometric, self.loads):
             if group is not None:
                 for item in fields(group):
@@ -394,7 +275,7 @@ class ReducedBody:
                 [f.modes for f in frames], (len(frames), 6, self.n_modes)
             ),
         }
-        for group in _GROUPS:
+        for group in GROUPS:
             value = getattr(self, group)
             if value is not None:
                 tree[group] = {f.name: getattr(value, f.name) for f in fields(value)}
@@ -422,7 +303,11 @@ class ReducedBody:
             tree["interface_modes"],
             strict=True,
         )
-        groups: dict[str, Any] = {name: kind(**tree[name]) for name, kind in _GROUPS.items() if name in tree}
+        unknown = sorted(tree.keys() - _ITEMS - GROUPS.keys())
+        if unknown:
+            # left out, it could make a wrong body of a right file
+            raise RecordError(f"it holds {', '.join(unknown)}, which this flexmbd does not know")
+        groups: dict[str, Any] = {name: kind(**tree[name]) for name, kind in GROUPS.items() if name in tree}
         return cls(
             gram=tree["gram"],
             stiffness=tree["stiffness"],
@@ -436,42 +321,13 @@ class ReducedBody:
         )
 
 
-def _frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:
-    return InterfaceFrame(
-        frame.name, _frozen(frame.p_BI_B), _frozen(frame.R_BI), _frozen(frame.modes)
-    )
-
-
-_Group = NodalModes | Surface | GeometricStiffness | DistributedLoads | StressModes
-
-_GROUPS: dict[str, type[_Group]] = {
-    "modes": NodalModes,
-    "surface": Surface,
-    "geometric": GeometricStiffness,
-    "loads": DistributedLoads,
-    "stress": StressModes,
-}
-
-
-def _frozen_group(group: _Group) -> _Group:
-    whole = ("node", "triangle")
-    parts: dict[str, Any] = {}
-    for item in fields(group):
-        value = getattr(group, item.name)
-        if isinstance(value, (tuple, list)) and item.name in ("loads", "names"):
-            parts[item.name] = tuple(map(str, value))
-        else:
-            parts[item.name] = _frozen(value, kind=np.int64 if item.name in whole else np.float64)
-    return type(group)(**parts)
-
-
-def _shape_faults(group: _Group, shapes: Mapping[str, tuple[int, ...]]) -> Iterable[str]:
-    for item, shape in shapes.items():
-        array = getattr(group, item)
-        if array.shape != shape:
-            yield f"{type(group).__name__} has {item} {array.shape}, expected {shape}"
-        elif not np.isfinite(array).all():
-            yield f"{type(group).__name__}: {item} holds values that are not finite"
+#: What every file holds, beside the optional groups.
+_ITEMS = frozenset(
+    {
+        "gram", "stiffness", "damping", "partition", "partition_names", "frame", "provenance",
+        "interface_names", "interface_p", "interface_R", "interface_modes",
+    }
+)  # fmt: skip
 
 
 def _cross_matrix(v: FloatArray) -> FloatArray:

@@ -1,0 +1,199 @@
+"""The parts a reduced body's record is made of: interface frames, and the optional groups.
+
+Frozen dataclasses of plain arrays, numpy only; `flexmbd.reduced` offers them under its own name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Components of an interface frame, in the order of the rows of ``InterfaceFrame.modes``.
+FRAME_DOFS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class InterfaceFrame:
+    """A named six-dof frame I on the body, carried by the modes.
+
+    Attributes:
+        name: the interface's name.
+        p_BI_B: (3,) m, position of I in the undeformed body, from the body frame B, in B.
+        R_BI: (3, 3) rotation from I's axes to B's, undeformed.
+        modes: (6, n) displacement of I's origin (rows 0-2, m) and small rotation (rows 3-5,
+            rad), both in B's axes, per unit of each modal coordinate.
+    """
+
+    name: str
+    p_BI_B: FloatArray
+    R_BI: FloatArray
+    modes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NodalModes:
+    """Optional group ``modes/``: the full modes at the mesh's nodes.
+
+    Attributes:
+        node: (k,) node numbers of the input file, counted from 0, ascending, so that no partition
+            matters; nodes the file does not have (middles of the edges of straight cells) follow
+            after them.
+        x: (k, 3) m, node positions in B.
+        phi: (k, 3, n) displacement per unit modal coordinate, in B.
+    """
+
+    node: IntArray
+    x: FloatArray
+    phi: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Optional group ``surface/``: the boundary triangles, for pictures.
+
+    Attributes:
+        x: (k, 3) m, vertex positions in B.
+        triangle: (t, 3) vertex indices, oriented outwards.
+        phi: (k, 3, n) displacement of the vertices per unit modal coordinate, in B.
+    """
+
+    x: FloatArray
+    triangle: IntArray
+    phi: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GeometricStiffness:
+    """Optional group ``geometric/``: what each load adds to the modal stiffness.
+
+    With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
+    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  The loads and their c:
+
+    - ``acceleration x`` .. ``z``: acceleration of B's origin minus gravity, in B (m/s^2); the load
+      is the inertia force -rho c.
+    - ``angular acceleration x`` .. ``z``: of B, in B (rad/s^2).
+    - ``angular velocity xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz``: products w_a w_b of B's angular
+      velocity, in B (rad^2/s^2); the centrifugal force -rho w x (w x r) is the sum over these six.
+    - ``<interface>.x`` .. ``.rz``: force (N) and moment (N m) on an interface frame, in B's axes.
+    - ``load <name>``: factor of a distributed load.
+
+    Attributes:
+        loads: (l,) names; a load that is not among them stiffens nothing.
+        K: (l, n, n) symmetric, 1/s^2 per unit of each load.
+    """
+
+    loads: tuple[str, ...]
+    K: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedLoads:
+    """Optional group ``loads/``: generalised forces of named loads that turn with the body.
+
+    Attributes:
+        names: (k,) as pressures and tractions are called.
+        force: (k, 3) N, resultant per unit factor, in B.
+        moment: (k, 3) N m, resultant moment about B's origin on the undeformed body, in B.
+        modal: (k, n) work per unit modal coordinate, N per unit of M_qq = 1.
+    """
+
+    names: tuple[str, ...]
+    force: FloatArray
+    moment: FloatArray
+    modal: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StressModes:
+    """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
+
+    Attributes:
+        node: (k,) node numbers, as in `NodalModes`.
+        sigma: (k, 6, n) Pa, components xx yy zz xy xz yz in B's axes.
+    """
+
+    node: IntArray
+    sigma: FloatArray
+
+
+Group = NodalModes | Surface | GeometricStiffness | DistributedLoads | StressModes
+
+#: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
+GROUPS: dict[str, type[Group]] = {
+    "modes": NodalModes,
+    "surface": Surface,
+    "geometric": GeometricStiffness,
+    "loads": DistributedLoads,
+    "stress": StressModes,
+}
+
+_WHOLE = ("node", "triangle")
+_NAMES = ("loads", "names")
+
+
+def frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
+    """Return a read-only contiguous copy."""
+    copy = np.array(array, dtype=kind, order="C", copy=True)
+    copy.flags.writeable = False
+    return copy
+
+
+def frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:
+    """The frame with read-only copies of its arrays."""
+    return InterfaceFrame(frame.name, frozen(frame.p_BI_B), frozen(frame.R_BI), frozen(frame.modes))
+
+
+def frozen_group(group: Group) -> Group:
+    """The group with read-only copies of its arrays, whole numbers where they count something."""
+    parts: dict[str, Any] = {}
+    for item in fields(group):
+        value = getattr(group, item.name)
+        if item.name in _NAMES:
+            parts[item.name] = (value,) if isinstance(value, str) else tuple(map(str, value))
+        else:
+            parts[item.name] = frozen(value, kind=np.int64 if item.name in _WHOLE else np.float64)
+    return type(group)(**parts)
+
+
+def group_faults(group: Group, *, n: int) -> Iterable[str]:
+    """What does not fit in a group of a body of n modes."""
+    kind = type(group).__name__
+    for item, shape in _shapes(group, n).items():
+        array = getattr(group, item)
+        if array.shape != shape:
+            yield f"{kind} has {item} {array.shape}, expected {shape}"
+        elif not np.isfinite(array).all():
+            yield f"{kind}: {item} holds values that are not finite"
+    if isinstance(group, Surface) and group.triangle.size > 0:
+        low, high = group.triangle.min(), group.triangle.max()
+        if low < 0 or high >= len(group.x):
+            yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
+    for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
+        if len(set(names)) != len(names):
+            yield f"{kind} names a load twice: {names}"
+
+
+def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
+    """The shape that each array of a group should have."""
+    match group:
+        case NodalModes():
+            k = group.node.size
+            return {"node": (k,), "x": (k, 3), "phi": (k, 3, n)}
+        case Surface():
+            k, t = len(group.x), len(group.triangle)
+            return {"x": (k, 3), "triangle": (t, 3), "phi": (k, 3, n)}
+        case GeometricStiffness():
+            return {"K": (len(group.loads), n, n)}
+        case DistributedLoads():
+            k = len(group.names)
+            return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}
+        case StressModes():
+            k = group.node.size
+            return {"node": (k,), "sigma": (k, 6, n)}

@@ -1,0 +1,1 @@
+"""The readable sheet of a reduced body."""
