@@ -14,11 +14,11 @@ from itertools import combinations
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import averaging
+from flexmbd.continuum.dof_layout import DofLayout
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
@@ -85,7 +85,8 @@ class RigidInterface:
         R: (3, 3) rotation taking I's axes to the mesh's.
         nodes: (k,) the nodes of the group, as blocks of the space local to this rank, ghosts
             included; k may be zero.
-        dofs: (m,) the local dofs it binds, ghosts included.
+        dofs: (m,) the local dofs it binds, ghosts included: displacements, and rotations where the
+            formulation has them, but no pressures.
     """
 
     name: str
@@ -123,14 +124,14 @@ FoundInterface = RigidInterface | AveragedInterface
 
 
 def find_interfaces(
-    interfaces: Sequence[Interface], *, mesh: TaggedMesh, space: fem.FunctionSpace
+    interfaces: Sequence[Interface], *, mesh: TaggedMesh, layout: DofLayout
 ) -> tuple[FoundInterface, ...]:
     """Find the nodes and frames of interfaces on a mesh. Collective.
 
     Args:
         interfaces: the same on all ranks.
         mesh: the mesh with the groups.
-        space: the displacement's space on it, blocked Lagrange.
+        layout: of the unknown's dofs on it.
 
     Raises:
         InterfaceError: on all ranks: an unknown group, an empty one or one with facets inside the
@@ -138,7 +139,7 @@ def find_interfaces(
             nodes, or an averaged one whose nodes are all bound by rigid ones.
     """
     _check_names(interfaces, mesh)
-    found = tuple(_find(interface, mesh=mesh, space=space) for interface in interfaces)
+    found = tuple(_find(interface, mesh=mesh, layout=layout) for interface in interfaces)
     _check_shared(found, mesh.comm)
     return found
 
@@ -177,25 +178,29 @@ def _check_shared(found: Sequence[FoundInterface], comm: MPI.Comm) -> None:
                 "hold the same node; take groups that do not touch, or make one Coupling.AVERAGED"
             )
     bound = np.concatenate([np.empty(0, np.int32), *(one.nodes for one in rigid)])
-    for other in found:
-        if isinstance(other, AveragedInterface):
-            if comm.allreduce(len(np.setdiff1d(other.nodes, bound))) == 0:
-                raise InterfaceError(
-                    f"interface {other.name!r} averages only nodes that rigid interfaces bind, so its "
-                    "frame cannot move by itself; leave it out, or take a larger group"
-                )
+    for averaged in found:
+        if not isinstance(averaged, AveragedInterface):
+            continue
+        if comm.allreduce(len(np.setdiff1d(averaged.nodes, bound))) == 0:
+            raise InterfaceError(
+                f"interface {averaged.name!r} averages only nodes that rigid interfaces bind, so its "
+                "frame cannot move by itself; leave it out, or take a larger group"
+            )
 
 
-def _find(interface: Interface, *, mesh: TaggedMesh, space: fem.FunctionSpace) -> FoundInterface:
+def _find(interface: Interface, *, mesh: TaggedMesh, layout: DofLayout) -> FoundInterface:
     name = interface.name
     dim = _dimension(name, mesh)
     entities = _entities(name, mesh, dim)
     _check_entities(name, mesh, entities, dim)
     mesh.mesh.topology.create_connectivity(dim, mesh.dim)
+    space = layout.node_space
     # collective: it tells nodes to ranks that hold none of the entities
-    nodes = fem.locate_dofs_topological(space, dim, entities)
-    owned = nodes[nodes < space.dofmap.index_map.size_local]
-    _check_spread(name, mesh.comm, space.tabulate_dof_coordinates()[owned], dim=dim)
+    nodes = layout.nodes_on(dim, entities)
+    bound = layout.kinematic_dofs_on(dim, entities)
+    rotations = mesh.comm.allreduce(len(bound) - 3 * len(nodes)) > 0
+    if not (rotations and interface.coupling is Coupling.RIGID):
+        _check_spread(name, mesh.comm, layout.node_x[nodes[nodes < layout.n_owned_nodes]], dim=dim)
     is_facet = name in mesh.facet_groups
     if is_facet:
         centroid = averaging.facet_centroid(mesh, mesh.facet_groups[name])
@@ -204,14 +209,14 @@ def _find(interface: Interface, *, mesh: TaggedMesh, space: fem.FunctionSpace) -
         centroid = averaging.weighted_centroid(space, weights)
     origin = centroid if interface.origin is None else np.array(interface.origin, dtype=float)
     axes = np.eye(3) if interface.axes is None else _nearest_rotation(interface.axes)
-    dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).reshape(-1)
     if interface.coupling is Coupling.RIGID:
-        return RigidInterface(name, origin, axes, nodes, dofs)
+        return RigidInterface(name, origin, axes, nodes, bound)
     if is_facet:
         average = averaging.facet_average(space, mesh, mesh.facet_groups[name], centre=centroid)
     else:
         average = averaging.point_average(space, weights, centre=centroid)
-    at_origin = average.reshape(-1, 6)[dofs] @ _moved(centroid, origin)
+    at_origin = average[nodes].reshape(-1, 6) @ _moved(centroid, origin)
+    dofs = layout.displacement_dofs[nodes].reshape(-1)
     return AveragedInterface(name, origin, axes, nodes, dofs, at_origin)
 
 

@@ -14,7 +14,7 @@ from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.nodes import node_numbers
 from flexmbd.errors import ReductionError
-from flexmbd.reduction import statics
+from flexmbd.reduction import interior
 
 _COMPONENTS = ("x", "y", "z")
 # Relative size below which a rigid motion leaves the retained dofs at rest.
@@ -61,11 +61,11 @@ def static_condensation(
     unit = np.zeros((model.n_owned, len(dofs)), order="F")
     for column, (node, component) in enumerate(dofs):
         row = np.flatnonzero(numbers == node)
-        unit[3 * row + _COMPONENTS.index(component), column] = 1.0
+        unit[model.displacement_dofs[row, _COMPONENTS.index(component)], column] = 1.0
     boundary: NDArray[np.bool_] = np.any(unit != 0.0, axis=1)
     _check_support(model, boundary)
-    with statics.factorised(model, boundary) as interior:
-        shapes, forces = statics.static_shapes(model, interior, unit)
+    with interior.factorised(model, boundary) as inside:
+        shapes, forces = interior.continued(model, inside, unit)
     stiffness = inner(model.comm, shapes, forces)
     mass = inner(model.comm, shapes, multiply(model.M, shapes))
     return CondensedMatrices(
@@ -86,7 +86,7 @@ def _checked_numbers(model: ContinuumModel, dofs: list[tuple[int, str]]) -> NDAr
     for node, component in dofs:
         if component not in _COMPONENTS:
             raise ReductionError(f"node {node} has no component {component!r}; it has x, y and z")
-    numbers = node_numbers(model)[: model.n_owned // 3]
+    numbers = node_numbers(model)[: model.n_owned_nodes]
     nodes = np.unique([node for node, _ in dofs])
     there = np.isin(nodes, numbers)
     model.comm.Allreduce(MPI.IN_PLACE, there, op=MPI.LOR)
@@ -101,7 +101,7 @@ def _checked_numbers(model: ContinuumModel, dofs: list[tuple[int, str]]) -> NDAr
 
 def _check_support(model: ContinuumModel, boundary: NDArray[np.bool_]) -> None:
     """Refuse retained dofs that some rigid motion leaves at rest. Collective."""
-    x = model.space.tabulate_dof_coordinates()[: model.n_owned // 3]
+    x = model.node_x[: model.n_owned_nodes]
     count = model.comm.allreduce(len(x))
     centre = model.comm.allreduce(x.sum(axis=0)) / count
     motions = model.rigid_motions(centre, np.eye(3))

@@ -8,7 +8,7 @@ from flexmbd.reduction.craig_bampton import craig_bampton
 
 
 def guyan(
-    model: ContinuumModel, *, frame: str, keep_modes: bool = False, keep_surface: bool = False
+    model: ContinuumModel, *, frame: str | None, keep_modes: bool = False, keep_surface: bool = False
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -17,12 +17,13 @@ def guyan(
 
     Args:
         model: with at least the interface `frame`.
-        frame: name of the interface that carries the body frame, where every mode vanishes.
+        frame: name of the interface that carries the body frame, where every mode vanishes;
+            None: it floats on the mean axis.
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
 
     Returns:
-        The record, the same to the bit on every rank; n is six times the other interfaces.
+        The record, the same to the bit on every rank; n is six times the interfaces but one.
 
     Raises:
         InterfaceError: the model has no interface `frame`.

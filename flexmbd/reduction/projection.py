@@ -12,10 +12,10 @@ from dolfinx import fem
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.inertia import gram_matrix
-from flexmbd.continuum.interface import RigidInterface
+from flexmbd.continuum.interface import FoundInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
-from flexmbd.reduced import FRAME_DOFS, InterfaceFrame, ReducedBody
+from flexmbd.reduced import InterfaceFrame, ReducedBody
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import nodal_group, surface_group
 from flexmbd.reduction.signs import determined_rotation
@@ -29,27 +29,31 @@ class Basis:
     """A Craig-Bampton basis in its own coordinates.
 
     Attributes:
-        frame: the interface that carries the body frame; every shape vanishes there.
-        moving: the other interfaces, six static shapes each, in B's axes.
+        frame: name of the interface that carries the body frame B, or None where B floats.
+        p: (3,) m, B's origin in the mesh's axes.
+        R: (3, 3) rotation from B's axes to the mesh's.
+        interfaces: the frames, b of them.
+        rows: (6 b, n) their motions (m, rad) per unit coordinate, in B's axes.
+        names: (n,) of the coordinates.
         shapes: (owned dofs, n) static shapes, then fixed-interface modes, in the mesh's axes.
         forces: (owned dofs, n) K times the shapes.
-        eigenvalues: (n - 6 moving,) of the fixed-interface modes, 1/s^2.
+        eigenvalues: (m,) of the fixed-interface modes, 1/s^2.
+        rigid_part: (6, n) of the mass-normalised rigid modes, what was taken off the shapes; zero
+            where B is attached.
         projections: (n, fields) shapes^T M w for the rule of the signs.
     """
 
-    frame: RigidInterface
-    moving: tuple[RigidInterface, ...]
+    frame: str | None
+    p: FloatArray
+    R: FloatArray
+    interfaces: tuple[FoundInterface, ...]
+    rows: FloatArray
+    names: tuple[str, ...]
     shapes: FloatArray
     forces: FloatArray
     eigenvalues: FloatArray
+    rigid_part: FloatArray
     projections: FloatArray
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """(n,) names of the coordinates."""
-        static = [f"{interface.name}.{dof}" for interface in self.moving for dof in FRAME_DOFS]
-        fixed = [f"fixed-interface {i + 1}" for i in range(len(self.eigenvalues))]
-        return (*static, *fixed)
 
 
 def project(
@@ -68,15 +72,15 @@ def project(
     Raises:
         ReductionError: on all ranks: the basis has lost its orthonormality.
     """
-    frame = basis.frame
-    gram = gram_matrix(model, basis.shapes, p=frame.p, R=frame.R)
+    p, R = basis.p, basis.R
+    gram = gram_matrix(model, basis.shapes, p=p, R=R)
     raw = inner(model.comm, basis.shapes, basis.forces)
     stiffness = symmetric(raw)
 
     def make() -> tuple[dict[str, Any], FloatArray]:
         n = len(stiffness)
         mass = np.einsum("iaja->ij", gram[4:, 4:].reshape(n, 3, n, 3))
-        error = _check_orthonormality(raw, mass, basis.eigenvalues)
+        error = _check_orthonormality(raw, mass + basis.rigid_part.T @ basis.rigid_part, basis.eigenvalues)
         k, x = normal_form(stiffness, mass)
         x = x @ determined_rotation(k, x.T @ basis.projections)
         k = np.einsum("ij,ij->j", x, stiffness @ x)
@@ -88,8 +92,8 @@ def project(
     modes = _with_ghosts(model, basis.shapes @ x)
     body = ReducedBody(
         **parts,
-        modes=nodal_group(model, modes, p=frame.p, R=frame.R) if keep_modes else None,
-        surface=surface_group(model, modes, p=frame.p, R=frame.R) if keep_surface else None,
+        modes=nodal_group(model, modes, p=p, R=R) if keep_modes else None,
+        surface=surface_group(model, modes, p=p, R=R) if keep_surface else None,
     )
     model.bases[body.fingerprint()] = modes
     return body
@@ -131,20 +135,17 @@ def _change_basis(gram: FloatArray, x: FloatArray) -> FloatArray:
 
 def _parts(basis: Basis, gram: FloatArray, k: FloatArray, x: FloatArray) -> dict[str, Any]:
     n = len(x)
-    frame = basis.frame
-    frames = [InterfaceFrame(frame.name, np.zeros(3), np.eye(3), np.zeros((6, n)))]
-    for i, other in enumerate(basis.moving):
-        # the static coordinates are the interface's own motion, in B's axes
-        rows = x[6 * i : 6 * i + 6]
-        frames.append(
-            InterfaceFrame(other.name, frame.R.T @ (other.p - frame.p), frame.R.T @ other.R, rows)
-        )
+    frames = []
+    for i, one in enumerate(basis.interfaces):
+        p_BI_B = basis.R.T @ (one.p - basis.p)
+        rows = basis.rows[6 * i : 6 * i + 6] @ x
+        frames.append(InterfaceFrame(one.name, p_BI_B, basis.R.T @ one.R, rows))
     return {
         "gram": gram,
         "stiffness": k,
         "damping": np.zeros((n, n)),
         "interfaces": tuple(frames),
-        "frame": frame.name,
+        "frame": basis.frame,
         "partition": x,
         "partition_names": basis.names,
     }

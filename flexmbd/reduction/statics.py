@@ -1,162 +1,354 @@
-"""The interior's stiffness, factorised once, and the static shapes that follow from it.
+"""Statics of a body with its interfaces: one factor for shapes, modes and loads.
 
-The dofs are split into boundary dofs B, which a reduction keeps or binds to a frame, and interior
-dofs I.  A displacement given on B is continued by K_II u_I = -K_IB u_B (seed 3 eq. 3.10).
+Rigid interfaces are the boundary of `flexmbd.reduction.interior`. Averaged ones stay inside, held by
+multipliers (`flexmbd.reduction.constraint`). A body without rigid interfaces is held by six dofs that
+keep it from moving and no more; a load in equilibrium calls no reaction there, so that, with the
+rigid modes' part taken off loads and displacements, A = P K_s^-1 P^T with P = 1 - R (R^T M R)^-1 R^T M
+does not depend on their choice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, from_dense, multiply, to_dense
+from flexmbd.continuum import parallel
+from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
+from flexmbd.reduction.constraint import Constraint, constrain
+from flexmbd.reduction.interior import Interior, check_equilibrium, continued, factorised
+from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
 
-# Bounds of the checks: a healthy part is five orders and more below them.
-_EQUILIBRIUM = 1e-8
+# Bound of the check of rigid motions: a healthy part is five orders and more below it.
 _RIGID = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Interior:
-    """The interior dofs of a model and the factor of their stiffness.
+class StaticShapes:
+    """Static shapes of all interfaces: each moved by one unit with the others fixed.
 
     Attributes:
-        mask: (owned dofs,) whether a dof of this rank is in the interior.
-        K: K_II.
-        M: M_II.
-        factor: MUMPS' Cholesky factor of K_II; None where there is no interior at all.
+        shapes: (owned dofs, 6 b) displacements: of each interface three translations by 1 m, three
+            small rotations by 1 rad about its origin, along B's axes.
+        forces: (owned dofs, 6 b) K times them.
+        rigid_error: largest error of the rigid motions among them.
     """
 
+    shapes: FloatArray
+    forces: FloatArray
+    rigid_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """The static response of a body; made by `body_statics`.
+
+    Attributes:
+        model: the body.
+        interfaces: the found interfaces; the first carries the body frame unless that floats.
+        floating: whether the body frame B floats on the mean axis.
+        p: (3,) m, B's origin in the mesh's axes: the first interface's, or the centre of mass.
+        R: (3, 3) rotation from B's axes to the mesh's: the first interface's, or the identity.
+        rigid: the rigid modes of a body that nothing holds or whose frame floats, or None.
+        mask: (owned dofs,) the dofs of this rank that move when all interfaces are fixed.
+        M: mass of these dofs.
+    """
+
+    model: ContinuumModel
+    interfaces: tuple[FoundInterface, ...]
+    floating: bool
+    p: FloatArray
+    R: FloatArray
+    rigid: RigidModes | None
     mask: NDArray[np.bool_]
-    K: PETSc.Mat
     M: PETSc.Mat
-    factor: PETSc.KSP | None
+    _interior: Interior
+    _constraint: Constraint | None
 
     @property
     def size(self) -> int:
-        """Number of interior dofs on all ranks."""
-        return int(self.K.getSize()[0])
+        """Number of independent deformations on all ranks when all interfaces are fixed."""
+        held = len(_averaged(self.interfaces)) if self.interfaces else 1
+        return int(self.M.getSize()[0]) - 6 * held
+
+    @property
+    def _supported(self) -> bool:
+        """Whether no interface is rigid, so that six dofs hold the body."""
+        return not _rigid(self.interfaces)
 
     def solve(self, block: FloatArray) -> FloatArray:
-        """K_II^-1 times a block, all columns at once. Collective.
+        """Displacements under loads with all interfaces fixed, averaged ones in the mean. Collective.
 
         Args:
-            block: (interior dofs of this rank, k), N or what K_II is to be solved for.
+            block: (rows of `mask`, k), N.
 
         Returns:
-            The same shape.
+            The same shape, m. Of a body without interfaces: the deformation under the loads and the
+            inertia forces they cause.
         """
-        if self.factor is None or block.shape[1] == 0:
-            return np.zeros_like(block)
-        right = to_dense(self.K.comm, block)
-        left = to_dense(self.K.comm, np.zeros(block.shape, order="F"))
-        self.factor.matSolve(right, left)
-        solution = from_dense(left)
-        left.destroy()
-        right.destroy()
-        return solution
+        displacement = _flexibility(self._interior, self.rigid if self._supported else None, block)
+        if self._constraint is None:
+            return displacement
+        return self._constraint.held(displacement, block)
+
+    def static_response(self, loads: FloatArray) -> FloatArray:
+        """Solve K u = f for a block of loads: body held at its frame, all else free. Collective.
+
+        Rigid interfaces other than the frame's move as rigid frames. Where B floats nothing holds the
+        body: the loads are first made self-equilibrated by the inertia forces they cause
+        (`RigidModes.balanced`), and u fulfils the mean-axis conditions. The response with all
+        interfaces fixed, plus the static shapes Psi times (Psi^T K Psi)^-1 Psi^T f, is exact, since
+        the two have no energy in common.
+
+        Args:
+            loads: (owned dofs, k), N, or what forces belong to the dofs.
+
+        Returns:
+            (owned dofs, k) displacements in the mesh's axes, m.
+
+        Raises:
+            ReductionError: on all ranks: see `static`.
+        """
+        balance = self.rigid if self.floating else None
+        f = loads if balance is None else balance.balanced(loads)
+        u = np.zeros(loads.shape, order="F")
+        u[self.mask] = self.solve(np.asfortranarray(f[self.mask]))
+        shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
+        if shapes.shape[1] > 0:
+            stiffness = symmetric(inner(self.model.comm, shapes, forces))
+            scale = 1.0 / np.sqrt(np.diag(stiffness))
+            right = scale[:, None] * inner(self.model.comm, shapes, f)
+            q = scipy.linalg.solve(stiffness * np.outer(scale, scale), right, assume_a="pos")
+            u += shapes @ (scale[:, None] * q)
+        return u if balance is None else balance.deformation(u)
+
+    @cached_property
+    def static(self) -> StaticShapes:
+        """The static shapes. Collective at the first call.
+
+        Raises:
+            ReductionError: on all ranks: the shapes are out of equilibrium, or miss a rigid motion.
+        """
+        if self._supported:
+            return self._shapes_of_free_body()
+        motions = _rigid_columns(self.model, self.interfaces, axes=self.R)
+        shapes, forces = continued(self.model, self._interior, motions)
+        if self._constraint is not None:
+            columns = _average_columns(self.model, self.interfaces, axes=self.R)
+            lacks = self._unit_averages() - inner(self.model.comm, columns, shapes)
+            small = self._constraint.multipliers(lacks)
+            shapes[self.mask] += self._constraint.responses @ small
+            forces = self._checked_forces(self._constraint, shapes, small)
+        origin = self.interfaces[0].p
+        error = _check_rigid_motions(
+            self.model,
+            found=shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R),
+            expected=self.model.rigid_motions(origin, self.R),
+        )
+        return StaticShapes(shapes, forces, error)
+
+    def _shapes_of_free_body(self) -> StaticShapes:
+        model, motions = self.model, self.model.rigid_motions(self.p, self.R)
+        held = np.where(self._interior.mask[:, None], 0.0, motions)
+        carried, _ = continued(model, self._interior, np.asfortranarray(held))
+        error = _check_rigid_motions(model, found=carried, expected=motions)
+        if self._constraint is None:
+            none = np.zeros((model.n_owned, 0), order="F")
+            return StaticShapes(none, none, error)
+        small = self._constraint.multipliers(self._unit_averages())
+        shapes = np.asfortranarray(self._constraint.responses @ small)
+        # a single interface's shapes are the rigid motions, without a load to measure by
+        single = len(self.interfaces) == 1
+        if single:
+            return StaticShapes(shapes, multiply(model.K, shapes), error)
+        return StaticShapes(shapes, self._checked_forces(self._constraint, shapes, small), error)
+
+    def _checked_forces(
+        self, constraint: Constraint, shapes: FloatArray, multipliers: FloatArray
+    ) -> FloatArray:
+        """K times shapes, once they are in equilibrium with the forces on the averages. Collective."""
+        if self._constraint is None:
+            raise ValueError("no averages")
+        columns = self._constraint.columns
+        forces = multiply(self.model.K, shapes)
+        load = columns @ multipliers[: columns.shape[1]]
+        check_equilibrium(self.model.comm, load=load, residual=forces[self.mask] - load)
+        return forces
+
+    def _unit_averages(self) -> FloatArray:
+        """(6 a, 6 b) averages of the a averaged interfaces in the unit motions of all b."""
+        rows = [isinstance(one, AveragedInterface) for one in self.interfaces]
+        return np.eye(6 * len(rows))[np.repeat(rows, 6)]
 
 
 @contextmanager
-def factorised(model: ContinuumModel, boundary: NDArray[np.bool_]) -> Iterator[Interior]:
-    """Split the dofs and factorise the interior's stiffness, for a `with` block. Collective.
+def body_statics(model: ContinuumModel, *, frame: str | None) -> Iterator[Statics]:
+    """Factorise the stiffness of a body for a `with` block. Collective.
 
     Args:
-        model: with K and M.
-        boundary: (owned dofs,) whether a dof of this rank is on the boundary.
+        model: the body.
+        frame: the interface that carries the body frame; None: it floats on the mean axis.
 
     Yields:
-        The interior; its memory is given back at the end of the block.
+        The statics; its memory is given back at the end of the block.
 
     Raises:
-        ReductionError: on all ranks: K_II is singular, or there is not enough memory.
+        InterfaceError: on all ranks: the model has no interface `frame`.
+        ReductionError: on all ranks: the stiffness is singular, averages depend on each other, or
+            there is not enough memory.
     """
-    mask = ~boundary
-    first = model.K.getOwnershipRange()[0]
-    dofs = np.flatnonzero(mask).astype(PETSc.IntType) + first
-    rows = PETSc.IS().createGeneral(dofs, comm=model.comm)
-    stiffness = model.K.createSubMatrix(rows, rows)
-    mass = model.M.createSubMatrix(rows, rows)
-    solver = PETSc.KSP().create(model.comm)
-    try:
-        if stiffness.getSize()[0] > 0:
-            _factorise(solver, stiffness)
-            yield Interior(mask, stiffness, mass, solver)
-        else:
-            yield Interior(mask, stiffness, mass, None)
-    finally:
-        # on several ranks nothing else does, since it takes all of them
-        for item in (solver, mass, stiffness, rows):
-            item.destroy()
-
-
-def _factorise(solver: PETSc.KSP, stiffness: PETSc.Mat) -> None:
-    # without this PETSc asks for an unsymmetric or indefinite factor, of twice the work
-    stiffness.setOption(PETSc.Mat.Option.SPD, True)
-    solver.setOperators(stiffness)
-    solver.setType(PETSc.KSP.Type.PREONLY)
-    solver.getPC().setType(PETSc.PC.Type.CHOLESKY)
-    solver.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-    try:
-        solver.setUp()
-        failed = solver.getPC().getFailedReason()
-    except PETSc.Error as error:
-        raise ReductionError(
-            f"the stiffness of the interior could not be factorised (PETSc error {error.ierr}); "
-            "take a coarser mesh or more memory"
-        ) from error
-    if failed != PETSc.PC.FailedReason.NOERROR:
-        memory = failed == PETSc.PC.FailedReason.OUTMEMORY
-        remedy = "take a coarser mesh or more memory" if memory else _SINGULAR
-        raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
-
-
-_SINGULAR = (
-    "it is singular: a part of the body is connected to no interface, or the nodes that are kept "
-    "leave it free to move"
-)
-
-
-def static_shapes(
-    model: ContinuumModel, interior: Interior, boundary: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Continue displacements of the boundary into the interior in equilibrium. Collective.
-
-    Args:
-        model: the same as that of `interior`.
-        interior: factorised.
-        boundary: (owned dofs, k) displacements, zero in the interior.
-
-    Returns:
-        The shapes (owned dofs, k), and K times them: the forces on the boundary.
-
-    Raises:
-        ReductionError: on all ranks: the interior is not in equilibrium.
-    """
-    load = multiply(model.K, boundary)
-    shapes = boundary.copy(order="F")
-    shapes[interior.mask] = -interior.solve(np.asfortranarray(load[interior.mask]))
-    forces = multiply(model.K, shapes)
-    before = _largest_norm(model.comm, load[interior.mask])
-    after = _largest_norm(model.comm, forces[interior.mask])
-    if not after <= _EQUILIBRIUM * before:
-        raise ReductionError(
-            f"the static shapes leave a residual of {after:.1e} of a load of {before:.1e} in the "
-            f"interior, bound {_EQUILIBRIUM:.0e}; its stiffness is singular or nearly so: {_SINGULAR}"
+    interfaces = model.interfaces
+    if frame is not None:
+        carrier = model.interface(frame)
+        interfaces = (carrier, *(other for other in model.interfaces if other is not carrier))
+    supported = not _rigid(interfaces)
+    rigid = rigid_modes(model) if supported or frame is None else None
+    if frame is None and rigid is not None:
+        p, R = rigid.com, np.eye(3)
+    else:
+        p, R = interfaces[0].p, interfaces[0].R
+    if supported and rigid is not None:
+        boundary = _support(model, rigid)
+    else:
+        boundary = _bound(model, interfaces)
+    with factorised(model, boundary) as interior:
+        mask = np.ones_like(interior.mask) if supported else interior.mask
+        constraint = None
+        averaged = _averaged(interfaces)
+        if averaged:
+            free = rigid if supported else None
+            constraint = constrain(
+                model.comm,
+                lambda block: _flexibility(interior, free, block),
+                _average_columns(model, interfaces, axes=R)[mask],
+                rigid=np.zeros((int(mask.sum()), 0)) if free is None else free.motions,
+                names=[one.name for one in averaged],
+            )
+        yield Statics(
+            model=model,
+            interfaces=interfaces,
+            floating=frame is None,
+            p=p,
+            R=R,
+            rigid=rigid,
+            mask=mask,
+            M=model.M if supported else interior.M,
+            _interior=interior,
+            _constraint=constraint,
         )
-    return shapes, forces
 
 
-def check_rigid_motions(model: ContinuumModel, found: FloatArray, expected: FloatArray) -> float:
+def rigid_coordinates(
+    interfaces: Sequence[FoundInterface], *, origin: FloatArray, axes: FloatArray
+) -> FloatArray:
+    """(6 b, 6) the interfaces' motions in a rigid motion of the body about `origin`, along `axes`."""
+    coordinates = np.tile(np.eye(6), (len(interfaces), 1))
+    for i, interface in enumerate(interfaces):
+        arm = axes.T @ (interface.p - origin)
+        coordinates[6 * i : 6 * i + 3, 3:] = np.cross(np.eye(3), arm).T
+    return coordinates
+
+
+def _rigid(interfaces: Sequence[FoundInterface]) -> list[RigidInterface]:
+    return [one for one in interfaces if isinstance(one, RigidInterface)]
+
+
+def _averaged(interfaces: Sequence[FoundInterface]) -> list[AveragedInterface]:
+    return [one for one in interfaces if isinstance(one, AveragedInterface)]
+
+
+def _flexibility(interior: Interior, free: RigidModes | None, block: FloatArray) -> FloatArray:
+    """A times a block: K_II^-1, or the elastic flexibility of a body that nothing holds. Collective."""
+    if free is None:
+        return interior.solve(block)
+    loads = free.balanced(block)
+    displacement = np.zeros(loads.shape, order="F")
+    displacement[interior.mask] = interior.solve(np.asfortranarray(loads[interior.mask]))
+    return np.asfortranarray(free.deformation(displacement))
+
+
+def _bound(model: ContinuumModel, interfaces: Sequence[FoundInterface]) -> NDArray[np.bool_]:
+    """(owned dofs,) whether a rigid interface binds a dof."""
+    boundary = np.zeros(model.n_owned, dtype=bool)
+    for interface in _rigid(interfaces):
+        boundary[interface.dofs[interface.dofs < model.n_owned]] = True
+    return boundary
+
+
+def _rigid_columns(
+    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
+) -> FloatArray:
+    """(owned dofs, 6 b) unit motions of the rigid interfaces on the dofs they bind, else zero."""
+    motions = np.zeros((model.n_owned, 6 * len(interfaces)), order="F")
+    for i, interface in enumerate(interfaces):
+        if isinstance(interface, RigidInterface):
+            dofs = interface.dofs[interface.dofs < model.n_owned]
+            motions[dofs, 6 * i : 6 * i + 6] = model.rigid_motions(interface.p, axes)[dofs]
+    return motions
+
+
+def _average_columns(
+    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
+) -> FloatArray:
+    """(owned dofs, 6 a) C^T of the averaged interfaces, for motions along `axes`."""
+    averaged = _averaged(interfaces)
+    columns = np.zeros((model.n_owned, 6 * len(averaged)), order="F")
+    turn = np.kron(np.eye(2), axes)
+    for i, interface in enumerate(averaged):
+        owned = interface.dofs < model.n_owned
+        columns[interface.dofs[owned], 6 * i : 6 * i + 6] = interface.average[owned] @ turn
+    return columns
+
+
+def _support(model: ContinuumModel, rigid: RigidModes) -> NDArray[np.bool_]:
+    """(owned dofs,) six dofs on all ranks that together keep the body from moving. Collective.
+
+    The pivots of a QR factorisation of the rigid motions: dofs far apart.
+    """
+    reach = np.linalg.norm(model.node_x - rigid.com, axis=1).max(initial=0.0)
+    reach = model.comm.allreduce(reach, op=MPI.MAX)
+    rows = rigid.motions / np.repeat([1.0, reach], 3)
+    mine = _pivots(rows)
+    gathered = model.comm.gather((mine, rows[mine]), root=0) or []
+
+    def choose() -> list[tuple[int, int]]:
+        found = [(rank, dof) for rank, (dofs, _) in enumerate(gathered) for dof in dofs.tolist()]
+        together = np.vstack([rows for _, rows in gathered])
+        chosen = _pivots(together)
+        if np.linalg.matrix_rank(together[chosen]) < 6:
+            raise ReductionError(
+                "the nodes of the body lie in one line and carry no rotation, so that nothing can keep "
+                "it from turning about that line; take a formulation with rotations or a solid mesh"
+            )
+        return [found[i] for i in chosen]
+
+    support = np.zeros(model.n_owned, dtype=bool)
+    for rank, dof in parallel.on_root(model.comm, choose):
+        if rank == model.comm.rank:
+            support[dof] = True
+    return support
+
+
+def _pivots(rows: FloatArray) -> NDArray[np.intp]:
+    """At most six rows that are far from depending on each other."""
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.intp)
+    order: NDArray[np.intp] = scipy.linalg.qr(rows.T, mode="r", pivoting=True)[1]
+    return order[:6]
+
+
+def _check_rigid_motions(model: ContinuumModel, found: FloatArray, expected: FloatArray) -> float:
     """Whether static shapes reproduce the rigid motions of the body. Collective.
 
     Args:
@@ -177,14 +369,7 @@ def check_rigid_motions(model: ContinuumModel, found: FloatArray, expected: Floa
     if not error <= _RIGID:
         raise ReductionError(
             f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound "
-            f"{_RIGID:.0e}: a part of the body is connected to no interface, or the formulation's "
-            "rigid_motion costs energy"
+            f"{_RIGID:.0e}: a part of the body is connected to no interface or not to the rest, or the "
+            "formulation's rigid_motion costs energy"
         )
     return error
-
-
-def _largest_norm(comm: MPI.Comm, block: FloatArray) -> float:
-    if block.shape[1] == 0:
-        return 0.0
-    squares = comm.allreduce((block**2).sum(axis=0))
-    return float(np.sqrt(squares.max()))

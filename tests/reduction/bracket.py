@@ -54,14 +54,15 @@ INTERFACES = {
 }
 
 
-def bracket(*names, comm=MPI.COMM_WORLD, degree=2):
+def bracket(*names, interfaces=None, comm=MPI.COMM_WORLD, degree=2):
     """The block in tetrahedra with some of the interfaces, all by default."""
     source = meshes.block(
         LENGTH, WIDTH, HEIGHT, divisions=DIVISIONS, cell="tetrahedron", comm=MPI.COMM_SELF
     )
     points = source.mesh.geometry.x @ TURN.T + SHIFT
     mesh = from_arrays(comm, points, cell_nodes(source.mesh), degree=1, facet_groups=GROUPS)
-    interfaces = [INTERFACES[name] for name in names or INTERFACES]
+    if interfaces is None:
+        interfaces = [INTERFACES[name] for name in names or INTERFACES]
     return ContinuumModel(mesh, solid_linear, ALUMINIUM, degree=degree, interfaces=interfaces)
 
 

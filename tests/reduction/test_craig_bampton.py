@@ -16,8 +16,9 @@ from full_model import FullModel
 from machine_side import dynamic_stiffness, motions, relative
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, tagged_mesh
 from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduced import FRAME_DOFS
@@ -320,8 +321,12 @@ def test_eigensolver_that_does_not_converge(monkeypatch):
         craig_bampton(bracket(), modes=3, frame="root")
 
 
-def two_blocks(gap):
-    """Two cubes, the second at a distance from the first or on it; only the first is held."""
+def two_blocks(gap, monkeypatch, interfaces):
+    """Two cubes, the second at a distance from the first or on it; only the first has a group.
+
+    As a mesh made by other means than ours, which refuse it.
+    """
+    monkeypatch.setattr(tagged_mesh, "check_connected", lambda mesh: None)
     corner = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
     points = np.concatenate([corner, corner + np.array([1.0 + gap, 0.0, 0.0])])
     cells = np.arange(16).reshape(2, 8)
@@ -338,15 +343,25 @@ def two_blocks(gap):
         solid_linear,
         solid_linear.Parameters(E=1.0, nu=0.3, rho=1.0),
         degree=1,
-        interfaces=[Interface("held")],
+        interfaces=interfaces,
     )
 
 
 @pytest.mark.mpi
-def test_part_that_hangs_on_nothing_is_refused():
-    assert guyan(two_blocks(0.0), frame="held").n_modes == 0
-    with pytest.raises(ReductionError, match="connected to no interface"):
-        guyan(two_blocks(0.5), frame="held")
+@pytest.mark.parametrize("frame", ["held", None])
+@pytest.mark.parametrize("coupling", Coupling)
+def test_part_that_hangs_on_nothing_is_refused(coupling, frame, monkeypatch):
+    held = [Interface("held", coupling=coupling)]
+    assert guyan(two_blocks(0.0, monkeypatch, held), frame=frame).n_modes == 0
+    with pytest.raises(ReductionError, match="a part of the body is connected to no"):
+        guyan(two_blocks(0.5, monkeypatch, held), frame=frame)
+
+
+@pytest.mark.mpi
+def test_two_pieces_without_interfaces_are_refused(monkeypatch):
+    assert craig_bampton(two_blocks(0.0, monkeypatch, []), modes=1, frame=None).n_modes == 1
+    with pytest.raises(ReductionError, match="a part of the body is connected to no"):
+        craig_bampton(two_blocks(0.5, monkeypatch, []), modes=1, frame=None)
 
 
 def test_rigid_motion_that_costs_energy_is_refused():
