@@ -1,0 +1,139 @@
+"""Geometric stiffness of a reduced body, load by load.
+
+A mode of small displacement theory keeps no length: without the stiffness that a load's stress adds, a spinning
+beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195). Here K_l,ij = D^3 W(0)[u_l, phi_i, phi_j] with W
+the strain energy and u_l the static displacement of the whole model under the unit load l (Wallrapp & Schwertassek
+1991, Representation of geometric stiffening in multibody system simulation, Int. J. Numer. Methods Eng. 32).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.continuum.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.interface import FoundInterface, RigidInterface
+from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.third_derivative import third_derivative
+from flexmbd.reduced import FRAME_DOFS, GeometricStiffness
+
+_AXES = ("x", "y", "z")
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class UnitLoads:
+    """Loads of size one on a model, as the record's `GeometricStiffness` calls them.
+
+    Attributes:
+        names: (l,) of the loads.
+        forces: (owned dofs, l) nodal forces, N per unit of each load, in the mesh's axes.
+    """
+
+    names: tuple[str, ...]
+    forces: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class UnitResponses:
+    """Static displacements of a model under its unit loads.
+
+    Attributes:
+        names: (l,) of the loads.
+        displacements: (owned dofs, l) m per unit of each load, in the mesh's axes, with the body held at its frame.
+    """
+
+    names: tuple[str, ...]
+    displacements: FloatArray
+
+
+def inertia_loads(
+    model: ContinuumModel, *, p: FloatArray, R: FloatArray, floating: bool
+) -> UnitLoads:
+    """Inertia forces of the body frame's motion. Collective.
+
+    Args:
+        model: the body.
+        p: (3,) m, the body frame's origin in the mesh's axes.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+        floating: whether the frame floats on the mean axis: accelerations then deform nothing, since a rigid
+            motion's inertia forces are what loads are balanced by, and are left out.
+
+    Returns:
+        -rho e_a and -rho e_a x r for accelerations, and the centrifugal forces -rho w x (w x r) split into the six
+        products of the angular velocity: rho (r - e_a r_a), and -rho (e_a r_b + e_b r_a) for a < b.
+    """
+    nodes = model.n_owned_nodes
+    r = (model.node_x[:nodes] - p) @ R
+    fields: FloatArray = np.zeros((model.n_owned, len(_PAIRS)), order="F")
+    for column, (a, b) in enumerate(_PAIRS):
+        values = r.copy() if a == b else np.zeros_like(r)
+        values[:, a] -= r[:, b]
+        if a != b:
+            values[:, b] -= r[:, a]
+        fields[model.displacement_dofs[:nodes], column] = values @ R.T
+    names = [f"angular velocity {_AXES[a]}{_AXES[b]}" for a, b in _PAIRS]
+    if not floating:
+        fields = np.hstack([-model.rigid_motions(p, R), fields])
+        accelerations = [f"{kind} {a}" for kind in ("acceleration", "angular acceleration") for a in _AXES]
+        names = [*accelerations, *names]
+    return UnitLoads(tuple(names), multiply(model.M, fields))
+
+
+def interface_loads(
+    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, R: FloatArray
+) -> UnitLoads:
+    """Unit forces and moments on interface frames, along the body frame's axes. Collective.
+
+    On a rigid interface any nodal forces of that resultant do; those linear in the position are taken.
+
+    Args:
+        model: the body.
+        interfaces: those that are loaded.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+    """
+    names = tuple(f"{interface.name}.{dof}" for interface in interfaces for dof in FRAME_DOFS)
+    forces: FloatArray = np.zeros((model.n_owned, 6 * len(interfaces)), order="F")
+    for i, interface in enumerate(interfaces):
+        own = interface.dofs < model.n_owned
+        dofs, block = interface.dofs[own], slice(6 * i, 6 * i + 6)
+        if isinstance(interface, RigidInterface):
+            motions = model.rigid_motions(interface.p, R)[dofs]
+            forces[dofs, block] = motions @ np.linalg.inv(inner(model.comm, motions, motions))
+        else:
+            forces[dofs, block] = interface.average[own] @ np.kron(np.eye(2), R)
+    return UnitLoads(names, forces)
+
+
+def joined(*loads: UnitLoads) -> UnitLoads:
+    """Several sets of loads as one."""
+    names = tuple(name for part in loads for name in part.names)
+    return UnitLoads(names, np.asfortranarray(np.hstack([part.forces for part in loads])))
+
+
+def note(group: GeometricStiffness | None) -> str:
+    """What the record's provenance says of the group."""
+    if group is None:
+        return "none: the strain energy is quadratic"
+    return f"{len(group.loads)} loads"
+
+
+def geometric_group(
+    model: ContinuumModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray
+) -> GeometricStiffness | None:
+    """The record's group from the static displacements under the loads. Collective.
+
+    Args:
+        model: the body.
+        names: (l,) of the loads.
+        displacements: (local dofs including ghosts, l) m per unit of each load, with the body held at its frame.
+        modes: (local dofs including ghosts, n) in normal form.
+
+    Returns:
+        The group, the same to the bit on every rank; None where the strain energy is quadratic, so that no load
+        changes the stiffness.
+    """
+    stiffness = third_derivative(model, displacements, modes)
+    return None if stiffness is None else GeometricStiffness(tuple(names), stiffness)
