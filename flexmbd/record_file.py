@@ -1,6 +1,6 @@
 """One HDF5 file of named arrays and texts: written whole or not at all, read back bit for bit.
 
-The schema, which any HDF5 library can read:
+The schema, which any HDF5 library can read (docs/record.md lists what a reduced body keeps in it):
 
     bytes 0-511   user block, ASCII: what the file is, its version, the number of bytes after the
                   user block and their SHA-256; h5dump and h5py skip it by themselves
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 Tree = dict[str, Any]
 
 FORMAT = "flexmbd record"
+#: Raised by whatever is added or changed after the first release; until then 1.
 VERSION = 1
 
 _HEAD = 512

@@ -1,1 +1,254 @@
-"""The readable sheet of a reduced body."""
+"""The readable sheet of a reduced body: what `ReducedBody.inspect` and `flexmbd inspect` print.
+
+The same record gives the same text, before and after it was saved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexmbd.record_file import VERSION
+from flexmbd.record_groups import (
+    FRAME_DOFS,
+    DistributedLoads,
+    FloatArray,
+    GeometricStiffness,
+    Group,
+    InterfaceFrame,
+    NodalModes,
+    StressModes,
+    Surface,
+)
+from flexmbd.rotation import to_quaternion
+
+if TYPE_CHECKING:
+    from flexmbd.reduced import ReducedBody
+
+# What is smaller, relative to its like, is round-off and shown as zero.
+_NOISE = 1e-12
+# Principal moments closer than this have no axes of their own.
+_EQUAL = 1e-6
+_MARGIN = 16
+
+_PURPOSE = {
+    "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
+    "surface": "pictures and films without the mesh",
+    "geometric": "stiffening and softening by motion and load; without it a spinning slender body is too soft",
+    "loads": "pressures and tractions that a machine scales",
+    "stress": "stress at the nodes without the model",
+}
+
+
+def sheet(body: ReducedBody) -> str:
+    """The sheet, with a newline at its end; see `ReducedBody.inspect`."""
+    sections = (
+        _title(body),
+        _mass(body),
+        _interfaces(body),
+        _modes(body),
+        _partition(body),
+        _groups(body),
+        _provenance(body),
+    )
+    return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
+
+
+def _title(body: ReducedBody) -> Iterable[str]:
+    yield f"reduced body: {body.n_modes} modes, {_count(len(body.interfaces), 'interface')}, SI units"
+    yield _entry("file format", f"version {VERSION}")
+    yield _entry("fingerprint", body.fingerprint())
+
+
+def _mass(body: ReducedBody) -> Iterable[str]:
+    second = body.gram[1:4, 1:4] / body.mass
+    size = float(np.sqrt(np.trace(second)))
+    yield _entry("body frame B", _frame_text(body))
+    yield _entry("mass", f"{_number(body.mass)} kg")
+    yield _entry("centre of mass", f"{_vector(body.com, scale=size)} m from B, in B's axes")
+    moments, axes = np.linalg.eigh(body.inertia)
+    # of a mass that is all in one point nothing is left but round-off
+    scale = body.mass * size**2
+    yield _entry("inertia", f"{_vector(moments, scale=scale)} kg m^2 about the centre, principal")
+    for moment, axis in zip(moments, axes.T, strict=True):
+        alike = int(np.sum(abs(moments - moment) <= _EQUAL * moments[-1]))
+        yield _entry("", f"{_number(moment, scale=scale):>12} about {_axis_text(axis, alike=alike)}")
+
+
+def _frame_text(body: ReducedBody) -> str:
+    if body.frame is None:
+        return "floating on the mean axis of the undeformed body"
+    return f"on interface {body.frame}, where every mode vanishes (in the mean, if it is averaged)"
+
+
+def _axis_text(axis: FloatArray, *, alike: int) -> str:
+    if alike == 3:
+        return "any axis"
+    if alike == 2:
+        return "any axis across the third"
+    sign = np.sign(axis[np.argmax(abs(axis) > 0.5 * abs(axis).max())])
+    return _vector(sign * axis, scale=1.0)
+
+
+def _interfaces(body: ReducedBody) -> Iterable[str]:
+    yield "interfaces: place of I from B (m) and turn of I's axes from B's; static stiffness along and about I's axes"
+    yield "(N/m, N m/rad), each with B held and everything else free"
+    if not body.interfaces:
+        yield _entry("", "none")
+    size = max((float(np.linalg.norm(frame.p_BI_B)) for frame in body.interfaces), default=0.0)
+    for frame in body.interfaces:
+        yield _entry(frame.name, f"{_vector(frame.p_BI_B, scale=size)}; {_turn_text(frame.R_BI)}")
+        if body.frame is not None and frame.name != body.frame:
+            stiffness = _static_stiffness(body, frame)
+            yield _entry("", "   ".join(f"{dof} {k}" for dof, k in zip(FRAME_DOFS, stiffness, strict=True)))
+
+
+def _turn_text(R: FloatArray) -> str:
+    w, *xyz = to_quaternion(R)
+    sine = float(np.linalg.norm(xyz))
+    angle = np.degrees(2.0 * np.arctan2(sine, abs(w)))
+    if angle < 1e-9:
+        return "B's axes"
+    return f"turned {angle:.6g} deg about {_vector(np.copysign(1.0, w) * np.array(xyz) / sine, scale=1.0)}"
+
+
+def _static_stiffness(body: ReducedBody, frame: InterfaceFrame) -> Iterable[str]:
+    """Load along one direction of the interface over the displacement there, all else free but B."""
+    turned = np.vstack([frame.R_BI.T @ frame.modes[:3], frame.R_BI.T @ frame.modes[3:]])
+    parts = turned**2 / body.stiffness
+    flexibility = parts.sum(axis=1)
+    for row, total in enumerate(flexibility):
+        like = flexibility[:3] if row < 3 else flexibility[3:]
+        yield _number(1.0 / total) if total > _NOISE**2 * like.max() and total > 0.0 else "rigid"
+
+
+def _modes(body: ReducedBody) -> Iterable[str]:
+    if body.n_modes == 0:
+        yield "modes: none, the body is rigid"
+        return
+    free = body.frequencies()
+    held = np.sqrt(body.stiffness) / (2.0 * np.pi)
+    ratios = np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness))
+    yield "modes: frequencies (Hz) of the body free and with B held, damping ratio; effective mass along B's axes and"
+    yield "effective inertia about them (% of the body's, motion of B as base)"
+    yield _row("mode", ["free", "B held" if body.frame is not None else "", "damping", *FRAME_DOFS])
+    shares = _effective_shares(body)
+    for i in range(body.n_modes):
+        figures = [f"{free[i]:.6g}", f"{held[i]:.6g}" if body.frame is not None else "", f"{ratios[i]:.4g}"]
+        yield _row(str(i + 1), figures + [f"{100.0 * share:.2f}" for share in shares[i]])
+    yield _row("sum", ["", "", ""] + [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
+    coupling = _coupling(body.damping)
+    if coupling > _NOISE:
+        yield f"the damping couples modes: largest D_ij / sqrt(D_ii D_jj) = {coupling:.2g}"
+
+
+def _effective_shares(body: ReducedBody) -> FloatArray:
+    """(n, 6) squared participation in a motion of B, over the body's mass or inertia in that motion."""
+    matrix = body.mass_matrix()
+    whole = np.diag(matrix)[:6]
+    # about the axis of a bar there is no inertia, and so no share of it
+    there = whole > _NOISE * np.repeat([whole[:3].max(), whole[3:].max()], 3)
+    squares = matrix[6:, :6] ** 2 / body.modal_mass().diagonal()[:, None]
+    shares: FloatArray = np.where(there, squares / np.where(there, whole, 1.0), 0.0)
+    return shares
+
+
+def _coupling(damping: FloatArray) -> float:
+    size = np.sqrt(abs(np.diag(damping)))
+    size[size == 0.0] = np.sqrt(abs(damping).max(initial=0.0)) or 1.0
+    off = damping / np.outer(size, size)
+    np.fill_diagonal(off, 0.0)
+    return float(abs(off).max(initial=0.0))
+
+
+def _partition(body: ReducedBody) -> Iterable[str]:
+    yield "partition: the Craig-Bampton coordinates behind the modes, q_cb = partition @ q"
+    if not body.partition_names:
+        yield _entry("", "none")
+    stems = [_stem(name) for name in body.partition_names]
+    for stem, run in groupby(range(len(stems)), key=stems.__getitem__):
+        names = [body.partition_names[i] for i in run]
+        span = names[0] if len(names) == 1 else f"{names[0]} .. {names[-1]}"
+        yield _entry(str(len(names)), f"{span}{'' if '.' not in stem else ' (m, rad)'}")
+
+
+def _stem(name: str) -> str:
+    """What the names of coordinates of one kind have in common."""
+    interface, dot, dof = name.rpartition(".")
+    return f"{interface}." if dot and dof in FRAME_DOFS else name.rstrip("0123456789")
+
+
+def _groups(body: ReducedBody) -> Iterable[str]:
+    yield "optional groups"
+    for name, purpose in _PURPOSE.items():
+        group = getattr(body, name)
+        yield _entry(name, f"{'absent' if group is None else _group_text(group)}; for {purpose}")
+        if isinstance(group, GeometricStiffness):
+            yield from _geometric_lines(group, body.stiffness)
+        elif isinstance(group, DistributedLoads):
+            yield from _load_lines(group)
+
+
+def _group_text(group: Group) -> str:
+    match group:
+        case NodalModes() | StressModes():
+            return _count(len(group.node), "node")
+        case Surface():
+            return f"{_count(len(group.triangle), 'triangle')} on {_count(len(group.x), 'vertex', 'vertices')}"
+        case GeometricStiffness():
+            return _count(len(group.loads), "load")
+        case DistributedLoads():
+            return _count(len(group.names), "load")
+
+
+def _geometric_lines(group: GeometricStiffness, stiffness: FloatArray) -> Iterable[str]:
+    """For each load its largest relative change of the stiffness, per unit: c times that near 1 is much."""
+    size = np.sqrt(stiffness)
+    for load, matrix in zip(group.loads, group.K, strict=True):
+        values = np.linalg.eigvalsh(matrix / np.outer(size, size)) if len(size) else np.zeros(1)
+        yield _entry("", f"{load}: from {values[0]:.4g} to {values[-1]:.4g} of the stiffness per unit load")
+
+
+def _load_lines(group: DistributedLoads) -> Iterable[str]:
+    for name, force, moment in zip(group.names, group.force, group.moment, strict=True):
+        forces = _vector(force, scale=float(np.linalg.norm(force)))
+        moments = _vector(moment, scale=float(np.linalg.norm(moment)))
+        yield _entry("", f"{name}: force {forces} N, moment {moments} N m about B, per unit factor")
+
+
+def _provenance(body: ReducedBody) -> Iterable[str]:
+    yield "provenance"
+    if not body.provenance:
+        yield _entry("", "none")
+    width = max(map(len, body.provenance), default=0)
+    # HDF5 keeps no order of insertion
+    for key in sorted(body.provenance):
+        first, *further = body.provenance[key].splitlines() or [""]
+        yield f"  {key:<{width}}  {first}".rstrip()
+        yield from (f"  {'':<{width}}  {line}".rstrip() for line in further)
+
+
+def _entry(name: str, text: str) -> str:
+    return f"  {name:<{_MARGIN}}{'' if len(name) < _MARGIN else ' '}{text}"
+
+
+def _row(first: str, figures: Sequence[str]) -> str:
+    return f"  {first:>5}" + "".join(f"{figure:>12}" for figure in figures[:3]) + "".join(
+        f"{figure:>9}" for figure in figures[3:]
+    )
+
+
+def _count(number: int, one: str, several: str = "") -> str:
+    return f"{number} {one if number == 1 else several or one + 's'}"
+
+
+def _number(value: float, *, scale: float = 0.0) -> str:
+    # the sum turns -0 into 0
+    return f"{0.0 if abs(value) <= _NOISE * scale else float(value) + 0.0:.6g}"
+
+
+def _vector(values: FloatArray, *, scale: float) -> str:
+    return f"({', '.join(_number(value, scale=scale) for value in values)})"

@@ -30,6 +30,7 @@ from flexmbd.record_groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record_groups import NodalModes as NodalModes
 from flexmbd.record_groups import StressModes as StressModes
 from flexmbd.record_groups import Surface as Surface
+from flexmbd.record_sheet import sheet
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,8 @@ class ReducedBody:
                 yield f"{item} has shape {array.shape}, expected {shape}"
             elif not np.isfinite(array).all():
                 yield f"{item} holds values that are not finite"
+        if not (self.stiffness > 0.0).all() and np.isfinite(self.stiffness).all():
+            yield f"stiffness is not positive: {self.stiffness.min():.3e} 1/s^2 is its least value"
         if len(self.partition_names) != n:
             yield f"{len(self.partition_names)} partition names for {n} modes"
         for frame in self.interfaces:
@@ -235,9 +238,19 @@ class ReducedBody:
         motion[3:] = frame.R_BI.T @ motion[3:]
         return motion
 
+    def inspect(self) -> str:
+        """A readable sheet of the body; the same text for the same record.
+
+        Returns:
+            Lines with: body frame, mass, centre of mass and principal inertia; each interface's place,
+            axes and static stiffness; the modes' frequencies, damping ratios and effective masses; the
+            partition; the optional groups that are there or not, and what each is for; the provenance.
+        """
+        return sheet(self)
+
     def fingerprint(self) -> str:
         """Hexadecimal digest of the mechanical content; the same after save and load."""
-        digest = hashlib.sha256()
+        digest = hashlib.sha256(repr(self.frame).encode())
         for array in (self.gram, self.stiffness, self.damping, self.partition):
             digest.update(array.tobytes())
         for frame in self.interfaces:

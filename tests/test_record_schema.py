@@ -1,0 +1,165 @@
+"""The file of a reduced body: what docs/record.md says is what is there, and all of it comes back bit for bit."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from flexmbd.errors import RecordError
+from flexmbd.record_file import FORMAT, VERSION, read_tree, write_tree
+from flexmbd.reduced import (
+    DistributedLoads,
+    GeometricStiffness,
+    InterfaceFrame,
+    NodalModes,
+    ReducedBody,
+    StressModes,
+    Surface,
+)
+
+PAGE = (Path(__file__).parents[1] / "docs" / "record.md").read_text()
+
+# no two sizes alike, so that no shape can be taken for another
+SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1}
+TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
+
+
+def full_record():
+    """A record with every group, whose numbers use all their bits."""
+    rng = np.random.default_rng(7)
+    n, k, s, v, t, g = (SIZE[size] for size in "nksvtg")
+    fields = rng.normal(size=(40, 4 + 3 * n))
+    fields[:, 0] = 1.0
+    return ReducedBody(
+        gram=fields.T @ fields,
+        stiffness=np.sort(rng.uniform(1, 2, n)),
+        damping=rng.normal(size=(n, n)),
+        interfaces=tuple(
+            InterfaceFrame(name, rng.normal(size=3), rng.normal(size=(3, 3)), rng.normal(size=(6, n)))
+            for name in ("root", "tip")
+        ),
+        frame="root",
+        partition=rng.normal(size=(n, n)),
+        partition_names=tuple(f"tip.{i}" for i in range(n)),
+        provenance={"form": "by hand", "ganz oben": "two\nlines \u00e4"},
+        modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
+        surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
+        geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
+        loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
+        stress=StressModes(np.arange(s) + 2**40, rng.normal(size=(s, 6, n))),
+    )
+
+
+GROUPS = ("modes", "surface", "geometric", "loads", "stress")
+
+
+def assert_same(one, other):
+    """Every field of two records or groups, to the bit."""
+    for item in dataclasses.fields(one):
+        mine, theirs = getattr(one, item.name), getattr(other, item.name)
+        assert type(mine) is type(theirs), item.name
+        if isinstance(mine, np.ndarray):
+            assert (mine.dtype, mine.shape, mine.tobytes()) == (theirs.dtype, theirs.shape, theirs.tobytes())
+        elif dataclasses.is_dataclass(mine):
+            assert_same(mine, theirs)
+        elif item.name == "interfaces":
+            for left, right in zip(mine, theirs, strict=True):
+                assert_same(left, right)
+        else:
+            assert dict(mine) == dict(theirs) if item.name == "provenance" else mine == theirs
+
+
+@pytest.mark.parametrize("absent", [(), *((name,) for name in GROUPS), GROUPS])
+def test_all_groups_come_back_bit_for_bit(tmp_path, absent):
+    body = dataclasses.replace(full_record(), **dict.fromkeys(absent))
+    body.save(tmp_path / "a.h5")
+    loaded = ReducedBody.load(tmp_path / "a.h5")
+    assert_same(body, loaded)
+    loaded.save(tmp_path / "b.h5")
+    assert_same(body, ReducedBody.load(tmp_path / "b.h5"))
+
+
+def documented():
+    """(type, shape) by dataset, as the page's tables have them."""
+    rows = re.findall(r"^\| `([a-z_A-Z/*]+)` \| (f8|i8|text) \| \(([^)]*)\) \|", PAGE, flags=re.MULTILINE)
+    found = {}
+    for name, kind, shape in rows:
+        # 3 n is a product
+        entries = [re.sub(r"(\d) ([a-z])", r"\1 * \2", entry) for entry in shape.split(",") if entry.strip()]
+        found[name] = (TYPES[kind], tuple(eval(entry, {}, SIZE) for entry in entries))
+    return found
+
+
+def test_the_page_lists_every_dataset_with_its_type_and_shape(tmp_path):
+    full_record().save(tmp_path / "a.h5")
+    there = {}
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert dict(file.attrs) == {"format": FORMAT, "version": VERSION}
+        file.visititems(
+            lambda name, item: (
+                there.update({name: (item.dtype.str, item.shape)}) if isinstance(item, h5py.Dataset) else None
+            )
+        )
+    for key in ("form", "ganz oben"):
+        assert there.pop(f"provenance/{key}") == ("|O", ())
+    there["provenance/*"] = ("|O", ())
+    assert there == documented()
+
+
+def test_the_page_names_the_version():
+    assert f"`version` = {VERSION}" in PAGE
+    assert f"`flexmbd record, version {VERSION}`" in PAGE
+
+
+@pytest.mark.parametrize("extra", [{"prestress": np.zeros(3)}, {"other": {"a": "b"}}])
+def test_what_the_page_does_not_list_is_refused(tmp_path, extra):
+    full_record().save(tmp_path / "a.h5")
+    write_tree(tmp_path / "a.h5", {**read_tree(tmp_path / "a.h5"), **extra})
+    with pytest.raises(RecordError, match=rf"a\.h5 is .*it holds {next(iter(extra))}, which this flexmbd"):
+        ReducedBody.load(tmp_path / "a.h5")
+
+
+def test_a_group_with_a_further_array_is_refused(tmp_path):
+    full_record().save(tmp_path / "a.h5")
+    tree = read_tree(tmp_path / "a.h5")
+    tree["stress"]["mask"] = np.zeros(3)
+    write_tree(tmp_path / "a.h5", tree)
+    with pytest.raises(RecordError, match=r"a\.h5 is .*mask"):
+        ReducedBody.load(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("change", [
+    {"gram": np.eye(19)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)}, {"partition": np.eye(5)},
+    {"frame": None}, {"geometric": None}, {"loads": None},
+    {"interfaces": full_record().interfaces[::-1]},
+    {"interfaces": tuple(dataclasses.replace(one, p_BI_B=np.zeros(3)) for one in full_record().interfaces)},
+    {"interfaces": tuple(dataclasses.replace(one, R_BI=np.eye(3)) for one in full_record().interfaces)},
+])  # fmt: skip
+def test_the_fingerprint_sees_all_of_the_mechanics(change):
+    assert dataclasses.replace(full_record(), **change).fingerprint() != full_record().fingerprint()
+
+
+NAN = np.full((3, 3), np.nan)
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        (Surface(np.zeros((3, 3)), np.array([[0, 1, 3]]), np.zeros((3, 3, 5))), "vertices 0 to 3 .* and 3 vertices"),
+        (Surface(np.zeros((3, 3)), np.array([[0, -1, 2]]), np.zeros((3, 3, 5))), "vertices -1 to 2"),
+        (Surface(NAN, np.array([[0, 1, 2]]), np.zeros((3, 3, 5))), "Surface: x holds values that are not finite"),
+        (Surface(np.zeros((3, 3)), np.arange(3), np.zeros((3, 3, 5))), r"triangle \(3,\), expected \(3, 3\)"),
+        (NodalModes(np.arange(4), np.zeros((3, 3)), np.zeros((4, 3, 5))), r"x \(3, 3\), expected \(4, 3\)"),
+        (GeometricStiffness(("a",), np.zeros((2, 5, 5))), r"K \(2, 5, 5\), expected \(1, 5, 5\)"),
+        (GeometricStiffness(("a", "a"), np.zeros((2, 5, 5))), "names a load twice"),
+        (DistributedLoads(("a",), np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 5))), r"moment \(1, 2\)"),
+        (StressModes(np.arange(2), np.zeros((2, 5, 6))), r"sigma \(2, 5, 6\), expected \(2, 6, 5\)"),
+    ],
+)
+def test_groups_that_do_not_fit(group, message):
+    attribute = {Surface: "surface", NodalModes: "modes", GeometricStiffness: "geometric", DistributedLoads: "loads"}
+    with pytest.raises(RecordError, match=message):
+        dataclasses.replace(full_record(), **{attribute.get(type(group), "stress"): group})
