@@ -1,11 +1,61 @@
-"""Checks of the dimensions a part is asked for."""
+"""Checks of the dimensions a part is asked for, on all ranks."""
 
 from __future__ import annotations
 
 import math
 import numbers
+import os
+from collections.abc import Callable, Mapping
+
+from mpi4py import MPI
 
 from flexmbd.errors import MeshError
+
+
+def check_arguments(
+    comm: MPI.Comm, arguments: Mapping[str, object], check: Callable[[], None]
+) -> None:
+    """Refuse bad arguments, and arguments that differ between ranks. Collective.
+
+    Args:
+        comm: the ranks.
+        arguments: by their names; the communicator itself is left out, and functions are not
+            compared.
+        check: raises a MeshError if the arguments are bad.
+
+    Raises:
+        MeshError: on all ranks, that of the lowest rank; or a name and two values of it.
+    """
+    error: str | None = None
+    try:
+        check()
+    except MeshError as caught:
+        error = str(caught)
+    plain = {name: _plain(value) for name, value in arguments.items() if name != "comm"}
+    heard = comm.allgather((error, plain))
+    first = heard[0][1]
+    for name in plain:
+        for rank, (_, theirs) in enumerate(heard):
+            if theirs[name] != first[name]:
+                raise MeshError(
+                    f"{name} is {first[name]} on rank 0 and {theirs[name]} on rank {rank}; "
+                    "give the same on all ranks"
+                )
+    if error is not None:
+        raise MeshError(error)
+
+
+def _plain(value: object) -> str:
+    """A text that is the same for the same value, whatever type of number it is."""
+    if isinstance(value, numbers.Real):
+        return repr(float(value)) if not isinstance(value, numbers.Integral) else repr(int(value))
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key!r}: {_plain(item)}' for key, item in value.items())}}}"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(_plain(item) for item in value)})"
+    if callable(value):
+        return "a function"
+    return repr(str(value)) if isinstance(value, os.PathLike) else repr(value)
 
 
 def require_positive(**lengths: float) -> None:
@@ -32,11 +82,43 @@ def require_degree(degree: int) -> None:
         raise MeshError(f"degree of the geometry must be 1 or 2, got {degree!r}")
 
 
-def require_cell(cell: str) -> None:
-    """Refuse a cell other than tetrahedron and hexahedron; not collective.
+def require_cell(
+    cell: str, *, known: tuple[str, str] = ("tetrahedron", "hexahedron")
+) -> None:
+    """Refuse a cell other than those known; not collective.
 
     Raises:
         MeshError: names the cell.
     """
-    if cell not in ("tetrahedron", "hexahedron"):
-        raise MeshError(f'cell must be "tetrahedron" or "hexahedron", got {cell!r}')
+    if cell not in known:
+        raise MeshError(f'cell must be "{known[0]}" or "{known[1]}", got {cell!r}')
+
+
+def require_counts(name: str, counts: object, *, number: int) -> None:
+    """Refuse what is not a tuple of that many positive whole numbers; not collective.
+
+    Raises:
+        MeshError: names the counts by `name`.
+    """
+    if (
+        not isinstance(counts, tuple | list)
+        or len(counts) != number
+        or not all(isinstance(n, numbers.Integral) and n > 0 for n in counts)
+    ):
+        words = {2: "two", 3: "three"}
+        raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
+
+
+def require_count(name: str, count: object) -> None:
+    """Refuse what is not a positive whole number; not collective.
+
+    Raises:
+        MeshError: names the count by `name`.
+    """
+    if not isinstance(count, numbers.Integral) or int(count) <= 0:
+        raise MeshError(f"{name} must be a positive whole number, got {count!r}")
+
+
+def divisions(length: float, h: float) -> int:
+    """Number of equal intervals, each up to `h` long, that a length is divided into."""
+    return max(1, math.ceil(length / h * (1 - 1e-12)))

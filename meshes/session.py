@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 
 from mpi4py import MPI
 
+import basix
 import gmsh
 import numpy as np
+import numpy.typing as npt
 
-from flexmbd.continuum import compat
-from flexmbd.continuum.cell_shape import check_cells
+from flexmbd.continuum.mesh_input import MeshInput, from_root
 from flexmbd.continuum.parallel import on_root
-from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.tagged_mesh import NodeOrder, TaggedMesh, node_permutation, spread
 from flexmbd.errors import MeshError
+
+IntArray = npt.NDArray[np.int64]
+Tags = npt.NDArray[np.int32]
 
 # Everything that shapes a mesh is set, so that what the user set in a session of theirs does not
 # change the result; one thread and a fixed seed make it repeatable.
@@ -46,60 +50,70 @@ _OPTIONS = {
     "Mesh.SubdivisionAlgorithm": 0,
 }
 
-# gmsh's element types that DOLFINx and the forms know, by their gmsh number.
+# gmsh's element types that DOLFINx and the forms know: by their number the cell, the degree of its
+# geometry, how a person calls them, and the cell's dimension.
 _CELLS = {
-    4: "4-node tetrahedra",
-    5: "8-node hexahedra",
-    11: "10-node tetrahedra",
-    12: "27-node hexahedra",
+    1: ("interval", 1, "2-node lines", 1),
+    8: ("interval", 2, "3-node lines", 1),
+    2: ("triangle", 1, "3-node triangles", 2),
+    9: ("triangle", 2, "6-node triangles", 2),
+    3: ("quadrilateral", 1, "4-node quadrilaterals", 2),
+    10: ("quadrilateral", 2, "9-node quadrilaterals", 2),
+    4: ("tetrahedron", 1, "4-node tetrahedra", 3),
+    5: ("hexahedron", 1, "8-node hexahedra", 3),
+    11: ("tetrahedron", 2, "10-node tetrahedra", 3),
+    12: ("hexahedron", 2, "27-node hexahedra", 3),
 }
+_ENTITIES = ("point", "curve", "surface", "volume")
+_DIMENSIONS = ("zero", "one", "two", "three")
 
 
-def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None]) -> TaggedMesh:
+def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> TaggedMesh:
     """Turn a meshed gmsh model into a mesh over all ranks. Collective.
 
     Row i of the mesh's input is gmsh's node i + 1, or the i-th lowest where its numbers have gaps.
+    The groups of cells, facets, edges and vertices are gmsh's named physical groups of the
+    dimensions from `dim` down to points.
 
     Args:
         comm: the communicator of the mesh.
         fill: called on rank 0, in a gmsh session with an empty model of our own; leaves it meshed,
-            with named physical groups of surfaces.
+            with a named physical group of surfaces, curves or points.
+        dim: dimension of the cells: 3 for a solid, 2 for a shell, 1 for a line.
 
     Raises:
-        MeshError: on all ranks; there are no three-dimensional cells, or of several kinds, or bad
-            ones; no named group of surfaces; or a surface is in two.
+        MeshError: on all ranks; there are no cells of that dimension, or of several kinds, or bad
+            ones; the mesh falls into pieces; no named group below the cells; or a volume or surface
+            (of a shell a surface or curve) is in two.
         Exception: whatever `fill` raised, on all ranks.
     """
-    with ExitStack() as stack:
+    share: MeshInput | None = None
 
-        def fill_and_check() -> tuple[dict[str, int], dict[str, int]]:
-            stack.enter_context(_session())
+    def read() -> None:
+        nonlocal share
+        with _session():
             fill()
-            _check_volumes()
-            _number_nodes_without_gaps()
-            return _surface_groups(), _names(3)
+            share = _input(dim)
 
-        facet_groups, cell_groups = on_root(comm, fill_and_check)
-        mesh, cell_tags, facet_tags = compat.gmsh_model_to_mesh(gmsh.model, comm)
-    check_cells(mesh)
-    return TaggedMesh(mesh, facet_tags, facet_groups, cell_tags, cell_groups)
+    on_root(comm, read)
+    return spread(comm, from_root(comm, share))
 
 
-def generate(*, h: float, degree: int) -> None:
+def generate(*, h: float, degree: int, dim: int = 3) -> None:
     """Mesh the current model with cells of size h (m) and geometry of the given degree; rank 0."""
     gmsh.option.setNumber("Mesh.MeshSizeMin", h)
     gmsh.option.setNumber("Mesh.MeshSizeMax", h)
-    mesh_model(degree=degree)
+    mesh_model(degree=degree, dim=dim)
 
 
-def mesh_model(*, degree: int) -> None:
-    """Mesh the current model, whose sizes or divisions are set; rank 0.
+def mesh_model(*, degree: int, dim: int = 3) -> None:
+    """Mesh the current model, whose sizes or divisions are set, with cells of dimension `dim`; rank 0.
 
     Raises:
         MeshError: gmsh gives up.
     """
     try:
-        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.generate(dim)
         gmsh.model.mesh.setOrder(degree)
     except Exception as error:
         raise MeshError(
@@ -130,46 +144,116 @@ def _session() -> Iterator[None]:
                 gmsh.option.setNumber(name, value)
 
 
-def _check_volumes() -> None:
-    """All cells of one kind we know, and each volume in one physical group."""
-    kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(3)]
+def _input(dim: int) -> MeshInput:
+    """All of the current model, whose nodes are renumbered if they have gaps."""
+    kind = _cell_kind(dim)
+    names = [_names(below) for below in range(dim + 1)]
+    if not any(names[:dim]):
+        below = _ENTITIES[dim - 1]
+        raise MeshError(
+            f"the mesh has no named group of {below}s; in gmsh, give each interface a name: "
+            f'Physical {below.title()}("name") = {{...}};'
+        )
+    _number_nodes_without_gaps()
+    cell, degree, _, _ = _CELLS[kind]
+    nodes, x, _ = gmsh.model.mesh.getNodes()
+    cells, cell_tags = _cells(dim)
+    facets, facet_tags = _facets(dim - 1, width=len(basix.topology(basix.CellType[cell])[-2][0]))
+    edges, vertices = (
+        {name: _group(below, tag) for name, tag in names[below].items()} if below < dim - 1 else {}
+        for below in (1, 0)
+    )
+    return MeshInput(
+        cell=cell,
+        degree=degree,
+        points=x.reshape(-1, 3)[np.argsort(nodes)],
+        cells=cells[:, node_permutation(cell, degree, NodeOrder.GMSH)],
+        cell_tags=cell_tags,
+        cell_groups=names[dim],
+        facets=facets,
+        facet_tags=facet_tags,
+        facet_groups=names[dim - 1],
+        edge_groups=edges,
+        vertex_groups=vertices,
+    )
+
+
+def _cell_kind(dim: int) -> int:
+    """gmsh's number of the one kind of cells there is, if it is one we know."""
+    kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
     if not kinds:
-        raise MeshError("the mesh has no three-dimensional cells")
+        raise MeshError(f"the mesh has no {_DIMENSIONS[dim]}-dimensional cells")
     if len(kinds) > 1 or kinds[0] not in _CELLS:
         names = ", ".join(gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds)
+        known = ", ".join(text for _, _, text, cell_dim in _CELLS.values() if cell_dim == dim)
         raise MeshError(
-            f"the mesh has cells of the kinds {names}; "
-            f"all must be of one of these: {', '.join(_CELLS.values())}"
+            f"the mesh has cells of the kinds {names}; all must be of one of these: {known}"
         )
-    volumes = [
-        tag
-        for _, tag in gmsh.model.getEntities(3)
-        if len(gmsh.model.mesh.getElements(3, tag)[0]) > 0
-    ]
-    if not gmsh.model.getPhysicalGroups(3):
-        gmsh.model.addPhysicalGroup(3, volumes)
-    for volume in volumes:
-        groups = gmsh.model.getPhysicalGroupsForEntity(3, volume)
-        if len(groups) != 1:
+    return kinds[0]
+
+
+def _cells(dim: int) -> tuple[IntArray, Tags]:
+    """Cells, as rows of points in gmsh's order, and their tags."""
+    grouped = len(gmsh.model.getPhysicalGroups(dim)) > 0
+    rows, tags = [], []
+    for _, entity in gmsh.model.getEntities(dim):
+        cells = _nodes_of(dim, entity)
+        if len(cells) == 0:
+            continue
+        groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity)
+        if grouped and len(groups) != 1:
+            kind = _ENTITIES[dim]
             raise MeshError(
-                f"volume {volume} is in {len(groups)} physical groups; each with cells must be in "
-                "one, or there must be no physical group of volumes at all"
+                f"{kind} {entity} is in {len(groups)} physical groups; each with cells must be in "
+                f"one, or there must be no physical group of {kind}s at all"
             )
+        rows.append(cells)
+        tags.append(np.full(len(cells), groups[0] if grouped else 0, dtype=np.int32))
+    return np.concatenate(rows), np.concatenate(tags)
 
 
-def _surface_groups() -> dict[str, int]:
-    groups = _names(2)
-    if not groups:
-        raise MeshError(
-            "the mesh has no named group of surfaces; in gmsh, give each interface a name: "
-            'Physical Surface("name") = {...};'
-        )
-    for _, surface in gmsh.model.getEntities(2):
-        tags = gmsh.model.getPhysicalGroupsForEntity(2, surface)
-        if len(tags) > 1:
-            names = ", ".join(gmsh.model.getPhysicalName(2, tag) or str(tag) for tag in tags)
-            raise MeshError(f"surface {surface} is in several physical groups ({names}), keep one")
-    return groups
+def _facets(dim: int, *, width: int) -> tuple[IntArray, Tags]:
+    """Vertices of the facets in physical groups, as rows of points, and their tags."""
+    rows, tags = [np.empty((0, width), dtype=np.int64)], [np.empty(0, dtype=np.int32)]
+    for _, entity in gmsh.model.getEntities(dim):
+        groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity)
+        if len(groups) == 0:
+            continue
+        if len(groups) > 1:
+            names = ", ".join(gmsh.model.getPhysicalName(dim, tag) or str(tag) for tag in groups)
+            raise MeshError(
+                f"{_ENTITIES[dim]} {entity} is in several physical groups ({names}), keep one"
+            )
+        facets = _nodes_of(dim, entity, vertices_only=True)
+        if len(facets) > 0 and facets.shape[1] != width:
+            raise MeshError(
+                f"{_ENTITIES[dim]} {entity} is meshed with facets of {facets.shape[1]} vertices, and "
+                f"those of the cells have {width}; mesh both together"
+            )
+        rows.append(facets.reshape(-1, width))
+        tags.append(np.full(len(facets), groups[0], dtype=np.int32))
+    return np.concatenate(rows), np.concatenate(tags)
+
+
+def _group(dim: int, tag: int) -> IntArray:
+    """Vertices of the elements of a physical group, as rows of points."""
+    rows = [np.empty((0, dim + 1), dtype=np.int64)]
+    for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+        rows.append(_nodes_of(dim, entity, vertices_only=True).reshape(-1, dim + 1))
+    return np.concatenate(rows)
+
+
+def _nodes_of(dim: int, entity: int, *, vertices_only: bool = False) -> IntArray:
+    """Nodes or vertices of an entity's elements, as rows of points."""
+    kinds, _, nodes = gmsh.model.mesh.getElements(dim, entity)
+    if len(kinds) == 0:
+        return np.empty((0, 0), dtype=np.int64)
+    if len(kinds) > 1:
+        names = ", ".join(gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds)
+        raise MeshError(f"{_ENTITIES[dim]} {entity} has elements of the kinds {names}; keep one")
+    _, _, _, columns, _, vertices = gmsh.model.mesh.getElementProperties(kinds[0])
+    rows: IntArray = nodes[0].reshape(-1, columns).astype(np.int64) - 1
+    return rows[:, :vertices] if vertices_only else rows
 
 
 def _names(dim: int) -> dict[str, int]:

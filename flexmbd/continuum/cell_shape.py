@@ -5,9 +5,12 @@ from __future__ import annotations
 import basix
 import dolfinx.mesh
 import numpy as np
+import numpy.typing as npt
 
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.errors import MeshError
+
+Array = npt.NDArray[np.float64]
 
 # Of a determinant against the product of its columns' lengths: below this, a sliver of no use.
 _FLAT = 1e-6
@@ -21,9 +24,11 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
 
     The Jacobian determinant is looked at in the nodes and in the points of a quadrature rule that
     integrates it exactly; it may be negative throughout a cell, but not change its sign or vanish.
+    In a surface the part of the normal along the normal at the first node takes its place, in a line
+    that of the tangent.
 
     Args:
-        mesh: three-dimensional mesh.
+        mesh: of dimension 1, 2 or 3 in space.
 
     Raises:
         MeshError: on all ranks; says how many cells are bad, and where the worst is.
@@ -31,17 +36,10 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
     x, nodes = mesh.geometry.x, cell_nodes(mesh)
     gradients = _reference_gradients(mesh)
     bad, worst, where = 0, np.inf, [0.0, 0.0, 0.0]
-    for start in range(0, mesh.topology.index_map(3).size_local, _BATCH):
-        stop = min(start + _BATCH, mesh.topology.index_map(3).size_local)
-        points = x[nodes[start:stop]]
-        jacobian = np.einsum("cni,kqn->cqik", points, gradients, optimize=True)
-        edges = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
-        # an edge without length leaves the quality at zero
-        quality = np.divide(
-            np.linalg.det(jacobian), edges, out=np.zeros_like(edges), where=edges > 0
-        )
-        quality *= np.sign(quality[:, :1])
-        lowest = quality.min(axis=1)
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    for start in range(0, owned, _BATCH):
+        points = x[nodes[start : min(start + _BATCH, owned)]]
+        lowest = _quality(np.einsum("cni,kqn->cqik", points, gradients, optimize=True)).min(axis=1)
         bad += int(np.count_nonzero(lowest <= _FLAT))
         if lowest.min() < worst:
             worst, where = lowest.min(), points[lowest.argmin()].mean(axis=0).tolist()
@@ -55,11 +53,35 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
         )
 
 
-def _reference_gradients(mesh: dolfinx.mesh.Mesh) -> np.ndarray:
-    """Derivatives of the geometry's shape functions, (3, points, nodes)."""
+def _quality(jacobian: Array) -> Array:
+    """Measure of the cells against a right-angled one's with edges as long, (cells, points).
+
+    Args:
+        jacobian: (cells, points, 3, dimension of the cells).
+    """
+    lengths = np.linalg.norm(jacobian, axis=2)
+    dim = jacobian.shape[3]
+    if dim == 3:
+        measure, scale = np.linalg.det(jacobian), np.prod(lengths, axis=2)
+        measure *= np.sign(measure[:, :1])
+    else:
+        vector = np.cross(*np.moveaxis(jacobian, 3, 0)) if dim == 2 else jacobian[..., 0]
+        size = np.linalg.norm(vector[:, :1], axis=2, keepdims=True)
+        first = np.divide(vector[:, :1], size, out=np.zeros_like(vector[:, :1]), where=size > 0)
+        measure = np.einsum("cqi,cqi->cq", vector, np.broadcast_to(first, vector.shape))
+        scale = np.prod(lengths, axis=2)
+        if dim == 1:  # against itself it would always be one
+            scale = np.broadcast_to(scale.max(axis=1, keepdims=True), scale.shape)
+    # an edge without length leaves the quality at zero
+    quality: Array = np.divide(measure, scale, out=np.zeros_like(scale), where=scale > 0)
+    return quality
+
+
+def _reference_gradients(mesh: dolfinx.mesh.Mesh) -> Array:
+    """Derivatives of the geometry's shape functions, (dimension of the cells, points, nodes)."""
     element = mesh.ufl_domain().ufl_coordinate_element().basix_element
     degree = element.degree
     points, _ = basix.make_quadrature(element.cell_type, 3 * degree)
     every = np.vstack((element.points, points))
-    table: np.ndarray = element.tabulate(1, every)[1:4, :, :, 0]
+    table: Array = element.tabulate(1, every)[1:, :, :, 0]
     return table

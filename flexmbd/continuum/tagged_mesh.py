@@ -7,11 +7,10 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import numpy.typing as npt
@@ -19,21 +18,35 @@ import numpy.typing as npt
 from flexmbd.continuum import parallel
 from flexmbd.continuum.cell_shape import check_cells
 from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.mesh_input import (
+    MeshInput,
+    create_mesh,
+    from_root,
+    locate_group,
+    tag_cells,
+    tag_facets,
+    untagged,
+)
+from flexmbd.continuum.pieces import check_connected
 from flexmbd.errors import MeshError
 
 Points = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+T = TypeVar("T")
 Predicate = Callable[[Points], npt.NDArray[np.bool_]]
 
 
 class NodeOrder(enum.Enum):
     """How the nodes of one cell are listed in an array of cells.
 
-    LEXICOGRAPHIC: tetrahedra: four vertices, then the middles of the edges 01, 02, 03, 12, 13, 23.
-        Hexahedra: x fastest, z slowest, so that vertex i + 2 j + 4 k lies at (i, j, k).
-    VTK: tetrahedra: middles of 01, 12, 02, 03, 13, 23. Hexahedra: around the bottom face, then
-        around the top face; then VTK's own order of the further nodes.
-    GMSH: tetrahedra: middles of 01, 12, 02, 03, 23, 13. Hexahedra: vertices as in VTK; then gmsh's
-        own order of the further nodes.
+    LEXICOGRAPHIC: tetrahedra: four vertices, then the middles of the edges 01, 02, 03, 12, 13, 23;
+        triangles: of 01, 02, 12. Hexahedra: x fastest, z slowest, so that vertex i + 2 j + 4 k lies
+        at (i, j, k); quadrilaterals without z.
+    VTK: tetrahedra: middles of 01, 12, 02, 03, 13, 23; triangles: of 01, 12, 02. Hexahedra: around
+        the bottom face, then around the top face; then VTK's own order of the further nodes.
+        Quadrilaterals: around.
+    GMSH: tetrahedra: middles of 01, 12, 02, 03, 23, 13. Triangles, quadrilaterals and the vertices
+        of hexahedra as in VTK; then gmsh's own order of a hexahedron's further nodes.
     """
 
     LEXICOGRAPHIC = enum.auto()
@@ -43,17 +56,21 @@ class NodeOrder(enum.Enum):
 
 @dataclass(frozen=True)
 class TaggedMesh:
-    """A mesh whose groups of facets and cells have names, as gmsh's physical groups do.
+    """A mesh whose groups have names, as gmsh's physical groups do.
 
-    A node is identified, on any number of ranks, by its row in the input:
-    `mesh.geometry.input_global_indices`.
+    A solid has cells of dimension 3, a shell 2, a line 1, all in space. Facets are the entities one
+    dimension below the cells: the edges of a shell, the points of a line. A node is identified, on
+    any number of ranks, by its row in the input: `mesh.geometry.input_global_indices`.
 
     Attributes:
         mesh: the DOLFINx mesh; coordinates in m.
         facet_tags: tags of facets; a facet is in one group at most.
         facet_groups: tag of each named group of facets, the same on all ranks.
-        cell_tags: tags of cells.
+        cell_tags: tags of cells; a cell is in one group at most.
         cell_groups: tag of each named group of cells, the same on all ranks.
+        edge_groups: of a solid, by name the edges (n,) that this rank holds, as `edges` gives them;
+            the names are the same on all ranks, and an edge may be in several groups.
+        vertex_groups: of a solid or a shell, by name the vertices, likewise.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -61,28 +78,81 @@ class TaggedMesh:
     facet_groups: Mapping[str, int]
     cell_tags: dolfinx.mesh.MeshTags
     cell_groups: Mapping[str, int] = field(default_factory=dict)
+    edge_groups: Mapping[str, Indices] = field(default_factory=dict)
+    vertex_groups: Mapping[str, Indices] = field(default_factory=dict)
 
     @property
     def comm(self) -> MPI.Comm:
         """The communicator the mesh is spread over."""
         return self.mesh.comm
 
-    def facets(self, name: str) -> npt.NDArray[np.int32]:
+    @property
+    def dim(self) -> int:
+        """Dimension of the cells: 3 for a solid, 2 for a shell, 1 for a line."""
+        return int(self.mesh.topology.dim)
+
+    def cells(self, name: str) -> Indices:
+        """Cells of a named group, as indices local to this rank; not collective.
+
+        Args:
+            name: a key of `cell_groups`.
+
+        Returns:
+            (n,) indices, ascending, ghosts included; n may be zero on some ranks.
+
+        Raises:
+            MeshError: there is no such group; raised on every rank that asks.
+        """
+        return self.cell_tags.find(_known("cell", self.cell_groups, name))
+
+    def facets(self, name: str) -> Indices:
         """Facets of a named group, as indices local to this rank; not collective.
 
         Args:
             name: a key of `facet_groups`.
 
         Returns:
-            (n,) indices, ascending; n may be zero on some ranks.
+            (n,) indices, ascending; a facet on the border of two ranks is in both of them, and n
+            may be zero on some ranks.
 
         Raises:
             MeshError: there is no such group; raised on every rank that asks.
         """
-        if name not in self.facet_groups:
-            there = ", ".join(repr(known) for known in sorted(self.facet_groups)) or "none"
-            raise MeshError(f"the mesh has no facet group {name!r}; its facet groups are: {there}")
-        return self.facet_tags.find(self.facet_groups[name])
+        return self.facet_tags.find(_known("facet", self.facet_groups, name))
+
+    def edges(self, name: str) -> Indices:
+        """Edges of a named group, as indices local to this rank; not collective.
+
+        Args:
+            name: a key of `edge_groups`; of a shell, of `facet_groups`.
+
+        Returns:
+            (n,) indices of mesh entities of dimension 1, ascending. Every rank that holds an edge
+            has it, its owner or not; n may be zero on some ranks.
+
+        Raises:
+            MeshError: there is no such group; raised on every rank that asks.
+        """
+        if self.dim == 2:
+            return self.facets(name)
+        return _known("edge", self.edge_groups, name)
+
+    def vertices(self, name: str) -> Indices:
+        """Vertices of a named group, as indices local to this rank; not collective.
+
+        Args:
+            name: a key of `vertex_groups`; of a line, of `facet_groups`.
+
+        Returns:
+            (n,) indices of mesh entities of dimension 0, ascending. Every rank that holds a vertex
+            has it, its owner or not; n may be zero on some ranks.
+
+        Raises:
+            MeshError: there is no such group; raised on every rank that asks.
+        """
+        if self.dim == 1:
+            return self.facets(name)
+        return _known("vertex", self.vertex_groups, name)
 
     def fingerprint(self) -> str:
         """SHA-256 of nodes and cells, hexadecimal; independent of the partition. Collective.
@@ -100,6 +170,31 @@ class TaggedMesh:
         return parallel.on_root(self.comm, lambda: _digest(nodes, points, cells))
 
 
+def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
+    """Spread an input over the ranks, and check the mesh. Collective.
+
+    Args:
+        comm: the communicator of the mesh.
+        share: what this rank holds of the input; where rank 0 holds all, from `from_root`.
+
+    Raises:
+        MeshError: on all ranks; cells are inverted or flat, the mesh falls into pieces, or a group
+            is empty, not in the mesh, or shares facets with another.
+    """
+    mesh = create_mesh(comm, share)
+    check_cells(mesh)
+    check_connected(mesh)
+    return TaggedMesh(
+        mesh,
+        tag_facets(mesh, share),
+        share.facet_groups,
+        tag_cells(mesh, share),
+        share.cell_groups,
+        {n: locate_group(mesh, 1, rows, name=n) for n, rows in share.edge_groups.items()},
+        {n: locate_group(mesh, 0, rows, name=n) for n, rows in share.vertex_groups.items()},
+    )
+
+
 def from_arrays(
     comm: MPI.Comm,
     points: npt.ArrayLike | None,
@@ -109,46 +204,85 @@ def from_arrays(
     degree: int = 2,
     order: NodeOrder = NodeOrder.LEXICOGRAPHIC,
     facet_groups: Mapping[str, Predicate],
+    cell_groups: Mapping[str, Predicate] | None = None,
+    edge_groups: Mapping[str, Predicate] | None = None,
+    vertex_groups: Mapping[str, Predicate] | None = None,
 ) -> TaggedMesh:
     """Make a mesh from arrays on rank 0. Collective.
+
+    A group is given by a function of points (3, n) that says which lie in it (n,); an entity belongs
+    to it when all its vertices do. The groups are the same on all ranks.
 
     Args:
         comm: the communicator to spread the mesh over.
         points: (n, 3) coordinates, m; read on rank 0 only.
         cells: (m, k) rows of `points`; read on rank 0 only.
-        cell: "tetrahedron" (k = 4 or 10) or "hexahedron" (k = 8 or 27).
+        cell: "tetrahedron" (k = 4 or 10), "hexahedron" (8 or 27), "triangle" (3 or 6),
+            "quadrilateral" (4 or 9) or "interval" (2 or 3).
         degree: 1 or 2, the degree of the geometry.
-        order: how the k nodes are listed; LEXICOGRAPHIC with 27-node hexahedra is refused.
-        facet_groups: by name, a function of points (3, n) that says which lie in the group (n,); a
-            boundary facet belongs to it when all its vertices do. The same on all ranks.
+        order: how the k nodes are listed; LEXICOGRAPHIC with hexahedra or quadrilaterals of degree
+            2 is refused.
+        facet_groups: of facets on the boundary.
+        cell_groups: of cells.
+        edge_groups: of edges of a solid.
+        vertex_groups: of vertices of a solid or a shell.
 
     Raises:
-        MeshError: on all ranks; the arrays do not fit, cells are bad, a group has no facets, or two
-            groups share one.
+        MeshError: on all ranks; the arrays do not fit, cells are bad, the mesh falls into pieces, a
+            group is empty, or two groups of facets or of cells overlap.
     """
     columns = _NODES.get((cell, degree))
     if columns is None:
         known = ", ".join(f"{name} of degree {d}" for name, d in _NODES)
         raise MeshError(f"no cell {cell!r} of degree {degree!r}; there are: {known}")
-    domain = _spread(comm, points, cells, cell=cell, degree=degree, order=order, columns=columns)
-    check_cells(domain)
-    found = {
-        name: dolfinx.mesh.locate_entities_boundary(domain, 2, predicate)
+    mesh = _spread(comm, points, cells, cell=cell, degree=degree, order=order, columns=columns)
+    check_cells(mesh)
+    check_connected(mesh)
+    dim = mesh.topology.dim
+    facets = {
+        name: dolfinx.mesh.locate_entities_boundary(mesh, dim - 1, predicate)
         for name, predicate in facet_groups.items()
     }
-    _check_groups(comm, found)
+    others = {
+        below: {
+            name: dolfinx.mesh.locate_entities(mesh, below, predicate)
+            for name, predicate in (groups or {}).items()
+        }
+        for below, groups in ((dim, cell_groups), (1, edge_groups), (0, vertex_groups))
+    }
+    for below in [below for below, found in others.items() if found]:
+        mesh.topology.create_connectivity(below, dim)  # what asks for the dofs needs it
+    _check_groups(comm, "facet", facets, overlaps=False)
+    _check_groups(comm, "cell", others[dim], overlaps=False)
+    _check_groups(comm, "edge", others[1], overlaps=True)
+    _check_groups(comm, "vertex", others[0], overlaps=True)
+    return TaggedMesh(
+        mesh,
+        *_tags(mesh, dim - 1, facets),
+        *_tags(mesh, dim, others[dim]),
+        others[1],
+        others[0],
+    )
+
+
+def _tags(
+    mesh: dolfinx.mesh.Mesh, dim: int, found: Mapping[str, Indices]
+) -> tuple[dolfinx.mesh.MeshTags, dict[str, int]]:
+    """Tags of groups that do not overlap, numbered from 1, and the numbers."""
     indices = np.concatenate([np.empty(0, np.int32), *found.values()])
     values = np.repeat(
-        np.arange(1, len(found) + 1, dtype=np.int32), [len(facets) for facets in found.values()]
+        np.arange(1, len(found) + 1, dtype=np.int32), [len(part) for part in found.values()]
     )
     ascending = np.argsort(indices)
-    none = np.empty(0, np.int32)
-    return TaggedMesh(
-        domain,
-        dolfinx.mesh.meshtags(domain, 2, indices[ascending], values[ascending]),
-        {name: tag for tag, name in enumerate(found, start=1)},
-        dolfinx.mesh.meshtags(domain, 3, none, none),
-    )
+    tags = dolfinx.mesh.meshtags(mesh, dim, indices[ascending], values[ascending])
+    return tags, {name: tag for tag, name in enumerate(found, start=1)}
+
+
+def _known(kind: str, groups: Mapping[str, T], name: str) -> T:
+    if name not in groups:
+        there = ", ".join(repr(known) for known in sorted(groups)) or "none"
+        raise MeshError(f"the mesh has no {kind} group {name!r}; its {kind} groups are: {there}")
+    return groups[name]
 
 
 def _digest(nodes: Any, points: Any, cells: Any) -> str:
@@ -163,19 +297,34 @@ _NODES = {
     ("tetrahedron", 2): 10,
     ("hexahedron", 1): 8,
     ("hexahedron", 2): 27,
+    ("triangle", 1): 3,
+    ("triangle", 2): 6,
+    ("quadrilateral", 1): 4,
+    ("quadrilateral", 2): 9,
+    ("interval", 1): 2,
+    ("interval", 2): 3,
 }
 
-# basix lists a tetrahedron's edges as 23, 13, 12, 03, 02, 01 and a hexahedron's vertices x fastest:
-# row i says where basix's node i stands in the lexicographic list.
+# basix lists a tetrahedron's edges as 23, 13, 12, 03, 02, 01, a triangle's as 12, 02, 01, and the
+# vertices of the others x fastest: entry i says where its node i stands in the lexicographic list.
 _FROM_LEXICOGRAPHIC = {
     ("tetrahedron", 1): (0, 1, 2, 3),
     ("tetrahedron", 2): (0, 1, 2, 3, 9, 8, 7, 6, 5, 4),
     ("hexahedron", 1): (0, 1, 2, 3, 4, 5, 6, 7),
+    ("triangle", 1): (0, 1, 2),
+    ("triangle", 2): (0, 1, 2, 5, 4, 3),
+    ("quadrilateral", 1): (0, 1, 2, 3),
+    ("interval", 1): (0, 1),
+    ("interval", 2): (0, 1, 2),
 }
 
 
-def _permutation(cell: str, degree: int, order: NodeOrder) -> npt.NDArray[np.intp]:
-    """Where each of basix's nodes stands in a cell listed in the given order."""
+def node_permutation(cell: str, degree: int, order: NodeOrder) -> npt.NDArray[np.intp]:
+    """Where each of basix's nodes stands in a cell listed in the given order.
+
+    Raises:
+        MeshError: this kind of cell is not known in that order.
+    """
     if order is NodeOrder.LEXICOGRAPHIC:
         if (cell, degree) not in _FROM_LEXICOGRAPHIC:
             raise MeshError(
@@ -198,25 +347,16 @@ def _spread(
     columns: int,
 ) -> dolfinx.mesh.Mesh:
     """The DOLFINx mesh of rank 0's arrays."""
-    x: Points = np.empty((0, 3))
-    rows: npt.NDArray[np.int64] = np.empty((0, columns), dtype=np.int64)
+    share: MeshInput | None = None
     error: Exception | None = None
     if comm.rank == 0:
         try:
             x, rows = _checked(points, cells, columns=columns)
-            rows = rows[:, _permutation(cell, degree, order)]
+            share = untagged(x, rows[:, node_permutation(cell, degree, order)], cell, degree)
         except MeshError as caught:
             error = caught
     parallel.raise_collectively(comm, error)
-    element = basix.ufl.element(
-        "Lagrange",
-        cell,
-        degree,
-        lagrange_variant=basix.LagrangeVariant.equispaced,
-        shape=(3,),
-    )
-    # by keyword: the order of x and e was exchanged in DOLFINx 0.10
-    return dolfinx.mesh.create_mesh(comm=comm, cells=np.ascontiguousarray(rows), x=x, e=element)
+    return create_mesh(comm, from_root(comm, share))
 
 
 def _checked(points: Any, cells: Any, *, columns: int) -> tuple[Points, npt.NDArray[np.int64]]:
@@ -235,16 +375,17 @@ def _checked(points: Any, cells: Any, *, columns: int) -> tuple[Points, npt.NDAr
     return x, rows.astype(np.int64)
 
 
-def _check_groups(comm: MPI.Comm, found: Mapping[str, npt.NDArray[np.int32]]) -> None:
-    """Refuse groups without a facet on any rank, and groups that share one."""
+def _check_groups(
+    comm: MPI.Comm, kind: str, found: Mapping[str, Indices], *, overlaps: bool
+) -> None:
+    """Refuse groups without an entity on any rank, and groups that share one where they may not."""
     faults = []
-    for name, facets in found.items():
-        if comm.allreduce(len(facets)) == 0:
-            faults.append(
-                f"facet group {name!r}: no boundary facet lies in it; check its predicate"
-            )
+    for name, entities in found.items():
+        if comm.allreduce(len(entities)) == 0:
+            where = "boundary facet" if kind == "facet" else kind
+            faults.append(f"{kind} group {name!r}: no {where} lies in it; check its predicate")
     for name, other in itertools.combinations(found, 2):
-        if len(np.intersect1d(found[name], found[other])) > 0:
-            faults.append(f"facet groups {name!r} and {other!r} share facets")
+        if not overlaps and len(np.intersect1d(found[name], found[other])) > 0:
+            faults.append(f"{kind} groups {name!r} and {other!r} share {kind}s")
     error = MeshError("; ".join(faults)) if faults else None
     parallel.raise_collectively(comm, error)

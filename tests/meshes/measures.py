@@ -28,7 +28,7 @@ def total(tagged, form):
 
 
 def n_cells(tagged):
-    return tagged.mesh.topology.index_map(3).size_global
+    return tagged.mesh.topology.index_map(tagged.dim).size_global
 
 
 def n_nodes(tagged):
@@ -37,12 +37,23 @@ def n_nodes(tagged):
 
 def nodes_of(tagged, name):
     """Coordinates of all nodes, mid-side nodes too, of a facet group's facets on this rank."""
-    tagged.mesh.topology.create_connectivity(2, 3)
-    if len(tagged.facets(name)) == 0:
+    return nodes_of_entities(tagged, tagged.dim - 1, tagged.facets(name))
+
+
+def nodes_of_entities(tagged, dim, entities):
+    """Coordinates of all nodes of entities of this rank."""
+    tagged.mesh.topology.create_connectivity(dim, tagged.dim)
+    if len(entities) == 0:
         # DOLFINx 0.9 divides by zero where there are none
         return np.empty((0, 3))
-    nodes = dolfinx.mesh.entities_to_geometry(tagged.mesh, 2, tagged.facets(name))
+    nodes = dolfinx.mesh.entities_to_geometry(tagged.mesh, dim, entities)
     return tagged.mesh.geometry.x[np.unique(nodes)]
+
+
+def n_owned(tagged, dim, entities):
+    """Number of entities on all ranks, of which each gives those it holds."""
+    owned = tagged.mesh.topology.index_map(dim).size_local
+    return tagged.comm.allreduce(int(np.count_nonzero(entities < owned)))
 
 
 def extents(tagged):
