@@ -17,8 +17,9 @@ from flexmbd.errors import ReductionError
 from flexmbd.reduction import interior
 
 _COMPONENTS = ("x", "y", "z")
-# Relative size below which a rigid motion leaves the retained dofs at rest.
-_AT_REST = 1e-8
+# Relative size below which a rigid motion leaves the retained dofs at rest; found from squares, whose
+# rounding is that of a size of 1e-8.
+_AT_REST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
