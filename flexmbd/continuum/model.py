@@ -1,28 +1,26 @@
-"""A formulation on a mesh: stiffness and mass as PETSc matrices, and the rigid interfaces.
+"""Formulations on a mesh: stiffness and mass as PETSc matrices, and the interfaces.
 
-Each term of an energy is assembled as a form of its own with its own quadrature rule, and the
-matrices are the second derivatives of the energies at rest, made by `ufl.derivative`.
+The matrices are the derivatives of internal forces and momentum at rest; see `flexmbd.continuum.assembly`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
-from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import scipy.sparse
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.continuum import compat
-from flexmbd.continuum.formulation import Formulation, Term, load, symbols
+from flexmbd.continuum import assembly
+from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
+from flexmbd.continuum.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.formulation import Formulation
 from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
 from flexmbd.continuum.stress import StressRecovery
 from flexmbd.continuum.tagged_mesh import TaggedMesh
@@ -33,6 +31,10 @@ from flexmbd.visual import StressPicture
 FloatArray = NDArray[np.float64]
 
 
+# Largest difference of two formulations' rigid motions, relative to the motion.
+_SAME_MOTION = 1e-12
+
+
 class ContinuumModel:
     """A linear elastic body on a mesh, with named interfaces. Constructing one is collective.
 
@@ -40,13 +42,16 @@ class ContinuumModel:
 
     Attributes:
         mesh: the mesh and its groups.
-        formulation: the checked form file.
-        parameters: the material, an instance of the formulation's `Parameters`.
-        degree: of the displacement.
-        space: the displacement's function space; one block of three dofs a node.
-        interfaces: the rigid frames found on the mesh.
-        K: stiffness at rest (N/m), PETSc AIJ matrix spread by rows, block size 3.
-        M: consistent mass (kg), the same layout.
+        groups: the cell groups, each with its formulation and parameters; one group with the name
+            None where the whole body has the same.
+        parameters: as they were given: one instance of the formulation's `Parameters`, or a
+            dictionary of them by cell group.
+        degree: of the elements.
+        space: the unknown's function space.
+        layout: where the displacement, and what else the unknown holds, lies in it.
+        interfaces: the frames found on the mesh.
+        K: stiffness at rest (N/m, N, N m), over all dofs, PETSc AIJ matrix spread by rows.
+        M: consistent mass (kg, kg m, kg m^2), the same layout.
         bases: for `flexmbd.continuum.recovery`: by the fingerprint of each body reduced from this
             model, its modes (local dofs including ghosts, n), in the mesh's axes.
     """
@@ -54,8 +59,8 @@ class ContinuumModel:
     def __init__(
         self,
         mesh: TaggedMesh,
-        formulation: str | Path | ModuleType,
-        parameters: Any,
+        formulation: Source | Pairs,
+        parameters: Any = None,
         *,
         degree: int,
         interfaces: Sequence[Interface] = (),
@@ -64,34 +69,34 @@ class ContinuumModel:
 
         Args:
             mesh: lengths in m.
-            formulation: a module, the name of one in `flexmbd.forms`, or a form file's path.
-            parameters: an instance of the formulation's `Parameters`, SI units.
-            degree: of the displacement, at least that of the mesh's geometry.
-            interfaces: facet groups that move as rigid frames.
+            formulation: a module, the name of one in `flexmbd.forms`, or a form file's path; or
+                several as {cell group: (formulation, parameters)}, whose elements are the same.
+            parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
+            degree: of the elements, at least that of the mesh's geometry.
+            interfaces: groups of the mesh that carry frames.
 
         Raises:
-            FormulationError: the form file breaks its contract, or does not fit the parameters, the
-                cell or the degree.
+            FormulationError: a form file breaks its contract, or does not fit its parameters, the
+                cell or the degree; the pairs do not fit the cell groups or each other; K or M has
+                entries that are not finite.
             InterfaceError: an interface cannot carry a frame; see `find_interfaces`.
-            MeshError: `mesh` is not a `TaggedMesh`.
+            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
         """
         if not isinstance(mesh, TaggedMesh):
             raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
         self.mesh = mesh
-        self.formulation = load(formulation)
-        self.parameters = parameters
         self.degree = degree
-        _check(self.formulation, parameters, mesh, degree)
         # on several ranks the matrices of a model that is gone wait for a collective call
         PETSc.garbage_cleanup(mesh.comm)
+        self.groups: tuple[CellGroup, ...] = pair_cells(mesh, formulation, parameters, degree=degree)
+        self.parameters = parameters
+        if parameters is None:
+            self.parameters = {group.name: group.parameters for group in self.groups}
         element = self.formulation.element(mesh.mesh.topology.cell_name(), 3, degree)
         self.space: fem.FunctionSpace = fem.functionspace(mesh.mesh, element)
-        if self.space.dofmap.bs != 3:
-            raise FormulationError(
-                f"the element of {self.form_name} must have three displacement "
-                f"components a node, got {element}"
-            )
-        self.interfaces = find_interfaces(interfaces, mesh=mesh, space=self.space)
+        self.layout: DofLayout = dof_layout(self.space, self.formulation.rigid_motion)
+        self._check_rigid_motions()
+        self.interfaces = find_interfaces(interfaces, mesh=mesh, layout=self.layout)
         self.K, self.M = self._matrices()
         self.bases: dict[str, FloatArray] = {}
 
@@ -101,32 +106,49 @@ class ContinuumModel:
         return self.mesh.comm
 
     @property
+    def formulation(self) -> Formulation:
+        """The first group's formulation, whose element and rigid motion are those of all."""
+        return self.groups[0].formulation
+
+    @property
     def form_name(self) -> str:
-        """Name of the formulation's module."""
-        return _name(self.formulation)
+        """Names of the formulations' modules."""
+        return ", ".join(dict.fromkeys(group.form_name for group in self.groups))
 
     @property
     def n_owned(self) -> int:
         """Number of dofs this rank owns, which stand before its ghosts."""
-        return int(3 * self.space.dofmap.index_map.size_local)
+        return self.layout.n_owned
 
     @property
     def n_owned_nodes(self) -> int:
         """Number of displacement nodes this rank owns, which stand before its ghosts."""
-        return int(self.space.dofmap.index_map.size_local)
+        return self.layout.n_owned_nodes
 
-    @cached_property
+    @property
     def displacement_dofs(self) -> NDArray[np.int32]:
         """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
-        blocks = self.space.dofmap.index_map
-        count = blocks.size_local + blocks.num_ghosts
-        return np.arange(3 * count, dtype=np.int32).reshape(count, 3)
+        return self.layout.displacement_dofs
 
-    @cached_property
+    @property
     def node_x(self) -> FloatArray:
         """(local nodes including ghosts, 3) m, positions of the displacement nodes in the mesh's axes."""
-        x: FloatArray = self.space.tabulate_dof_coordinates()
-        return x
+        return self.layout.node_x
+
+    @cached_property
+    def is_definite(self) -> bool:
+        """Whether K is positive definite once the body is held. Collective at the first call.
+
+        Not with unknowns that no rigid motion moves, as pressures: K is then that of a saddle point,
+        and a factor must be one for indefinite matrices.
+        """
+        own = self.layout.kinematic[: self.n_owned]
+        return bool(self.comm.allreduce(bool(own.all()), op=MPI.LAND))
+
+    @property
+    def has_sections(self) -> bool:
+        """Whether the formulations have cross-sections (`motion`), as beams and shells do."""
+        return all(group.has_sections for group in self.groups)
 
     @cached_property
     def mesh_fingerprint(self) -> str:
@@ -157,17 +179,42 @@ class ContinuumModel:
         Returns:
             (owned dofs, 6): three translations by 1 m, three small rotations by 1 rad.
         """
-        motion = fem.Function(self.space)
-        field = self._rigid_motion
-        field.origin.value[:] = np.asarray(origin, dtype=float)
-        columns = np.empty((self.n_owned, 6), order="F")
-        for i in range(6):
-            unit = np.zeros((2, 3))
-            unit[i // 3] = np.asarray(axes, dtype=float)[:, i % 3]
-            field.translation.value[:], field.rotation.value[:] = unit
-            motion.interpolate(field.expression)
-            columns[:, i] = motion.x.array[: self.n_owned]
-        return columns
+        return np.asfortranarray(self.layout.rigid_columns(origin, axes)[: self.n_owned])
+
+    def internal_work(self, u: fem.Function, v: ufl.core.expr.Expr) -> list[ufl.Form]:
+        """Virtual work, J, of the internal forces at u on v, linear in v; not collective.
+
+        One form a term and cell group, whose sum it is. Each must be assembled by itself, because its
+        quadrature rule is its own, and so must be its derivatives by u: tangent, geometric stiffness.
+
+        Args:
+            u: on `space`.
+            v: a test function or a function on `space`.
+        """
+        return assembly.internal_work(self.groups, u, v)
+
+    def kinetic_energy(self, v: fem.Function) -> list[ufl.Form]:
+        """Kinetic energy, J, of the velocity v on `space`; one form a term and cell group."""
+        return assembly.kinetic_energy(self.groups, v)
+
+    def tangent(self, u: FloatArray) -> PETSc.Mat:
+        """Stiffness at a displacement: the derivative of the internal forces there. Collective.
+
+        Compiles at the first call.
+
+        Args:
+            u: (owned dofs,) in the mesh's axes.
+
+        Returns:
+            A new matrix with the layout of `K`; the caller destroys it.
+
+        Raises:
+            FormulationError: on all ranks: an entry is not finite.
+        """
+        at, forms = self._tangent
+        at.x.array[: self.n_owned] = u
+        at.x.scatter_forward()
+        return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
 
     def stress_picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
         """Displacement and stress of a body reduced from this model. Collective.
@@ -186,106 +233,31 @@ class ContinuumModel:
         return StressRecovery(self)
 
     @cached_property
-    def _rigid_motion(self) -> _RigidMotion:
-        return _RigidMotion(self)
+    def _tangent(self) -> tuple[fem.Function, list[fem.Form]]:
+        at, v = fem.Function(self.space), ufl.TestFunction(self.space)
+        return at, assembly.derivatives(self.internal_work(at, v), at)
 
     def _matrices(self) -> tuple[PETSc.Mat, PETSc.Mat]:
-        """Stiffness and mass; they share one pattern and one block matrix to assemble in."""
-        u = fem.Function(self.space)
-        p = symbols(self.parameters, mesh=self.mesh.mesh)
-        stiffness = [_hessian(term, u) for term in self.formulation.strain_energy(u, p)]
-        mass = [_hessian(term, u) for term in self.formulation.kinetic_energy(u, p)]
-        # half the time of assembling into a PETSc matrix, which looks up every entry's place
-        blocks = fem.create_matrix(stiffness[0])
-        matrices = []
-        for terms in (stiffness, mass):
-            blocks.set_value(0.0)
-            for term in terms:
-                fem.assemble_matrix(blocks, term)
-            blocks.scatter_reverse()
-            matrices.append(_to_petsc(self.comm, blocks))
-        return matrices[0], matrices[1]
+        u, v = fem.Function(self.space), ufl.TestFunction(self.space)
+        momentum = [ufl.derivative(term, u, v) for term in self.kinetic_energy(u)]
+        forms = {
+            "stiffness": assembly.derivatives_at_rest(self.internal_work(u, v), u),
+            "mass": assembly.derivatives_at_rest(momentum, u),
+        }
+        stiffness, mass = assembly.assemble(forms, self.groups, self.space)
+        return stiffness, mass
 
-
-class _RigidMotion:
-    """The formulation's rigid motion as an expression whose constants can be set."""
-
-    def __init__(self, model: ContinuumModel) -> None:
-        mesh = model.mesh.mesh
-        self.origin, self.translation, self.rotation = (
-            fem.Constant(mesh, np.zeros(3)) for _ in range(3)
-        )
-        arm = ufl.SpatialCoordinate(mesh) - self.origin
-        self.expression = fem.Expression(
-            model.formulation.rigid_motion(arm, self.translation, self.rotation),
-            compat.interpolation_points(model.space),
-        )
-
-
-def _name(form: Formulation) -> str:
-    # a formulation is a module, which the Protocol cannot say
-    return cast(ModuleType, form).__name__
-
-
-def _check(form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int) -> None:
-    """Refuse what does not fit the formulation; the same on every rank, not collective."""
-    name = _name(form)
-    if not isinstance(parameters, form.Parameters):
-        raise FormulationError(
-            f"{name} takes its own Parameters, got {parameters!r}; write {name}.Parameters(...)"
-        )
-    cell = mesh.mesh.topology.cell_name()
-    if cell not in form.CELLS:
-        raise FormulationError(
-            f"{name} has no {cell}; mesh the part with {' or '.join(form.CELLS)}"
-        )
-    if isinstance(degree, bool) or degree not in form.ORDER:
-        raise FormulationError(
-            f"{name} has displacements of degree {sorted(form.ORDER)}, got degree={degree!r}"
-        )
-    geometry = mesh.mesh.geometry.cmap.degree
-    if degree < geometry:
-        raise FormulationError(
-            f"degree={degree} is below the degree {geometry} of the mesh's geometry, and could not "
-            f"carry its rigid motions; use degree={geometry} or a mesh of degree {degree}"
-        )
-
-
-def _hessian(term: Term, u: fem.Function) -> fem.Form:
-    """Second derivative at rest of one term of an energy. Collective."""
-    density, rule = term
-    metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
-    energy = density * ufl.dx(domain=u.function_space.mesh, metadata=metadata)
-    v, w = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
-    form = ufl.algorithms.expand_derivatives(ufl.derivative(ufl.derivative(energy, u, v), u, w))
-    # u = 0 as a symbol, so that what vanishes at rest is not computed
-    return fem.form(ufl.replace(form, {u: ufl.zero(u.ufl_shape)}))
-
-
-def _to_petsc(comm: MPI.Comm, blocks: la.MatrixCSR) -> PETSc.Mat:
-    """A finished block matrix as a PETSc AIJ matrix. Collective.
-
-    On one rank PETSc takes the arrays over without a copy.
-    """
-    rows, columns = blocks.index_map(0), blocks.index_map(1)
-    bs = blocks.block_size[0]
-    n = rows.size_local
-    start = blocks.indptr[: n + 1]
-    local = blocks.indices[: start[-1]]
-    numbers = columns.local_to_global(
-        np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32)
-    )
-    data = blocks.data[: start[-1] * bs * bs].reshape(-1, bs, bs)
-    shape = (bs * n, bs * columns.size_global)
-    csr = scipy.sparse.bsr_array((data, numbers[local], start), shape=shape).tocsr()
-    csr.sort_indices()
-    kind = PETSc.IntType
-    matrix = PETSc.Mat().createAIJWithArrays(
-        ((bs * n, None), (bs * columns.size_local, None)),
-        (csr.indptr.astype(kind), csr.indices.astype(kind), csr.data),
-        bsize=bs,
-        comm=comm,
-    )
-    matrix.assemble()
-    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    return matrix
+    def _check_rigid_motions(self) -> None:
+        """Refuse formulations whose unknowns mean different things. Collective."""
+        others = {group.form_name: group.formulation for group in self.groups}
+        del others[self.groups[0].form_name]
+        for name, other in others.items():
+            own = self.layout.rigid_columns(np.zeros(3), np.eye(3))
+            off = dof_layout(self.space, other.rigid_motion).rigid_columns(np.zeros(3), np.eye(3)) - own
+            largest = np.array([abs(off).max(initial=0.0), abs(own).max(initial=0.0)])
+            self.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+            if not largest[0] <= _SAME_MOTION * largest[1]:
+                raise FormulationError(
+                    f"{self.groups[0].form_name} and {name} have different rigid motions, so their unknowns "
+                    "mean different things: they cannot be in one body"
+                )

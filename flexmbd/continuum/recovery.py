@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,8 @@ def nodal_modes(body: ReducedBody, model: ContinuumModel) -> FloatArray:
         displacement relative to the body frame per unit of each modal coordinate.
 
     Raises:
-        RecordError: on all ranks: the record has no modes, or is of another mesh.
+        RecordError: on all ranks: the record has no modes, or is of another mesh; it has only the
+            displacement of a formulation with further unknowns.
     """
     kept = model.bases.get(body.fingerprint())
     if kept is not None:
@@ -42,6 +45,12 @@ def nodal_modes(body: ReducedBody, model: ContinuumModel) -> FloatArray:
         raise RecordError(
             "the record holds no nodal modes, and the body was not reduced from this model in this "
             "process: reduce it with keep_modes=True, or reduce it again here"
+        )
+    others = model.layout.n_local > model.displacement_dofs.size
+    if model.comm.allreduce(others, op=MPI.LOR):
+        raise RecordError(
+            f"the record's nodal modes are displacements alone, and {model.form_name} has further "
+            "unknowns: reduce the body again from this model, in this process"
         )
     if body.provenance.get("mesh") != model.mesh_fingerprint:
         raise RecordError(
@@ -61,10 +70,12 @@ def _from_group(body: ReducedBody, group: NodalModes, model: ContinuumModel) -> 
     if not fits:
         error = RecordError(
             "the record's nodal modes lack nodes of the model: it was reduced with another degree "
-            f"than {model.degree}; use the same"
+            f"than {model.layout.displacement_degree}; use the same"
         )
     parallel.raise_collectively(model.comm, error)
     rotation = np.eye(3) if body.frame is None else model.interface(body.frame).R
     # (nodes, 3, n) in B's axes to the mesh's
     modes = np.einsum("ab,kbn->kan", rotation, group.phi[place])
-    return modes.reshape(3 * len(numbers), -1)
+    fields = np.empty((model.layout.n_local, modes.shape[2]), order="F")
+    fields[model.displacement_dofs] = modes
+    return fields

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
+import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat
-from flexmbd.continuum.formulation import symbols
+from flexmbd.continuum.cell_group import CellGroup
 from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
 from flexmbd.continuum.recovery import nodal_modes
-from flexmbd.errors import RecordError
+from flexmbd.errors import FormulationError, RecordError
 from flexmbd.reduced import ReducedBody
 from flexmbd.visual import StressPicture
 
@@ -35,9 +36,10 @@ class StressRecovery:
     def __init__(self, model: ContinuumModel) -> None:
         self._model = model
         self._u = fem.Function(model.space)
-        parameters = symbols(model.parameters, mesh=model.mesh.mesh)
-        sigma = model.formulation.stress(self._u, None, parameters)
-        self._sigma = fem.Expression(sigma, compat.interpolation_points(model.space))
+        points = compat.interpolation_points(model.layout.node_space)
+        self._sigma = [
+            (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
+        ]
         self._nodes = _WholeMesh(model)
 
     def picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
@@ -59,10 +61,9 @@ class StressRecovery:
             raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
         nodes, model = self._nodes, self._model
         self._u.x.array[:] = nodal_modes(body, model) @ modal
-        cells = np.arange(nodes.n_cells, dtype=np.int32)
-        sigma = self._sigma.eval(model.mesh.mesh, cells).reshape(-1, 9)
+        sigma = self._stresses()
         largest, at_largest = nodes.largest(_von_mises(sigma))
-        u = self._u.x.array.reshape(-1, 3)[nodes.places]
+        u = self._u.x.array[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
         p, R = _body_frame(model, body)
         stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R
@@ -76,6 +77,22 @@ class StressRecovery:
             max=largest,
             max_x=(nodes.x[at_largest] - p) @ R,
         )
+
+    def _stresses(self) -> FloatArray:
+        """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
+        sigma = np.empty((self._nodes.n_cells, len(self._nodes.places) // max(self._nodes.n_cells, 1), 9))
+        for cells, expression in self._sigma:
+            sigma[cells] = expression.eval(self._model.mesh.mesh, cells).reshape(len(cells), -1, 9)
+        return sigma.reshape(-1, 9)
+
+
+def _tensor(group: CellGroup, u: fem.Function) -> ufl.core.expr.Expr:
+    sigma = group.formulation.stress(u, None, group.symbols)
+    if sigma.ufl_shape != (3, 3):
+        raise FormulationError(
+            f"{group.form_name}: its stress has the shape {sigma.ufl_shape}, and a picture needs a tensor (3, 3)"
+        )
+    return sigma
 
 
 def _body_frame(model: ContinuumModel, body: ReducedBody) -> tuple[FloatArray, FloatArray]:
@@ -105,8 +122,9 @@ class _WholeMesh:
 
     def __init__(self, model: ContinuumModel) -> None:
         self._comm = model.comm
-        self.n_cells = model.mesh.mesh.topology.index_map(3).size_local
-        self.places = model.space.dofmap.list[: self.n_cells].ravel()
+        topology = model.mesh.mesh.topology
+        self.n_cells = topology.index_map(topology.dim).size_local
+        self.places = model.layout.node_space.dofmap.list[: self.n_cells].ravel()
         numbers = node_numbers(model)
         self.number = self._union(np.unique(numbers))
         self._row = np.searchsorted(self.number, numbers[self.places])
@@ -114,7 +132,7 @@ class _WholeMesh:
         shape = (len(self.number), len(self._row))
         self._sum = scipy.sparse.csr_array((ones, (self._row, columns)), shape=shape)
         self._count = self._total(self._sum.sum(axis=1))
-        self.x = self.average(model.space.tabulate_dof_coordinates()[self.places])
+        self.x = self.average(model.node_x[self.places])
         self.triangle = self._boundary(numbers[boundary_triangles(model)])
 
     def average(self, values: FloatArray) -> FloatArray:

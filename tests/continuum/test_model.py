@@ -171,7 +171,7 @@ def edge_element(cell, gdim, degree):
         (
             {"interfaces": [Interface("bore")]},
             InterfaceError,
-            "'bore'.*no such facet group.*'x_max', 'x_min'",
+            "'bore'.*no such group of facets.*'x_max', 'x_min'",
         ),
     ],
 )
