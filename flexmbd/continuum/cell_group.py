@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum import parallel
+from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.dof_layout import check_element
 from flexmbd.continuum.formulation import Formulation, load, orders, symbols
 from flexmbd.continuum.tagged_mesh import TaggedMesh
@@ -149,7 +149,7 @@ def _check(form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int) ->
     degrees = sorted(orders(form, cell))
     if isinstance(degree, bool) or degree not in degrees:
         raise FormulationError(f"{name} has displacements of degree {degrees}, got degree={degree!r}")
-    geometry = mesh.mesh.geometry.cmap.degree
+    geometry = compat.geometry_degree(mesh.mesh)
     if degree < geometry:
         raise FormulationError(
             f"degree={degree} is below the degree {geometry} of the mesh's geometry, and could not "
