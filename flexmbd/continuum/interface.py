@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.continuum import averaging
+from flexmbd.continuum.averaging import THIN, Group, average_columns
 from flexmbd.continuum.dof_layout import DofLayout
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.coupling import Coupling
@@ -25,8 +25,6 @@ from flexmbd.errors import InterfaceError
 
 FloatArray = NDArray[np.float64]
 
-# Nodes are taken to lie in a line when they are thinner than this part of their length.
-_THIN = 1e-6
 # Largest entry of R^T R - 1 in axes given by a person, who may write seven digits.
 _ORTHONORMAL = 1e-6
 
@@ -131,12 +129,12 @@ def find_interfaces(
     Args:
         interfaces: the same on all ranks.
         mesh: the mesh with the groups.
-        layout: of the unknown's dofs on it.
+        layout: where the displacement, and what else the unknown holds, lies in its space.
 
     Raises:
         InterfaceError: on all ranks: an unknown group, an empty one or one with facets inside the
-            part, with fewer than three nodes or all in one line, two rigid interfaces that share
-            nodes, or an averaged one whose nodes are all bound by rigid ones.
+            part, with nodes that carry no rotation, two rigid interfaces that share nodes, or an
+            averaged one whose nodes are all bound by rigid ones.
     """
     _check_names(interfaces, mesh)
     found = tuple(_find(interface, mesh=mesh, layout=layout) for interface in interfaces)
@@ -189,35 +187,20 @@ def _check_shared(found: Sequence[FoundInterface], comm: MPI.Comm) -> None:
 
 
 def _find(interface: Interface, *, mesh: TaggedMesh, layout: DofLayout) -> FoundInterface:
-    name = interface.name
-    dim = _dimension(name, mesh)
-    entities = _entities(name, mesh, dim)
-    _check_entities(name, mesh, entities, dim)
-    mesh.mesh.topology.create_connectivity(dim, mesh.dim)
-    space = layout.node_space
-    # collective: it tells nodes to ranks that hold none of the entities
-    nodes = layout.nodes_on(dim, entities)
-    bound = layout.kinematic_dofs_on(dim, entities)
-    rotations = mesh.comm.allreduce(len(bound) - 3 * len(nodes)) > 0
-    if not (rotations and interface.coupling is Coupling.RIGID):
-        _check_spread(name, mesh.comm, layout.node_x[nodes[nodes < layout.n_owned_nodes]], dim=dim)
-    is_facet = name in mesh.facet_groups
-    if is_facet:
-        centroid = averaging.facet_centroid(mesh, mesh.facet_groups[name])
-    else:
-        weights = averaging.point_weights(space, entities, dim)
-        centroid = averaging.weighted_centroid(space, weights)
-    origin = centroid if interface.origin is None else np.array(interface.origin, dtype=float)
-    axes = np.eye(3) if interface.axes is None else _nearest_rotation(interface.axes)
+    group = _group(interface.name, mesh)
+    _check_entities(group)
+    # collective: they tell nodes to ranks that hold none of the entities
+    nodes = layout.nodes_on(group.dim, group.entities)
+    dofs = layout.kinematic_dofs_on(group.dim, group.entities)
+    _check_spread(group, layout, nodes, dofs)
+    p, R = interface.origin, interface.axes
+    origin = group.centroid(layout.node_space) if p is None else np.array(p, dtype=float)
+    axes = np.eye(3) if R is None else _nearest_rotation(R)
     if interface.coupling is Coupling.RIGID:
-        return RigidInterface(name, origin, axes, nodes, bound)
-    if is_facet:
-        average = averaging.facet_average(space, mesh, mesh.facet_groups[name], centre=centroid)
-    else:
-        average = averaging.point_average(space, weights, centre=centroid)
-    at_origin = average[nodes].reshape(-1, 6) @ _moved(centroid, origin)
-    dofs = layout.displacement_dofs[nodes].reshape(-1)
-    return AveragedInterface(name, origin, axes, nodes, dofs, at_origin)
+        return RigidInterface(group.name, origin, axes, nodes, dofs)
+    centre = group.centroid(layout.node_space)
+    average = average_columns(group, layout, centre=centre)[dofs] @ _moved(centre, origin)
+    return AveragedInterface(group.name, origin, axes, nodes, dofs, average)
 
 
 def _moved(start: FloatArray, end: FloatArray) -> FloatArray:
@@ -228,17 +211,16 @@ def _moved(start: FloatArray, end: FloatArray) -> FloatArray:
     return x
 
 
-def _dimension(name: str, mesh: TaggedMesh) -> int:
-    """Dimension of the entities of a group."""
+def _group(name: str, mesh: TaggedMesh) -> Group:
     if name in mesh.facet_groups:
-        return mesh.dim - 1
-    return 1 if name in mesh.edge_groups else 0
-
-
-def _entities(name: str, mesh: TaggedMesh, dim: int) -> NDArray[np.int32]:
-    if name in mesh.facet_groups:
-        return mesh.facets(name)
-    return mesh.edges(name) if dim == 1 else mesh.vertices(name)
+        dim = mesh.dim - 1
+        group = Group(name, mesh, dim, mesh.facets(name), mesh.facet_groups[name])
+    elif name in mesh.edge_groups:
+        group = Group(name, mesh, 1, mesh.edges(name), None)
+    else:
+        group = Group(name, mesh, 0, mesh.vertices(name), None)
+    mesh.mesh.topology.create_connectivity(group.dim, mesh.dim)
+    return group
 
 
 def _nearest_rotation(axes: ArrayLike) -> FloatArray:
@@ -249,41 +231,42 @@ def _nearest_rotation(axes: ArrayLike) -> FloatArray:
 _KINDS = {0: "vertices", 1: "edges", 2: "facets"}
 
 
-def _check_entities(
-    name: str, mesh: TaggedMesh, entities: NDArray[np.int32], dim: int
-) -> None:
+def _check_entities(group: Group) -> None:
     """Refuse an empty group, or facets that are not on the boundary. Collective."""
+    mesh, kind = group.mesh, _KINDS[group.dim]
     topology = mesh.mesh.topology
-    topology.create_connectivity(dim, mesh.dim)
-    own = entities[entities < topology.index_map(dim).size_local]
+    own = group.entities[group.entities < topology.index_map(group.dim).size_local]
     if mesh.comm.allreduce(len(own)) == 0:
         raise InterfaceError(
-            f"interface {name!r} has no {_KINDS[dim]}; tag those of a surface of the part"
+            f"interface {group.name!r} has no {kind}; tag those of a surface of the part"
         )
-    if name not in mesh.facet_groups:
+    if group.tag is None:
         return
-    topology.create_connectivity(mesh.dim - 1, mesh.dim)
     inside = mesh.comm.allreduce(len(np.setdiff1d(own, exterior_facet_indices(topology))))
     if inside > 0:
         raise InterfaceError(
-            f"interface {name!r} has {inside} {_KINDS[dim]} inside the part; tag only those of its "
+            f"interface {group.name!r} has {inside} {kind} inside the part; tag only those of its "
             "surface"
         )
 
 
-def _check_spread(name: str, comm: MPI.Comm, points: FloatArray, *, dim: int) -> None:
-    """Refuse nodes that cannot carry a rotation. Collective."""
-    count = comm.allreduce(len(points))
-    mean = comm.allreduce(points.sum(axis=0)) / max(count, 1)
-    spread = comm.allreduce((points - mean).T @ (points - mean))
-    thin, long = np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[1:], 0.0))
-    if count < 3 or not thin > _THIN * long:
+def _check_spread(
+    group: Group, layout: DofLayout, nodes: NDArray[np.int32], dofs: NDArray[np.int32]
+) -> None:
+    """Refuse nodes that cannot carry a rotation: some leaves them at rest. Collective."""
+    comm = group.mesh.comm
+    x = layout.node_x[nodes[nodes < layout.n_owned_nodes]]
+    count = comm.allreduce(len(x))
+    mean = comm.allreduce(x.sum(axis=0)) / max(count, 1)
+    rotations = layout.rigid_columns(mean, np.eye(3))[dofs[dofs < layout.n_owned], 3:]
+    small, _, large = np.linalg.eigvalsh(comm.allreduce(rotations.T @ rotations))
+    if not small > THIN**2 * large:
         remedy = {
             0: "a point of a solid carries no rotation: take a group of three vertices or more, or facets",
             1: "a straight line of a solid carries no rotation about itself: take a curved one, or facets",
             2: "take a larger group of facets",
         }
         raise InterfaceError(
-            f"interface {name!r} has {count} nodes, and a frame of six dofs needs three that are not in "
-            f"one line; {remedy[dim]}"
+            f"interface {group.name!r} has {count} nodes, and a frame of six dofs needs three that are "
+            f"not in one line; {remedy[group.dim]}"
         )
