@@ -207,10 +207,11 @@ def dof_layout(space: fem.FunctionSpace, rigid_motion: RigidMotion) -> DofLayout
     """
     element = space.ufl_element()
     if _displacement(element) is element:
-        dofs = np.arange(space.dofmap.index_map_bs * _n_blocks(space), dtype=np.int32)
-        fields = [Field(space, dofs, slice(0, element.block_size))]
+        size = space.dofmap.index_map_bs
+        dofs = np.arange(size * _n_blocks(space), dtype=np.int32)
+        whole = Field(space, dofs, slice(0, size))
         nodes, places = _nodes_of_blocks(space)
-        return DofLayout(space, nodes, dofs.reshape(_n_blocks(space), -1)[places, :3], tuple(fields), rigid_motion)
+        return DofLayout(space, nodes, dofs.reshape(-1, size)[places, :3], (whole,), rigid_motion)
     fields, first = [], 0
     for i, part in enumerate(element.sub_elements):
         own, dofs = space.sub(i).collapse()
@@ -226,10 +227,8 @@ def _nodes_of_blocks(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indic
     if space.dofmap.index_map_bs == 3:
         return space, np.arange(count, dtype=np.int32)
     whole = space.ufl_element()
-    shape = (3,)
-    element = basix.ufl.element(
-        whole.element_family, whole.cell_type, whole.basix_element.degree, whole.lagrange_variant, shape=shape
-    )
+    degree, variant = whole.basix_element.degree, whole.lagrange_variant
+    element = basix.ufl.element(whole.element_family, whole.cell_type, degree, variant, shape=(3,))
     nodes = fem.functionspace(space.mesh, element)
     places = np.empty(count, dtype=np.int32)
     places[nodes.dofmap.list] = space.dofmap.list

@@ -37,7 +37,9 @@ def section_gram(
     for group in model.groups:
         sections = _Sections(model, group)
         values = 3 * sections.moments * fields.shape[1] * len(sections.weights)
-        parts = max(1, -(-len(group.cells) * values // _BATCH))
+        if len(group.cells) == 0:
+            continue
+        parts = -(-len(group.cells) * values // _BATCH)
         for cells in np.array_split(group.cells, parts):
             gram += sections.gram(cells, fields, p=p, R=R)
     # summed on one rank, because a sum may depend on the rank that makes it

@@ -80,9 +80,10 @@ class StressRecovery:
 
     def _stresses(self) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
-        sigma = np.empty((self._nodes.n_cells, len(self._nodes.places) // max(self._nodes.n_cells, 1), 9))
+        sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))
         for cells, expression in self._sigma:
-            sigma[cells] = expression.eval(self._model.mesh.mesh, cells).reshape(len(cells), -1, 9)
+            values = expression.eval(self._model.mesh.mesh, cells)
+            sigma[cells] = values.reshape(-1, self._nodes.per_cell, 9)
         return sigma.reshape(-1, 9)
 
 
@@ -114,6 +115,7 @@ class _WholeMesh:
 
     Attributes:
         n_cells: cells that this rank owns.
+        per_cell: nodes of a cell.
         places: (n_cells * nodes of a cell,) local node of each node of these cells.
         number: (k,) node numbers, ascending; this and the rest the same on every rank.
         x: (k, 3) m, in the mesh's axes.
@@ -124,7 +126,9 @@ class _WholeMesh:
         self._comm = model.comm
         topology = model.mesh.mesh.topology
         self.n_cells = topology.index_map(topology.dim).size_local
-        self.places = model.layout.node_space.dofmap.list[: self.n_cells].ravel()
+        cells = model.layout.node_space.dofmap.list[: self.n_cells]
+        self.per_cell = cells.shape[1]
+        self.places = cells.ravel()
         numbers = node_numbers(model)
         self.number = self._union(np.unique(numbers))
         self._row = np.searchsorted(self.number, numbers[self.places])
