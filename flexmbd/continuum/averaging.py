@@ -17,6 +17,7 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
+from flexmbd.continuum import compat
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.dof_layout import DofLayout
 from flexmbd.continuum.tagged_mesh import TaggedMesh
@@ -118,7 +119,7 @@ def _facet_centroid(mesh: TaggedMesh, tag: int) -> FloatArray:
     ds = ufl.Measure("ds", domain=mesh.mesh, subdomain_data=mesh.facet_tags)
     weight = fem.Constant(mesh.mesh, np.zeros(4))
     integrand = weight[0] + sum(weight[i + 1] * x[i] for i in range(3))
-    degree = 3 * mesh.mesh.geometry.cmap.degree
+    degree = 3 * compat.geometry_degree(mesh.mesh)
     form = fem.form(integrand * ds(tag, metadata={"quadrature_degree": degree}))
     integrals = np.zeros(4)
     for i in range(4):
@@ -133,7 +134,7 @@ def _facet_integrals(group: Group, space: fem.FunctionSpace, fields: FloatArray)
     mesh = group.mesh
     field = fem.Function(space)
     ds = ufl.Measure("ds", domain=mesh.mesh, subdomain_data=mesh.facet_tags)
-    degree = 2 * space.element.basix_element.degree + 2 * mesh.mesh.geometry.cmap.degree - 2
+    degree = 2 * space.element.basix_element.degree + 2 * compat.geometry_degree(mesh.mesh) - 2
     measure = ds(group.tag, metadata={"quadrature_degree": degree})
     form = fem.form(ufl.inner(field, ufl.TestFunction(space)) * measure)
     results = np.empty_like(fields)
