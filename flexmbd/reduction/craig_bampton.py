@@ -12,6 +12,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
+from flexmbd.reduction.geometric_stiffness import unit_responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
@@ -25,6 +26,7 @@ def craig_bampton(
     *,
     modes: int,
     frame: str | None,
+    geometric_stiffness: bool = True,
     keep_modes: bool = False,
     keep_surface: bool = False,
 ) -> ReducedBody:
@@ -43,6 +45,9 @@ def craig_bampton(
         modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0
             gives Guyan's reduction.
         frame: name of the interface that carries the body frame; None: it floats on the mean axis.
+        geometric_stiffness: whether the record says how loads change the stiffness
+            (`GeometricStiffness`), without which a spinning body comes out too soft; left out where
+            the strain energy is quadratic.
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
 
@@ -55,7 +60,9 @@ def craig_bampton(
         ConvergenceError: the eigensolver did not converge.
     """
     modes = _checked(modes)
-    basis, rigid_error = _basis(model, frame, modes=modes)
+    basis, rigid_error = _basis(
+        model, frame, modes=modes, geometric_stiffness=geometric_stiffness
+    )
     provenance = {
         "reduction": _name(model, modes),
         "fixed-interface modes": str(modes),
@@ -80,7 +87,9 @@ def _name(model: ContinuumModel, modes: int) -> str:
     return "Craig-Bampton" if modes > 0 else "Guyan"
 
 
-def _basis(model: ContinuumModel, frame: str | None, *, modes: int) -> tuple[Basis, float]:
+def _basis(
+    model: ContinuumModel, frame: str | None, *, modes: int, geometric_stiffness: bool
+) -> tuple[Basis, float]:
     """The basis, and the error of the rigid motions among its static shapes. Collective."""
     with body_statics(model, frame=frame) as statics:
         if modes > statics.size:
@@ -92,6 +101,7 @@ def _basis(model: ContinuumModel, frame: str | None, *, modes: int) -> tuple[Bas
         images = multiply(model.M, fields)
         static = statics.static
         fixed = _fixed_interface_modes(statics, fields, images, count=modes)
+        responses = unit_responses(statics) if geometric_stiffness else None
     # the shapes of the first interface were only for the check
     shapes: FloatArray = np.hstack([static.shapes[:, 6:], fixed.shapes])
     forces = np.hstack([static.forces[:, 6:], multiply(model.K, fixed.shapes)])
@@ -116,6 +126,7 @@ def _basis(model: ContinuumModel, frame: str | None, *, modes: int) -> tuple[Bas
         eigenvalues=fixed.eigenvalues,
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
+        responses=responses,
     )
     return basis, static.rigid_error
 

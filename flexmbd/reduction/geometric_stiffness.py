@@ -1,9 +1,10 @@
 """Geometric stiffness of a reduced body, load by load.
 
-A mode of small displacement theory keeps no length: without the stiffness that a load's stress adds, a spinning
-beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195). Here K_l,ij = D^3 W(0)[u_l, phi_i, phi_j] with W
-the strain energy and u_l the static displacement of the whole model under the unit load l (Wallrapp & Schwertassek
-1991, Representation of geometric stiffening in multibody system simulation, Int. J. Numer. Methods Eng. 32).
+A mode of small displacement theory keeps no length: without the stiffness that a load's stress adds, a
+spinning beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195).  K_l,ij is the integral of
+stress(u_l) : (grad phi_i^T grad phi_j) with u_l the static displacement of the whole model under the unit
+load l (Wallrapp & Schwertassek 1991, Representation of geometric stiffening in multibody system
+simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.continuum.stress_stiffness`.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import numpy as np
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.third_derivative import third_derivative
+from flexmbd.continuum.stress_stiffness import stress_stiffness
 from flexmbd.reduced import FRAME_DOFS, GeometricStiffness
+from flexmbd.reduction.statics import Statics
 
 _AXES = ("x", "y", "z")
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -113,6 +115,24 @@ def joined(*loads: UnitLoads) -> UnitLoads:
     return UnitLoads(names, np.asfortranarray(np.hstack([part.forces for part in loads])))
 
 
+def unit_responses(statics: Statics, *more: UnitLoads) -> UnitResponses:
+    """Static displacements under all loads of `GeometricStiffness`. Collective.
+
+    Args:
+        statics: of the body. Where its frame floats, each load is balanced by the inertia forces of the rigid motion
+            that it causes, and all interfaces are loaded; else all but the frame's.
+        more: further loads, as distributed ones.
+    """
+    model, floating = statics.model, statics.floating
+    moving = statics.interfaces if floating else statics.interfaces[1:]
+    loads = joined(
+        inertia_loads(model, p=statics.p, R=statics.R, floating=floating),
+        interface_loads(model, moving, R=statics.R),
+        *more,
+    )
+    return UnitResponses(loads.names, statics.static_response(loads.forces))
+
+
 def note(group: GeometricStiffness | None) -> str:
     """What the record's provenance says of the group."""
     if group is None:
@@ -135,5 +155,5 @@ def geometric_group(
         The group, the same to the bit on every rank; None where the strain energy is quadratic, so that no load
         changes the stiffness.
     """
-    stiffness = third_derivative(model, displacements, modes)
+    stiffness = stress_stiffness(model, displacements, modes)
     return None if stiffness is None else GeometricStiffness(tuple(names), stiffness)

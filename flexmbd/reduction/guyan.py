@@ -8,7 +8,12 @@ from flexmbd.reduction.craig_bampton import craig_bampton
 
 
 def guyan(
-    model: ContinuumModel, *, frame: str | None, keep_modes: bool = False, keep_surface: bool = False
+    model: ContinuumModel,
+    *,
+    frame: str | None,
+    geometric_stiffness: bool = True,
+    keep_modes: bool = False,
+    keep_surface: bool = False,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -19,6 +24,7 @@ def guyan(
         model: with at least the interface `frame`.
         frame: name of the interface that carries the body frame, where every mode vanishes;
             None: it floats on the mean axis.
+        geometric_stiffness: as for `craig_bampton`.
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
 
@@ -30,5 +36,10 @@ def guyan(
         ReductionError: a singular stiffness, or a failed accuracy check.
     """
     return craig_bampton(
-        model, modes=0, frame=frame, keep_modes=keep_modes, keep_surface=keep_surface
+        model,
+        modes=0,
+        frame=frame,
+        geometric_stiffness=geometric_stiffness,
+        keep_modes=keep_modes,
+        keep_surface=keep_surface,
     )

@@ -16,6 +16,7 @@ from flexmbd.continuum.interface import FoundInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.reduction.geometric_stiffness import UnitResponses, geometric_group, note
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import nodal_group, surface_group
 from flexmbd.reduction.signs import determined_rotation
@@ -41,6 +42,7 @@ class Basis:
         rigid_part: (6, n) of the mass-normalised rigid modes, what was taken off the shapes; zero
             where B is attached.
         projections: (n, fields) shapes^T M w for the rule of the signs.
+        responses: to the loads whose geometric stiffness is wanted, or None.
     """
 
     frame: str | None
@@ -54,6 +56,7 @@ class Basis:
     eigenvalues: FloatArray
     rigid_part: FloatArray
     projections: FloatArray
+    responses: UnitResponses | None
 
 
 def project(
@@ -90,8 +93,15 @@ def project(
 
     parts, x = parallel.on_root(model.comm, make)
     modes = _with_ghosts(model, basis.shapes @ x)
+    geometric = None
+    if basis.responses is not None:
+        displacements = _with_ghosts(model, basis.responses.displacements)
+        names = basis.responses.names
+        geometric = geometric_group(model, names, displacements=displacements, modes=modes)
+        parts["provenance"]["geometric stiffness"] = note(geometric)
     body = ReducedBody(
         **parts,
+        geometric=geometric,
         modes=nodal_group(model, modes, p=p, R=R) if keep_modes else None,
         surface=surface_group(model, modes, p=p, R=R) if keep_surface else None,
     )
