@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem, mesh
 
 
@@ -40,3 +41,12 @@ def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
     """
     points = space.element.interpolation_points
     return points() if callable(points) else points
+
+
+def topological_dimension(domain: ufl.Mesh) -> int:
+    """Dimension of the cells of a UFL domain.
+
+    With DOLFINx 0.9 a method, later a property.
+    """
+    dim = domain.topological_dimension
+    return dim() if callable(dim) else dim
