@@ -139,16 +139,16 @@ class DofLayout:
         """
         motion = self._motion
         motion.origin.value[:] = np.asarray(origin, dtype=float)
-        columns = np.empty((self.n_local, 6), order="F")
+        columns = np.zeros((self.n_local, 6), order="F")
         for i in range(6):
             unit = np.zeros((2, 3))
             unit[i // 3] = np.asarray(axes, dtype=float)[:, i % 3]
             motion.translation.value[:], motion.rotation.value[:] = unit
-            for field, function, expression in zip(
-                self.fields, motion.functions, motion.expressions, strict=True
-            ):
-                function.interpolate(expression)
-                columns[field.dofs, i] = function.x.array
+            for field, expression in zip(self.fields, motion.expressions, strict=True):
+                if expression is not None:
+                    function = fem.Function(field.space)
+                    function.interpolate(expression)
+                    columns[field.dofs, i] = function.x.array
         return columns
 
     @cached_property
@@ -167,14 +167,13 @@ class _Motion:
         arm = ufl.SpatialCoordinate(mesh) - self.origin
         whole = layout.rigid_motion(arm, self.translation, self.rotation)
         flat = _flattened(whole)
-        self.functions: list[fem.Function] = []
-        self.expressions: list[fem.Expression] = []
+        # None where it is zero: DOLFINx refuses an expression without a mesh
+        self.expressions: list[fem.Expression | None] = []
         for field in layout.fields:
             part = _shaped(flat[field.components], field.space.value_shape)
-            self.functions.append(fem.Function(field.space))
-            self.expressions.append(
-                fem.Expression(part, compat.interpolation_points(field.space))
-            )
+            points = compat.interpolation_points(field.space)
+            zero = isinstance(part, ufl.classes.Zero)
+            self.expressions.append(None if zero else fem.Expression(part, points))
 
 
 def check_element(element: basix.ufl._ElementBase, *, name: str) -> None:
