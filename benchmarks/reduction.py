@@ -1,0 +1,241 @@
+"""Craig-Bampton reduction of a beam of solids: time and memory against exudyn and NGSolve.
+
+    ./run python benchmarks/reduction.py              # all sizes, about 20 minutes on two cores
+    ./run python benchmarks/reduction.py --quick      # two small meshes, about a minute
+    ./run pip install -e .[benchmark]                 # exudyn and NGSolve, without which their rows are left out
+
+A box of 1 x 0.05 x 0.05 m in ten-node tetrahedra, both ends rigid, body frame on one of them: 20 modes,
+6 static and 14 fixed-interface ones. All codes get the same tetrahedra (gmsh's, or those of files of
+vertices and ten-node cells, `--meshes`), in memory before the clock starts. Each measurement is a
+process of its own with one thread a rank; compiled forms are in the cache. Time is from the mesh to the
+reduced basis, of flexmbd to the record. Memory is the peak of the process, of all ranks together, its
+libraries and the mesh included. The frequencies of the reduced bodies must agree to 1e-6.
+
+Writes out_reduction/results.json, docs/pictures/reduction_benchmark.png (not with --quick), and a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import importlib.metadata
+import importlib.util
+import itertools
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import reduction_case as case
+import reduction_picture
+
+HERE = Path(__file__).resolve().parent
+OURS = "flexmbd"
+# what each peer needs, and whether its modes are converged
+PEERS = {"exudyn, scipy": ("exudyn", "ngsolve"), "exudyn, NGSolve": ("exudyn", "ngsolve"), "NGSolve": ("ngsolve",)}
+CONVERGED = ("exudyn, scipy", "NGSolve")
+AGREEMENT = 1e-6
+PATIENCE = 3600.0
+
+STAGES = ("assembly", "factor", "static", "modes")
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh file; whether the peers reduce it too."""
+
+    path: Path
+    dofs: int
+    compared: bool
+
+
+def main() -> int:
+    arguments = _arguments()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    file = arguments.output / "results.json"
+    if not arguments.redraw:
+        results = {"machine": _machine(), "rows": list(_measure(arguments))}
+        file.write_text(json.dumps(results, indent=1))
+    results = json.loads(file.read_text())
+    print(f"\n{results['machine']}\n\n{_table(results['rows'])}\n")
+    print("\n".join(_claims(results["rows"])))
+    picture = arguments.output if arguments.quick else HERE.parent / "docs" / "pictures"
+    reduction_picture.draw(results["rows"], picture / "reduction_benchmark.png")
+    faults = list(_disagreements(results["rows"]))
+    print("\n".join(faults) or f"all converged frequencies agree to {AGREEMENT:.0e}")
+    return 1 if faults else 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="the two smallest meshes only, each once")
+    parser.add_argument("--meshes", type=Path, metavar="FOLDER", help="compare on the .npz files in a folder instead")
+    parser.add_argument("--output", type=Path, default=Path("out_reduction"), metavar="FOLDER", help="of the results")
+    parser.add_argument("--redraw", action="store_true", help="table and picture of the last results, nothing measured")
+    return parser.parse_args()
+
+
+def _measure(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """All rows, printed as they come."""
+    peers = _peers()
+    meshes = sorted(_meshes(arguments), key=lambda mesh: mesh.dofs)
+    # once for nothing, so that every form is compiled
+    _least(OURS, meshes[0], repeats=1, ranks=1)
+    for mesh in meshes:
+        repeats = 1 if arguments.quick else 3 if mesh.dofs < 30e3 else 2
+        rows = [_least(OURS, mesh, repeats=repeats, ranks=ranks) for ranks in (1, 2)]
+        rows += [_least(peer, mesh, repeats=repeats) for peer in peers if mesh.compared]
+        yield from (row for row in rows if row is not None)
+
+
+def _peers() -> list[str]:
+    found = []
+    for peer, needed in PEERS.items():
+        missing = [name for name in needed if importlib.util.find_spec(name) is None]
+        if missing:
+            print(f"{peer} is left out: no {', '.join(missing)} here; ./run pip install -e .[benchmark] brings it")
+        else:
+            found.append(peer)
+    return found
+
+
+def _meshes(arguments: argparse.Namespace) -> Iterator[Mesh]:
+    sizes = [size for size in case.CELL_SIZE if size in (case.QUICK if arguments.quick else case.FULL)]
+    if arguments.meshes is not None:
+        files = sorted(arguments.meshes.glob("*.npz"))
+        if not files:
+            raise SystemExit(f"{arguments.meshes}: no .npz file with `points` and `tet10`, or `tetrahedra`, is there")
+        given = [Mesh(path, case.count_dofs(path), True) for path in files]
+        yield from (mesh for mesh in given if not arguments.quick or mesh.dofs < 30e3)
+        sizes = [size for size in sizes if size not in case.COMPARED]
+    for size in sizes:
+        path = arguments.output / f"beam_{size}.npz"
+        case.make_mesh(case.CELL_SIZE[size], path)
+        yield Mesh(path, case.count_dofs(path), size in case.COMPARED)
+
+
+def _least(code: str, mesh: Mesh, *, repeats: int, ranks: int = 1) -> dict[str, Any] | None:
+    """The quickest of several measurements; of ours with the cost of geometric stiffness beside it."""
+    runs = [_run(code, mesh, ranks=ranks) for _ in range(repeats)]
+    if None in runs:
+        return None
+    row = min((run for run in runs if run), key=lambda run: run["seconds"]["total"])
+    row["code"] = code
+    if code == OURS:
+        more = [_run(code, mesh, "geometric", ranks=ranks) for _ in range(repeats)]
+        if None not in more:
+            row["seconds"]["geometric"] = min(run["seconds"]["geometric"] for run in more if run)
+            row["memory"]["geometric"] = max(run["memory"]["peak"] for run in more if run)
+    print(_line(row), flush=True)
+    return row
+
+
+def _run(code: str, mesh: Mesh, *more: str, ranks: int = 1) -> dict[str, Any] | None:
+    """One measurement in processes of its own; None where it fails, which is said."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        worker = [sys.executable, str(HERE / ("reduction_flexmbd.py" if code == OURS else "reduction_peers.py"))]
+        command = [*worker, *([] if code == OURS else [code]), str(mesh.path), str(report), *more]
+        if ranks > 1:
+            command = ["mpirun", "-n", str(ranks), *command]
+        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        try:
+            done = subprocess.run(
+                command, env={**os.environ, **one_thread}, capture_output=True, text=True, timeout=PATIENCE
+            )
+            failure = done.stderr[-2000:] if done.returncode else ""
+        except subprocess.TimeoutExpired:
+            failure = f"stopped after {PATIENCE:.0f} s"
+        if failure or not report.exists():
+            print(f"{code} on {mesh.dofs} dofs and {ranks} ranks failed: {failure or 'no report'}", flush=True)
+            return None
+        result: dict[str, Any] = json.loads(report.read_text())
+        return result
+
+
+HEAD = "| dofs | code | ranks | K, M | factor | static | modes | rest | total | geometric | memory | + geometric |"
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> str:
+    """In markdown; seconds and MB."""
+    rule = "|" + "---|" * (HEAD.count("|") - 1)
+    return "\n".join([HEAD, rule, *map(_line, rows)])
+
+
+def _line(row: dict[str, Any]) -> str:
+    seconds, memory = row["seconds"], row["memory"]
+    rest = seconds["total"] - sum(seconds.get(stage, 0.0) for stage in STAGES)
+    times = [*(seconds.get(stage) for stage in STAGES), rest, seconds["total"], seconds.get("geometric")]
+    cells = [str(row["dofs"]), row["code"], str(row["ranks"]), *("" if s is None else f"{s:.2f}" for s in times)]
+    cells += ["" if b is None else f"{b / 1e6:.0f}" for b in (memory["peak"], memory.get("geometric"))]
+    return f"| {' | '.join(cells)} |"
+
+
+def _claims(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What the figures say, in ratios; whole seconds and megabytes are the machine's affair."""
+    ours = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 1}
+    for row in rows:
+        if row["code"] != OURS and row["dofs"] in ours:
+            mine = ours[row["dofs"]]
+            time = row["seconds"]["total"] / mine["seconds"]["total"]
+            memory = mine["memory"]["peak"] / row["memory"]["peak"]
+            yield f"{row['dofs']} dofs: {row['code']} takes {time:.1f} times as long; flexmbd's memory is {memory:.0%}"
+    for dofs, row in ours.items():
+        seconds = row["seconds"]
+        if "geometric" in seconds:
+            yield f"{dofs} dofs: geometric stiffness takes {seconds['geometric'] / seconds['total']:.0%} of the rest"
+    both = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 2}
+    for dofs in sorted(ours.keys() & both.keys()):
+        speedup = ours[dofs]["seconds"]["total"] / both[dofs]["seconds"]["total"]
+        yield f"{dofs} dofs: two ranks are {speedup:.2f} times as fast as one"
+    sizes = sorted(ours)
+    for low, high in itertools.pairwise(sizes):
+        powers = [
+            np.log(ours[high]["seconds"][stage] / ours[low]["seconds"][stage]) / np.log(high / low)
+            for stage in ("total", "factor")
+        ]
+        yield f"from {low} to {high} dofs: the time grows with the power {powers[0]:.2f}, the factor's {powers[1]:.2f}"
+
+
+def _disagreements(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Rows whose frequencies are not those of flexmbd on one rank; methods that stop early are only shown."""
+    for row in rows:
+        ours = next(o for o in rows if (o["code"], o["ranks"], o["dofs"]) == (OURS, 1, row["dofs"]))
+        error = float(np.max(np.abs(np.divide(row["frequencies"], ours["frequencies"]) - 1.0)))
+        text = f"{row['dofs']} dofs, {row['code']}, {row['ranks']} ranks: frequencies differ by {error:.1e}"
+        if row["code"] not in (OURS, *CONVERGED):
+            print(f"{text}; its eigensolver stops before they are converged")
+        elif not error <= AGREEMENT:
+            yield text
+
+
+def _machine() -> str:
+    names = ("fenics-dolfinx", "exudyn", "ngsolve", "numpy", "scipy")
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in names if _has(name)]
+    cpus = [line.partition(":")[2].strip() for line in _cpu_lines() if line.startswith("model name")]
+    day = dt.date.today().isoformat()
+    return f"{day}, {cpus[0] if cpus else platform.machine()}, {os.cpu_count()} cores; {', '.join(versions)}"
+
+
+def _cpu_lines() -> list[str]:
+    path = Path("/proc/cpuinfo")
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def _has(name: str) -> bool:
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+if __name__ == "__main__":
+    sys.exit(main())
