@@ -5,3 +5,6 @@ live here: any module that satisfies the contract can be handed to the continuum
 """
 
 from flexmbd.forms import solid_linear as solid_linear
+from flexmbd.forms import solid_mixed as solid_mixed
+from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible
+from flexmbd.forms import solid_orthotropic as solid_orthotropic

@@ -137,6 +137,10 @@ def _check(form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int) ->
         raise FormulationError(
             f"{name} takes its own Parameters, got {parameters!r}; write {name}.Parameters(...)"
         )
+    if not hasattr(form, "strain_energy"):
+        raise FormulationError(
+            f"{name} has a residual and no strain_energy, of which the stiffness is the second derivative"
+        )
     if mesh.mesh.geometry.dim != 3:
         raise FormulationError(
             f"the mesh lies in {mesh.mesh.geometry.dim} dimensions; give its nodes three coordinates"
@@ -192,7 +196,7 @@ def _check_agreement(
 
 def _numbers(parameters: Any) -> list[float]:
     values = (getattr(parameters, field.name) for field in fields(parameters))
-    return [value for value in values if isinstance(value, float)]
+    return [number for value in values for number in np.atleast_1d(value) if isinstance(number, float)]
 
 
 def _cells(

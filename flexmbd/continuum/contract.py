@@ -5,23 +5,19 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
-import itertools
-import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import basix.ufl
-import numpy as np
-import numpy.typing as npt
-import ufl
-
+from flexmbd.continuum.contract_results import result_faults
 from flexmbd.errors import FormulationError
 
-_FUNCTIONS = {
+CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
+"""Names of the cells a formulation may support; those of less than three dimensions lie in space."""
+
+_REQUIRED = {
     "element": 3,
-    "strain_energy": 2,
     "kinetic_energy": 2,
     "rigid_motion": 3,
     "stress": 3,
@@ -29,12 +25,17 @@ _FUNCTIONS = {
 }
 """Callables of the contract and how many positional arguments each takes."""
 
-_IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses")
-_CELLS = ("tetrahedron", "hexahedron")
-_GDIM = 3
+_ENERGIES = {"strain_energy": 2, "residual": 4}
+"""Exactly one of these."""
 
-# The terminals that UFL evaluates by itself; asked for another it recurses without end.
-_EVALUATED = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.SpatialCoordinate)
+_TOGETHER = (
+    {"motion": 3, "section_inertia": 1},
+    {"state": 1, "update": 3},
+    {"local_unknowns": 1, "local_residual": 4},
+)
+"""Optional: of each group all or none."""
+
+_IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses")
 
 
 def import_violations(origin: str | Path | None) -> list[str]:
@@ -87,31 +88,65 @@ def violations(module: ModuleType) -> list[str]:
     return faults
 
 
+def orders_by_cell(cells: tuple[str, ...], order: Mapping[Any, Any]) -> dict[str, dict[int, int]]:
+    """The claimed L2 orders of the displacement by cell and degree.
+
+    Args:
+        cells: `CELLS` of a form file.
+        order: its `ORDER`: by degree, or by cell and degree where the cells differ.
+    """
+    by_cell = all(isinstance(item, Mapping) for item in order.values())
+    return {cell: dict(order[cell] if by_cell else order) for cell in cells}
+
+
 def _constant_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
     cells = getattr(module, "CELLS", None)
-    if not isinstance(cells, tuple) or not cells or not all(cell in _CELLS for cell in cells):
-        yield "CELLS", f"CELLS must be a tuple of names out of {_CELLS}, got {cells!r}"
-    order = getattr(module, "ORDER", None)
-    if (
-        not isinstance(order, Mapping)
-        or not order
-        or not all(isinstance(n, int) and n > 0 for item in order.items() for n in item)
-    ):
-        yield "ORDER", f"ORDER must map element degrees to L2 orders, as {{1: 2}}, got {order!r}"
+    if not isinstance(cells, tuple) or not cells or not all(cell in CELLS for cell in cells):
+        yield "CELLS", f"CELLS must be a tuple of names out of {CELLS}, got {cells!r}"
+        cells = None
+    order: Any = getattr(module, "ORDER", None)
+    by_cell = isinstance(order, Mapping) and cells is not None and set(order) == set(cells)
+    if not (all(map(_maps_degrees, order.values())) if by_cell else _maps_degrees(order)):
+        yield (
+            "ORDER",
+            "ORDER must map element degrees to L2 orders, as {1: 2}, or every one of CELLS to such a "
+            f'map, as {{"tetrahedron": {{2: 3}}}}, got {order!r}',
+        )
     reference = getattr(module, "REFERENCE", None)
     if reference not in ("INITIAL", "UPDATED"):
         yield "REFERENCE", f'REFERENCE must be "INITIAL" or "UPDATED", got {reference!r}'
 
 
+def _maps_degrees(order: Any) -> bool:
+    return (
+        isinstance(order, Mapping)
+        and bool(order)
+        and all(type(n) is int and n > 0 for item in order.items() for n in item)
+    )
+
+
 def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
-    for name, arguments in _FUNCTIONS.items():
-        function = getattr(module, name, None)
-        if function is None:
+    for name, arguments in _REQUIRED.items():
+        if not hasattr(module, name):
             yield name, f"{name} is missing"
-        elif not callable(function):
-            yield name, f"{name} must be a function, got {function!r}"
-        elif not _takes(function, arguments):
-            yield name, f"{name} must take {arguments} positional arguments"
+        else:
+            yield from _signature_fault(module, name, arguments)
+    there = [name for name in _ENERGIES if hasattr(module, name)]
+    if not there:
+        yield "strain_energy", "strain_energy is missing (or residual, where there is no energy)"
+    elif len(there) == 2:
+        yield "residual", "strain_energy and residual are both there; give one of them"
+    for name in there:
+        yield from _signature_fault(module, name, _ENERGIES[name])
+    for group in _TOGETHER:
+        present = [name for name in group if hasattr(module, name)]
+        for name in present:
+            yield from _signature_fault(module, name, group[name])
+        if len(present) == 1:
+            (missing,) = group.keys() - set(present)
+            yield present[0], f"{present[0]} goes with {missing}, which is missing"
+    if hasattr(module, "state") and there == ["strain_energy"]:
+        yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
     parameters = getattr(module, "Parameters", None)
     if parameters is None:
         yield "Parameters", "Parameters is missing"
@@ -121,6 +156,14 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         and parameters.__dataclass_params__.frozen  # type: ignore[attr-defined]
     ):
         yield "Parameters", "Parameters must be a frozen dataclass"
+
+
+def _signature_fault(module: ModuleType, name: str, arguments: int) -> Iterator[tuple[str, str]]:
+    function = getattr(module, name)
+    if not callable(function):
+        yield name, f"{name} must be a function, got {function!r}"
+    elif not _takes(function, arguments):
+        yield name, f"{name} must take {arguments} positional arguments"
 
 
 def _takes(function: Callable[..., Any], arguments: int) -> bool:
@@ -148,105 +191,8 @@ def _reference_faults(module: ModuleType) -> Iterator[str]:
 def _function_faults(module: ModuleType, *, broken: Collection[str]) -> list[str]:
     """Call what is not broken, for every cell and degree, and look at what comes back."""
     places: dict[str, list[str]] = {}
-    for cell, degree in itertools.product(module.CELLS, module.ORDER):
-        for fault in _result_faults(module, cell, degree, broken=broken):
-            places.setdefault(fault, []).append(f"{cell} {degree}")
+    for cell, orders in orders_by_cell(module.CELLS, module.ORDER).items():
+        for degree in orders:
+            for fault in result_faults(module, cell, degree, broken=broken):
+                places.setdefault(fault, []).append(f"{cell} {degree}")
     return [f"{fault} ({', '.join(where)})" for fault, where in places.items()]
-
-
-def _result_faults(
-    module: ModuleType, cell: str, degree: int, *, broken: Collection[str]
-) -> Iterator[str]:
-    p = module.reference().parameters
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(_GDIM,)))
-    try:
-        u = ufl.Coefficient(ufl.FunctionSpace(domain, module.element(cell, _GDIM, degree)))
-    except Exception as error:
-        yield f"element: {type(error).__name__}: {error}"
-        return
-    x, constant = ufl.SpatialCoordinate(domain), ufl.as_vector((1.0, 2.0, 3.0))
-    calls = {
-        "strain_energy": (u, p),
-        "kinetic_energy": (u, p),
-        "rigid_motion": (x, constant, constant),
-        "stress": (u, None, p),
-    }
-    for name, arguments in calls.items():
-        if name in broken:
-            continue
-        try:
-            result = getattr(module, name)(*arguments)
-            if name in ("strain_energy", "kinetic_energy"):
-                faults = list(_energy_faults(list(result), u))
-            elif not isinstance(result, ufl.core.expr.Expr):
-                faults = [f"must return a UFL expression, got {type(result).__name__}"]
-            elif name == "rigid_motion" and result.ufl_shape != u.ufl_shape:
-                faults = [f"must have the unknown's shape {u.ufl_shape}, got {result.ufl_shape}"]
-            else:
-                faults = []
-        except Exception as error:
-            faults = [f"{type(error).__name__}: {error}"]
-        yield from (f"{name}: {fault}" for fault in faults)
-
-
-def _energy_faults(terms: Sequence[Any], u: ufl.Coefficient) -> Iterator[str]:
-    if not terms:
-        yield "has no terms"
-    for number, term in enumerate(terms):
-        label = f"term {number}"
-        if isinstance(term, ufl.Form):
-            rules = {repr(integral.metadata()) for integral in term.integrals()}
-            yield f"{label} is a form with {len(rules)} rules; give (integrand, Quadrature) pairs"
-            continue
-        if not isinstance(term, tuple) or len(term) != 2:
-            yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
-            continue
-        integrand, rule = term
-        degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
-        if not isinstance(degree, int) or degree < 0 or not isinstance(scheme, str):
-            yield f"{label} must state a quadrature degree (int >= 0) and scheme (str), got {rule!r}"
-        if not isinstance(integrand, ufl.core.expr.Expr):
-            yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
-        elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
-            yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
-        else:
-            yield from (f"{label}: {fault}" for fault in _rest_faults(integrand, u))
-
-
-def _rest_faults(integrand: ufl.core.expr.Expr, u: ufl.Coefficient) -> Iterator[str]:
-    """Is the integrand finite at u = 0, with its first two derivatives, which give f and K?"""
-    if not all(
-        part is u or isinstance(part, _EVALUATED)
-        for part in ufl.corealg.traversal.unique_pre_traversal(integrand)
-        if isinstance(part, ufl.classes.Terminal)
-    ):
-        return
-    space = u.ufl_function_space()
-    size = space.value_shape
-    values: dict[Any, Callable[..., npt.NDArray[np.float64]]] = {u: _affine(size, seed=None)}
-    for order, what in enumerate(("value", "first derivative", "second derivative")):
-        if order > 0:
-            direction = ufl.Argument(space, order - 1)
-            values[direction] = _affine(size, seed=order)
-            integrand = ufl.derivative(integrand, u, direction)
-        try:
-            value = integrand((0.2, 0.3, 0.4), values)
-        except (ZeroDivisionError, OverflowError, ValueError):
-            value = math.nan
-        if not math.isfinite(value):
-            yield f"the {what} at u = 0 is not finite"
-            return
-
-
-def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[..., npt.NDArray[np.float64]]:
-    """A field affine in x, with its derivatives, as UFL evaluates it; zero without a seed."""
-    gradient = np.zeros((*shape, _GDIM))
-    if seed is not None:
-        gradient = np.random.default_rng(seed).normal(size=gradient.shape)
-
-    def field(x: Sequence[float], derivatives: tuple[int, ...] = ()) -> npt.NDArray[np.float64]:
-        if len(derivatives) > 1:
-            return np.zeros(shape)
-        return gradient[..., derivatives[0]] if derivatives else gradient @ np.asarray(x)
-
-    return field

@@ -22,7 +22,7 @@ import ufl
 from dolfinx import fem
 
 import flexmbd.forms
-from flexmbd.continuum.contract import import_violations, violations
+from flexmbd.continuum.contract import import_violations, orders_by_cell, violations
 from flexmbd.errors import FormulationError
 
 
@@ -43,25 +43,52 @@ Term: TypeAlias = tuple[ufl.core.expr.Expr, Quadrature]
 
 
 class Reference(Protocol):
-    """A static problem on the unit cube whose exact solution is known."""
+    """A static problem whose exact solution is known.
+
+    On the unit cube; for surfaces on the unit square of the plane z = 0, for lines on the unit
+    interval of the x axis.
+    """
 
     @property
     def parameters(self) -> Any:
         """The formulation's `Parameters`."""
 
     def displacement(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
-        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+        """Exact displacement, m, at the point x, (3,), or the exact unknown, of the unknown's shape.
+
+        What of it a rigid motion moves is prescribed on the whole boundary.
+        """
 
     def body_force(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
-        """Body force, N/m^3, at the point x."""
+        """Force at the point x per unit of the body's measure (N/m^3; for lines N/m), (3,).
+
+        Or of the unknown's shape: then what does work on each component of the unknown.
+        """
 
 
 @runtime_checkable
 class Formulation(Protocol):
-    """What a form file offers; see `forms/solid_linear.py` for one.
+    """What a form file offers; see `forms/solid_linear.py` for one, and docs/writing_a_form.md.
 
     In every function the parameters `p` are read by name and used in UFL arithmetic only: they may
     be numbers, or constants whose values change without a new compilation (`symbols`).
+
+    The first three components of the unknown are the displacement; of a mixed element the first
+    sub-element. What a form file may have besides:
+
+        residual(u, v, state, p)        in place of `strain_energy`, where there is no energy: terms of
+                                        the virtual work of the internal forces, linear in v
+        motion(u, xi, p), section_inertia(p)
+                                        both or none, where the mass is not that of a plain displacement
+                                        (beams, shells): displacement, m, (3,), of the material point at
+                                        the section coordinates xi (m), (2,) of a beam, (1,) of a shell,
+                                        linear in u and affine in xi; and the section's moments,
+                                        integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2)
+        state(p), update(u, state, p)   both or none, with `residual`: the history at a quadrature
+                                        point at rest, and after a step; of one shape
+        local_unknowns(p), local_residual(z, u, state, p)
+                                        both or none: what is solved for at a quadrature point, its
+                                        initial values, and the equations; of one shape
     """
 
     @property
@@ -73,8 +100,11 @@ class Formulation(Protocol):
         """Names of the cells it supports."""
 
     @property
-    def ORDER(self) -> Mapping[int, int]:  # noqa: N802
-        """L2 order of the displacement it claims, by element degree."""
+    def ORDER(self) -> Mapping[Any, Any]:  # noqa: N802
+        """L2 order of the displacement it claims, by element degree.
+
+        Or, where the cells differ, by cell and degree; `orders` reads both.
+        """
 
     @property
     def REFERENCE(self) -> str:  # noqa: N802
@@ -84,10 +114,13 @@ class Formulation(Protocol):
         """Element of the unknown."""
 
     def strain_energy(self, u: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
-        """Strain energy, J/m^3, as terms whose sum it is."""
+        """Strain energy, J per unit of the body's measure, as terms whose sum it is.
+
+        With pressures and the like among the unknowns: the functional that is stationary.
+        """
 
     def kinetic_energy(self, v: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
-        """Kinetic energy, J/m^3, as terms whose sum it is."""
+        """Kinetic energy, J per unit of the body's measure, as terms whose sum it is."""
 
     def rigid_motion(
         self, x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
@@ -99,6 +132,34 @@ class Formulation(Protocol):
 
     def reference(self) -> Reference:
         """A small problem with its exact solution."""
+
+
+def orders(form: Formulation, cell: str) -> dict[int, int]:
+    """The degrees that a formulation has on a cell, and the L2 order it claims for each.
+
+    Args:
+        form: a checked form file.
+        cell: one of its `CELLS`.
+    """
+    return orders_by_cell(form.CELLS, form.ORDER)[cell]
+
+
+def internal_work(
+    form: Formulation, u: ufl.core.expr.Expr, v: ufl.core.expr.Expr, *, p: Any
+) -> list[Term]:
+    """Virtual work of the internal forces at u, without history, on v: terms linear in v.
+
+    Args:
+        form: with `strain_energy`, whose derivative it then is, or with `residual`.
+        u: the unknown, a function or coefficient.
+        v: on the same space, a test function for one.
+        p: parameters.
+    """
+    residual = getattr(form, "residual", None)
+    if residual is not None:
+        state = getattr(form, "state", None)
+        return list(residual(u, v, None if state is None else ufl.as_ufl(state(p)), p))
+    return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
 
 def load(source: str | Path | ModuleType) -> Formulation:
@@ -134,7 +195,7 @@ def load(source: str | Path | ModuleType) -> Formulation:
 
 
 def symbols(parameters: Any, *, mesh: Any) -> Any:
-    """The same parameters with each float a DOLFINx constant; not collective.
+    """The same parameters with each float, and tuple of floats, a DOLFINx constant; not collective.
 
     A form written with them is compiled once for all materials, not once for each value.
 
@@ -145,7 +206,8 @@ def symbols(parameters: Any, *, mesh: Any) -> Any:
     twin = object.__new__(type(parameters))
     for field in dataclasses.fields(parameters):
         value = getattr(parameters, field.name)
-        if isinstance(value, float):
+        numbers = value if isinstance(value, tuple) else (value,)
+        if numbers and all(isinstance(number, float) for number in numbers):
             value = fem.Constant(mesh, value)
         # a frozen dataclass, whose range checks do not apply to symbols
         object.__setattr__(twin, field.name, value)

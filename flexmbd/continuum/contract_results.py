@@ -1,0 +1,318 @@
+"""What the functions of a form file return for a cell and a degree, looked at without a mesh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from types import ModuleType
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from flexmbd.continuum.compat import topological_dimension
+from flexmbd.continuum.dof_layout import check_element
+from flexmbd.errors import FormulationError
+
+_GDIM = 3
+_POINT = (0.2, 0.3, 0.4)
+
+# The terminals that UFL evaluates by itself; asked for another it recurses without end.
+_EVALUATED = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.SpatialCoordinate)
+
+_DERIVATIVES = ("value", "first derivative", "second derivative", "third derivative")
+
+_ONE_RULE = (
+    "two quadrature rules in one form give a silently wrong residual, so each term is "
+    "(integrand, Quadrature) and is assembled by itself"
+)
+
+Values = dict[Any, Callable[..., npt.NDArray[np.float64]]]
+
+
+class _Unknown:
+    """The symbols a form file's functions are called with, on one cell and degree."""
+
+    def __init__(self, module: ModuleType, cell: str, degree: int) -> None:
+        self.domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(_GDIM,)))
+        element = module.element(cell, _GDIM, degree)
+        if not isinstance(element, basix.ufl._ElementBase):
+            raise FormulationError(f"must return a basix.ufl element, got {type(element).__name__}")
+        check_element(element, name=module.__name__.rpartition(".")[2])
+        self.space = ufl.FunctionSpace(self.domain, element)
+        self.u = ufl.Coefficient(self.space)
+        self.v = ufl.TestFunction(self.space)
+        self.x = ufl.SpatialCoordinate(self.domain)
+
+    def at_rest(self, expression: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The expression on a cell of unit size, as far as UFL can be told of it."""
+        jacobian = np.linalg.qr(np.array([[2.0, 1, 1], [1, 2, 1], [1, 1, 2]]))[0]
+        dim = topological_dimension(self.domain)
+        shapes: dict[Any, Any] = {
+            ufl.classes.Jacobian: jacobian[:, :dim],
+            ufl.classes.JacobianInverse: jacobian[:, :dim].T,
+            ufl.classes.CellNormal: jacobian[:, -1],
+            ufl.classes.CellCoordinate: np.full(dim, 0.25),
+        }
+        sizes = (
+            ufl.classes.JacobianDeterminant,
+            ufl.classes.CellVolume,
+            ufl.classes.CellDiameter,
+            ufl.classes.Circumradius,
+            ufl.classes.MinCellEdgeLength,
+            ufl.classes.MaxCellEdgeLength,
+        )
+        known = {}
+        for part in ufl.corealg.traversal.unique_pre_traversal(expression):
+            if isinstance(part, sizes):
+                known[part] = ufl.as_ufl(1.0)
+            elif type(part) in shapes:
+                known[part] = ufl.as_tensor(shapes[type(part)].tolist())
+        return ufl.replace(expression, known) if known else expression
+
+    def evaluate(self, expression: ufl.core.expr.Expr, values: Values) -> float | None:
+        """A scalar at a point; NaN where it has no value, None where only a mesh has one."""
+        expression = self.at_rest(expression)
+        if not all(
+            part in values or isinstance(part, _EVALUATED)
+            for part in ufl.corealg.traversal.unique_pre_traversal(expression)
+            if isinstance(part, ufl.classes.Terminal)
+        ):
+            return None
+        try:
+            return float(expression(_POINT, values))
+        except (ZeroDivisionError, OverflowError, ValueError):
+            return math.nan
+
+
+def result_faults(
+    module: ModuleType, cell: str, degree: int, *, broken: Collection[str]
+) -> Iterator[str]:
+    """What is wrong with what the functions return; not collective.
+
+    Args:
+        module: a form file whose constants, `element` and `reference` are in order.
+        cell: one of its cells.
+        degree: one of its degrees on that cell.
+        broken: names that shall not be called.
+    """
+    try:
+        unknown = _Unknown(module, cell, degree)
+    except FormulationError as error:
+        yield f"element: {error}"
+        return
+    except Exception as error:
+        yield f"element: {type(error).__name__}: {error}"
+        return
+    optional = ("motion", "section_inertia", "update", "local_residual")
+    names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
+    for name in names:
+        if name in broken or not hasattr(module, name):
+            continue
+        try:
+            faults = list(_CHECKS[name](module, unknown))
+        except Exception as error:
+            faults = [f"{type(error).__name__}: {error}"]
+        yield from (f"{name}: {fault}" for fault in faults)
+
+
+def _strain_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.strain_energy(unknown.u, _parameters(module))
+    # the second derivative is the stiffness, the third the geometric stiffness
+    yield from _term_faults(terms, lambda integrand: _rest_faults(integrand, unknown, derivatives=3))
+
+
+def _kinetic_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.kinetic_energy(unknown.u, _parameters(module))
+    yield from _term_faults(terms, lambda integrand: _rest_faults(integrand, unknown, derivatives=2))
+
+
+def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    p = _parameters(module)
+    terms = module.residual(unknown.u, unknown.v, _initial_state(module), p)
+
+    def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
+        try:
+            ufl.algorithms.compute_form_data(integrand * ufl.dx(domain=unknown.domain))
+            linear = unknown.v in ufl.algorithms.extract_arguments(integrand)
+        except ufl.algorithms.check_arities.ArityMismatch:
+            linear = False
+        if linear:
+            yield from _rest_faults(integrand, unknown, derivatives=2)
+        else:
+            yield "the integrand must be linear in v"
+
+    yield from _term_faults(terms, look)
+
+
+def _rigid_motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    t, w = ufl.as_vector((1.0, 2.0, 3.0)), ufl.as_vector((-2.0, 5.0, 7.0))
+    motion = module.rigid_motion(unknown.x, t, w)
+    yield from _expression_faults(motion, unknown.u.ufl_shape, "the unknown's shape")
+    if getattr(motion, "ufl_shape", None) == unknown.u.ufl_shape:
+        exact = np.array([1.0, 2.0, 3.0]) + np.cross([-2.0, 5.0, 7.0], _POINT)
+        found = [unknown.evaluate(motion[i], {}) for i in range(_GDIM)]
+        if None not in found and not np.allclose(np.array(found, dtype=float), exact, rtol=1e-12):
+            yield "its first three components must be the displacement, translation + rotation x x"
+
+
+def _stress(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    stress = module.stress(unknown.u, _initial_state(module), _parameters(module))
+    yield from _expression_faults(stress, None, "")
+
+
+def _reference(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    problem = module.reference()
+    for name in ("displacement", "body_force"):
+        value = getattr(problem, name)(unknown.x)
+        faults = list(_expression_faults(value, None, ""))
+        if not faults and value.ufl_shape not in ((_GDIM,), unknown.u.ufl_shape):
+            faults = [f"must have the shape (3,) or the unknown's {unknown.u.ufl_shape}, got {value.ufl_shape}"]
+        yield from (f"{name} {fault}" for fault in faults)
+
+
+def _motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    sections = _section_dimension(unknown)
+    if sections == 0:
+        yield "is for lines and surfaces: a solid has no section"
+        return
+    xi = ufl.as_vector([0.1, 0.2][:sections])
+    moved = module.motion(unknown.u, xi, _parameters(module))
+    yield from _expression_faults(moved, (_GDIM,), "the shape of a displacement")
+
+
+def _section_inertia(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    inertia = ufl.as_matrix(module.section_inertia(_parameters(module)))
+    size = 1 + _section_dimension(unknown)
+    yield from _expression_faults(inertia, (size, size), "the shape of {1, xi} by {1, xi}")
+
+
+def _section_dimension(unknown: _Unknown) -> int:
+    return _GDIM - topological_dimension(unknown.domain)
+
+
+def _update(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    state = _initial_state(module)
+    new = module.update(unknown.u, state, _parameters(module))
+    yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
+
+
+def _local_residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    p = _parameters(module)
+    z = ufl.as_ufl(module.local_unknowns(p))
+    result = module.local_residual(z, unknown.u, _initial_state(module), p)
+    yield from _expression_faults(result, z.ufl_shape, "the shape of local_unknowns(p)")
+
+
+_CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
+    "strain_energy": _strain_energy,
+    "residual": _residual,
+    "kinetic_energy": _kinetic_energy,
+    "rigid_motion": _rigid_motion,
+    "stress": _stress,
+    "reference": _reference,
+    "motion": _motion,
+    "section_inertia": _section_inertia,
+    "update": _update,
+    "local_residual": _local_residual,
+}
+
+
+def _parameters(module: ModuleType) -> Any:
+    return module.reference().parameters
+
+
+def _initial_state(module: ModuleType) -> Any:
+    return ufl.as_ufl(module.state(_parameters(module))) if hasattr(module, "state") else None
+
+
+def _expression_faults(value: Any, shape: tuple[int, ...] | None, what: str) -> Iterator[str]:
+    if not isinstance(value, ufl.core.expr.Expr):
+        yield f"must return a UFL expression, got {type(value).__name__}"
+    elif shape is not None and value.ufl_shape != shape:
+        yield f"must have {what} {shape}, got {value.ufl_shape}"
+
+
+def _term_faults(
+    terms: Any, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
+) -> Iterator[str]:
+    """What is wrong with a list of terms; `look` goes into an integrand that is in order."""
+    if isinstance(terms, ufl.BaseForm):
+        yield f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
+        return
+    terms = list(terms)
+    if not terms:
+        yield "has no terms"
+    for number, term in enumerate(terms):
+        label = f"term {number}"
+        if isinstance(term, ufl.BaseForm):
+            yield f"{label} is a form with {_rules(term)}: {_ONE_RULE}"
+            continue
+        if not isinstance(term, tuple) or len(term) != 2:
+            yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
+            continue
+        integrand, rule = term
+        if not _is_rule(rule):
+            yield f"{label} must state a quadrature degree (int >= 0) and scheme (of basix), got {rule!r}"
+        if isinstance(integrand, ufl.BaseForm):
+            yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
+        elif not isinstance(integrand, ufl.core.expr.Expr):
+            yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
+        elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
+            yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
+        else:
+            yield from (f"{label}: {fault}" for fault in look(integrand))
+
+
+def _is_rule(rule: Any) -> bool:
+    degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
+    if type(degree) is not int or degree < 0 or not isinstance(scheme, str):
+        return False
+    try:
+        basix.quadrature.string_to_type(scheme)
+    except ValueError:
+        return scheme == "vertex"  # the form compiler's own
+    return True
+
+
+def _rules(form: ufl.BaseForm) -> str:
+    integrals = form.integrals() if isinstance(form, ufl.Form) else ()
+    count = len({repr(integral.metadata()) for integral in integrals})
+    return f"{count} rule{'' if count == 1 else 's'}"
+
+
+def _rest_faults(
+    integrand: ufl.core.expr.Expr, unknown: _Unknown, *, derivatives: int
+) -> Iterator[str]:
+    """Is the integrand finite at u = 0, with the derivatives the machinery takes?"""
+    u, space = unknown.u, unknown.space
+    size = u.ufl_shape
+    values: Values = {u: _affine(size, seed=None), unknown.v: _affine(size, seed=10)}
+    for order in range(derivatives + 1):
+        if order > 0:
+            direction = ufl.Argument(space, order)
+            values[direction] = _affine(size, seed=order)
+            integrand = ufl.derivative(integrand, u, direction)
+        value = unknown.evaluate(ufl.algorithms.expand_derivatives(integrand), values)
+        if value is None:
+            return
+        if not math.isfinite(value):
+            yield f"the {_DERIVATIVES[order]} at u = 0 is not finite"
+            return
+
+
+def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[..., npt.NDArray[np.float64]]:
+    """A field affine in x, with its derivatives, as UFL evaluates it; zero without a seed."""
+    gradient = np.zeros((*shape, _GDIM))
+    if seed is not None:
+        gradient = np.random.default_rng(seed).normal(size=gradient.shape)
+
+    def field(x: Sequence[float], derivatives: tuple[int, ...] = ()) -> npt.NDArray[np.float64]:
+        if len(derivatives) > 1:
+            return np.zeros(shape)
+        return gradient[..., derivatives[0]] if derivatives else gradient @ np.asarray(x)
+
+    return field

@@ -1,0 +1,67 @@
+"""The same matrices on any number of ranks, by the model that assembles them in use."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract_suite.outcome import Figure
+from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
+from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
+from flexmbd.continuum.formulation import Formulation
+from flexmbd.continuum.model import ContinuumModel
+
+_DIVISIONS = 3
+
+
+def same_on_all_ranks(form: Formulation, cell: str, degree: int, *, comm: MPI.Comm) -> list[Figure]:
+    """Stiffness and mass of a mesh that the ranks share, against those of one rank alone. Collective.
+
+    The ranks number their dofs differently; eigenvalues, and what rigid motions make of the
+    matrices, do not depend on that.
+
+    Args:
+        form: a checked form file.
+        cell: one of its cells.
+        degree: one of its degrees on that cell.
+        comm: two ranks or more.
+    """
+    together = _spectra(form, cell, degree, comm=comm)
+    # on rank 0 alone, after the others have compiled with it
+    alone = parallel.on_root(comm, lambda: _spectra(form, cell, degree, comm=MPI.COMM_SELF))
+    return [
+        Figure(f"{name}, off by", float(abs(one - many).max() / abs(one).max()), 1e-10)
+        for name, one, many in zip(("K", "M", "rigid motions' mass"), alone, together, strict=True)
+    ]
+
+
+def _spectra(
+    form: Formulation, cell: str, degree: int, *, comm: MPI.Comm
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues of the scaled K and M, and the (6, 6) mass of rigid motions. Collective."""
+    mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
+    model = ContinuumModel(mesh, form, form.reference().parameters, degree=degree)  # type: ignore[arg-type]
+    rigid = model.rigid_motions(np.zeros(3), np.eye(3))
+    parts = [parallel.gather_rows(comm, rows) for rows in (_rows(model.K), _rows(model.M), rigid)]
+
+    def compute() -> tuple[FloatArray, FloatArray, FloatArray]:
+        stiffness, mass, motions = (part for part in parts if part is not None)
+        return _eigenvalues(stiffness), _eigenvalues(mass), motions.T @ mass @ motions
+
+    return parallel.on_root(comm, compute)
+
+
+def _eigenvalues(matrix: FloatArray) -> FloatArray:
+    d = equilibration(matrix)
+    return np.asarray(np.linalg.eigvalsh(d[:, None] * matrix * d))
+
+
+def _rows(matrix: PETSc.Mat) -> FloatArray:
+    """This rank's rows of a matrix, dense."""
+    start, columns, values = matrix.getValuesCSR()
+    rows = np.zeros((len(start) - 1, matrix.getSize()[1]))
+    rows[np.repeat(np.arange(len(rows)), np.diff(start)), columns] = values
+    return rows

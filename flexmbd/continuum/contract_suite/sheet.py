@@ -1,0 +1,170 @@
+"""All checks on every cell and degree of a form file, and the sheet that tells how they ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import TypeAlias, cast
+
+from mpi4py import MPI
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract_suite.checks import CHECKS
+from flexmbd.continuum.contract_suite.outcome import (
+    Figure,
+    Outcome,
+    Remark,
+    Verdict,
+    attempt,
+    verdict,
+)
+from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
+from flexmbd.continuum.contract_suite.trial import Trial
+from flexmbd.continuum.formulation import Formulation, load, orders
+from flexmbd.errors import FormulationError
+
+Place: TypeAlias = tuple[str, int]
+"""A cell and a degree."""
+
+_RANKS = "the same matrices on all ranks"
+_WIDTH = max(len(check.name) for check in CHECKS) + 2
+
+
+@dataclass(frozen=True)
+class Line:
+    """One check on all cells and degrees.
+
+    Attributes:
+        name: of the check.
+        outcomes: by cell and degree.
+    """
+
+    name: str
+    outcomes: Mapping[Place, Outcome]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The gravest of all places."""
+        found = {verdict(outcome) for outcome in self.outcomes.values()}
+        gravest = (Verdict.FAIL, Verdict.NOTE, Verdict.PASS, Verdict.SKIP)
+        return next(one for one in gravest if one in found)
+
+    def text(self) -> str:
+        """One line with the worst figures, and below it each place where the check failed."""
+        head = f"{self.verdict.value}  {self.name:<{_WIDTH}}"
+        failed = [
+            f"      {cell} {degree}: {_told(outcome)}"
+            for (cell, degree), outcome in self.outcomes.items()
+            if verdict(outcome) is Verdict.FAIL
+        ]
+        if failed:
+            places = "" if len(self.outcomes) == 1 else f" on {len(failed)} of {len(self.outcomes)} elements"
+            return "\n".join([f"{head}failed{places}", *failed])
+        figures = [outcome for outcome in self.outcomes.values() if not isinstance(outcome, Remark)]
+        if figures:
+            return head + "; ".join(map(str, _worst(figures)))
+        remarks = dict.fromkeys(_told(outcome) for outcome in self.outcomes.values())
+        return head + "; ".join(remarks)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What the contract suite found about one form file.
+
+    Attributes:
+        name: of the form.
+        lines: one a check.
+    """
+
+    name: str
+    lines: Sequence[Line]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(line.verdict is not Verdict.FAIL for line in self.lines)
+
+    def text(self) -> str:
+        """For a person to read: a line a check, with the worst figures of all cells and degrees."""
+        places = dict.fromkeys(place for line in self.lines for place in line.outcomes)
+        elements = ", ".join(f"{cell} {degree}" for cell, degree in places)
+        counts = [sum(line.verdict is one for line in self.lines) for one in (Verdict.PASS, Verdict.FAIL)]
+        return "\n".join(
+            [
+                f"{self.name}: {elements}",
+                f"PASS  {'names, signatures and results':<{_WIDTH}}",
+                *(line.text() for line in self.lines),
+                f"{self.name}: {counts[0] + 1} passed, {counts[1]} failed",
+            ]
+        )
+
+
+def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WORLD) -> Sheet:
+    """Run the contract suite on a form file. Collective.
+
+    All checks but the last run on rank 0; the last compares the ranks, and needs two.
+
+    Args:
+        source: as `flexmbd.continuum.formulation.load` takes it.
+        comm: the ranks.
+
+    Raises:
+        FormulationError: on all ranks: the file cannot be loaded, or breaks the contract in what
+            shows without a mesh.
+    """
+    error: FormulationError | None = None
+    try:
+        form = load(source)
+    except FormulationError as caught:
+        error = caught
+    parallel.raise_collectively(comm, error)
+    lines = parallel.on_root(comm, lambda: _try_all(form))
+    return Sheet(cast(ModuleType, form).__name__.rpartition(".")[2], [*lines, _try_ranks(form, comm)])
+
+
+def places(form: Formulation) -> list[Place]:
+    """Every cell and degree of a form."""
+    return [(cell, degree) for cell in form.CELLS for degree in orders(form, cell)]
+
+
+def _try_all(form: Formulation) -> list[Line]:
+    trials = {place: Trial(form, *place) for place in places(form)}
+    return [
+        Line(check.name, {place: attempt(check, trial) for place, trial in trials.items()})
+        for check in CHECKS
+    ]
+
+
+def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
+    """Collective."""
+    if comm.size == 1:
+        why = Remark(Verdict.SKIP, "needs two ranks: mpirun -n 2 flexmbd check ...")
+        return Line(_RANKS, dict.fromkeys(places(form), why))
+    outcomes: dict[Place, Outcome] = {}
+    for cell, degree in places(form):
+        error: Exception | None = None
+        try:
+            outcomes[cell, degree] = same_on_all_ranks(form, cell, degree, comm=comm)
+        except Exception as caught:  # noqa: BLE001  (a form file is foreign code)
+            error = caught
+        failures = [text for text in comm.allgather(error and f"{type(error).__name__}: {error}") if text]
+        if failures:
+            outcomes[cell, degree] = Remark(Verdict.FAIL, failures[0])
+    return Line(_RANKS, outcomes)
+
+
+def _told(outcome: Outcome) -> str:
+    if isinstance(outcome, Remark):
+        return outcome.text
+    return "; ".join(str(figure) for figure in outcome if not figure.passed or verdict(outcome) is Verdict.PASS)
+
+
+def _worst(outcomes: Sequence[Sequence[Figure]]) -> list[Figure]:
+    """Of each kind of figure the one nearest to its limit."""
+    worst: dict[str, Figure] = {}
+    for figure in (figure for outcome in outcomes for figure in outcome):
+        if figure.name not in worst or figure.strain > worst[figure.name].strain:
+            worst[figure.name] = figure
+    return list(worst.values())

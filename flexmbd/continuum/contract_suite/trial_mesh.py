@@ -1,0 +1,78 @@
+"""Small meshes that the contract is tried on: the unit interval, square and cube, even or distorted."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import basix.ufl
+import dolfinx.mesh
+import numpy as np
+import numpy.typing as npt
+
+from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.tagged_mesh import TaggedMesh
+
+FloatArray = npt.NDArray[np.float64]
+
+DIMENSION = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+"""Topological dimension of each cell a formulation may have."""
+
+# Of a unit length: cells stay well shaped, and none stays a parallelepiped.
+_AMPLITUDE = 0.08
+
+
+def even_mesh(cell: str, *, n: int) -> dolfinx.mesh.Mesh:
+    """The unit interval of the x axis, square of z = 0, or cube, in n parts along each edge.
+
+    On this rank alone; not collective.
+    """
+    return _make(MPI.COMM_SELF, *_even(cell, n), cell=cell)
+
+
+def distorted_mesh(cell: str, *, n: int, comm: MPI.Comm = MPI.COMM_SELF) -> dolfinx.mesh.Mesh:
+    """The same moved by a smooth map: straight edges, no two cells alike. Collective over `comm`."""
+    points, cells = _even(cell, n)
+    return _make(comm, _moved(points, DIMENSION[cell]), cells, cell=cell)
+
+
+def tagged(mesh: dolfinx.mesh.Mesh) -> TaggedMesh:
+    """The mesh without any group; collective where the mesh is."""
+    none = np.empty(0, dtype=np.int32)
+    dim = mesh.topology.dim
+    facets, cells = (dolfinx.mesh.meshtags(mesh, d, none, none) for d in (dim - 1, dim))
+    return TaggedMesh(mesh, facets, {}, cells)
+
+
+def _even(cell: str, n: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    dim, kind = DIMENSION[cell], dolfinx.mesh.to_type(cell)
+    if dim == 1:
+        mesh = dolfinx.mesh.create_unit_interval(MPI.COMM_SELF, n)
+    elif dim == 2:
+        mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, n, n, kind)
+    else:
+        mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, n, n, n, kind)
+    return mesh.geometry.x.copy(), cell_nodes(mesh).astype(np.int64)
+
+
+def _moved(x: FloatArray, dim: int) -> FloatArray:
+    """Moved along the axes that the mesh spans, so that it stays straight or flat."""
+    if dim == 1:
+        # the cells of a line differ in length; its ends stay
+        shift = 2 * np.sin(np.pi * x)
+    else:
+        s, c = np.sin(2 * x + 0.3), np.cos(3 * x)
+        shift = np.stack(
+            (s[:, 1] * c[:, 2], s[:, 2] * c[:, 0] + x[:, 1] ** 2, s[:, 0] * c[:, 1]), axis=1
+        )
+    shift[:, dim:] = 0.0
+    moved: FloatArray = x + _AMPLITUDE * shift
+    return moved
+
+
+def _make(
+    comm: MPI.Comm, points: FloatArray, cells: npt.NDArray[np.int64], *, cell: str
+) -> dolfinx.mesh.Mesh:
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+    return dolfinx.mesh.create_mesh(comm=comm, cells=cells, x=points, e=element)

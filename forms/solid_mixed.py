@@ -1,0 +1,181 @@
+"""Elastic solid up to the incompressible, by displacement and pressure: compressible neo-Hookean.
+
+Unknowns: displacement u (m) of a three-dimensional body, and pi = p / mu, where p (Pa) is the mean
+stress and mu the shear modulus, so that all entries of the stiffness are of one size. Strong form in the
+initial configuration:
+
+    rho u'' = Div P + b,   P = dW/dF,   F = I + Grad u,   J = det F,   J - 1 = p / kappa,
+    W = mu/2 (J^(-2/3) tr(F^T F) - 3) + p (J - 1) - p^2 / (2 kappa)
+
+with mu = E / (2 (1 + nu)) and kappa = E / (3 (1 - 2 nu)), infinite for nu = 1/2. W is stationary, and not
+least, in pi: the stiffness is that of a saddle point, and pi has no mass. Linearised at rest it is
+the small-strain solid; large rotations and moderate strains are exact.
+
+The elements are pairs that do not lock: Taylor and Hood's, quadratic displacement and continuous linear
+pressure; and, trilinear, a pressure constant in each hexahedron, which keeps the order of the displacement
+but whose pressures may alternate from cell to cell, so there nu is best kept below 1/2. There is no such
+pair for the linear tetrahedron.
+
+References: Boffi, Brezzi & Fortin 2013, Mixed Finite Element Methods and Applications, chapter 8,
+doi:10.1007/978-3-642-36519-5; Holzapfel 2000, Nonlinear Solid Mechanics, section 6.4 (the energy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import basix.ufl
+import ufl
+
+CELLS = ("tetrahedron", "hexahedron")
+
+# L2 order of the displacement by cell and element degree.
+ORDER = {"tetrahedron": {2: 3}, "hexahedron": {1: 2, 2: 3}}
+
+# Gradients and integrals refer to the initial configuration.
+REFERENCE = "INITIAL"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An isotropic elastic material.
+
+    Attributes:
+        E: Young's modulus at small strain, Pa, E > 0.
+        nu: Poisson's ratio at small strain, dimensionless, -1 < nu <= 0.5.
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range.
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            # float() would take a text, and trips over an array
+            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
+            if not scalar or isinstance(value, bool):
+                raise ValueError(f"{field.name} must be a number, got {value!r}")
+            object.__setattr__(self, field.name, float(value))
+        # written so that NaN fails each test
+        if not 0.0 < self.E < float("inf"):
+            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
+        if not -1.0 < self.nu <= 0.5:
+            raise ValueError(f"Poisson's ratio nu must be above -1 and at most 0.5, got {self.nu}")
+        if not 0.0 < self.rho < float("inf"):
+            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
+
+    degree: int
+    scheme: str = "default"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A static problem on the unit cube whose exact displacement is known; it locks where it can.
+
+    Its volume changes by a part of the order of 1 - 2 nu, so that pressure and shear are of one size.
+
+    Attributes:
+        parameters: the material.
+    """
+
+    parameters: Parameters
+
+    def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+        s = [ufl.sin(ufl.pi * x[i] / 2) for i in range(3)]
+        c = [ufl.cos(ufl.pi * x[i] / 2) for i in range(3)]
+        isochoric = ufl.as_vector(
+            (s[0] * c[1] * c[2], c[0] * s[1] * c[2], -2 * c[0] * c[1] * s[2])
+        )
+        rest = ufl.as_vector((s[0] * c[1] * s[2], c[0] * c[1] * s[2], s[0] * s[1] * c[2]))
+        return 1e-3 * (isochoric + (1 - 2 * self.parameters.nu) * rest)
+
+    def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Body force, N/m^3, with which it is in equilibrium at small strain."""
+        return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
+
+
+def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
+    """Vector Lagrange element for the displacement, and one degree lower one for the pressure."""
+    displacement = basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
+    pressure = basix.ufl.element("Lagrange", cell, degree - 1, discontinuous=degree == 1)
+    return basix.ufl.mixed_element([displacement, pressure])
+
+
+def strain_energy(
+    u: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """The functional W per initial volume, J/m^3, of the unknown u = (displacement, pi).
+
+    The rule integrates the stiffness at rest exactly on straight cells.
+    """
+    mu = p.E / (2 * (1 + p.nu))
+    displacement, pi = ufl.split(u)
+    h = ufl.grad(displacement)
+    jacobian = ufl.det(ufl.Identity(3) + h)
+    # tr(F^T F) - 3 from H rather than F: no cancellation at small strain
+    excess = 2 * ufl.tr(h) + ufl.inner(h, h)
+    isochoric = mu / 2 * (jacobian ** (-2 / 3) * (excess + 3) - 3)
+    coupling = mu * pi * (jacobian - 1)
+    compression = (mu * pi) ** 2 * 3 * (1 - 2 * p.nu) / (2 * p.E)
+    n = _degree(u)
+    return [(isochoric + coupling - compression, Quadrature(2 * n if _is_simplex(u) else 2 * n + 1))]
+
+
+def kinetic_energy(
+    v: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """Kinetic energy per initial volume, J/m^3, of the rate v of the unknown; on straight cells exact."""
+    velocity, _ = ufl.split(v)
+    n = _degree(v)
+    return [(p.rho / 2 * ufl.inner(velocity, velocity), Quadrature(2 * n if _is_simplex(v) else 2 * n + 2))]
+
+
+def rigid_motion(
+    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
+) -> ufl.core.expr.Expr:
+    """The unknown at x of an infinitesimal rigid motion: translation + rotation x x, no pressure."""
+    displacement = translation + ufl.cross(rotation, x)
+    return ufl.as_vector([*(displacement[i] for i in range(3)), 0.0])
+
+
+def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:
+    """Cauchy stress of the small-strain solid, Pa, 3 x 3; linear in u.
+
+    The displacement is that relative to the body frame; `state` is None, the solid has no history.
+    """
+    displacement, pi = ufl.split(u)
+    mu = p.E / (2 * (1 + p.nu))
+    return 2 * mu * ufl.dev(ufl.sym(ufl.grad(displacement))) + mu * pi * ufl.Identity(3)
+
+
+def reference() -> Reference:
+    """A static problem of a rubber."""
+    return Reference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
+
+
+def _small_strain_stress(u: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
+    """Of the displacement u alone, for nu below 1/2."""
+    strain = ufl.sym(ufl.grad(u))
+    bulk = p.E / (3 * (1 - 2 * p.nu)) * ufl.tr(strain)
+    return p.E / (1 + p.nu) * ufl.dev(strain) + bulk * ufl.Identity(3)
+
+
+def _degree(u: ufl.core.expr.Expr) -> int:
+    """Polynomial degree of the displacement."""
+    degree: int = u.ufl_function_space().ufl_element().embedded_superdegree
+    return degree
+
+
+def _is_simplex(u: ufl.core.expr.Expr) -> bool:
+    return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"

@@ -1,0 +1,175 @@
+"""Nearly incompressible elastic solid: compressible neo-Hookean, by selective reduced integration.
+
+Unknown: displacement u (m) of a three-dimensional body. Strong form in the initial configuration:
+
+    rho u'' = Div P + b,   P = dW/dF,   F = I + Grad u,   J = det F,
+    W = mu/2 (J^(-2/3) tr(F^T F) - 3) + kappa/2 (J - 1)^2
+
+with mu = E / (2 (1 + nu)) and kappa = E / (3 (1 - 2 nu)). The energy is split on purpose: the part that
+keeps the volume is integrated in full, the volumetric part by fewer points, so that an element has fewer
+conditions on its volume than unknowns and does not lock as nu approaches 1/2. Linearised at rest it is
+the small-strain solid; large rotations and moderate strains are exact.
+
+Quadratic hexahedra only, and why. Fewer points must still integrate the gradients of the shape functions
+exactly, or constant stress is no solution (the patch test): the 2 x 2 x 2 points of a triquadratic
+hexahedron with straight edges do, the one point of a trilinear hexahedron does only in a parallelepiped.
+One point of a linear tetrahedron is full integration, which locks; of a quadratic one it makes the
+pressure constant in a cell, and the error larger than full integration does. For these cells see
+`solid_mixed`. Curved cells pass the patch test only in the limit.
+
+References: Malkus & Hughes 1978, doi:10.1016/0045-7825(78)90005-1 (reduced integration as mixed method);
+Holzapfel 2000, Nonlinear Solid Mechanics, section 6.4 (the energy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import basix.ufl
+import ufl
+
+CELLS = ("hexahedron",)
+
+# L2 order of the displacement by element degree.
+ORDER = {2: 3}
+
+# Gradients and integrals refer to the initial configuration.
+REFERENCE = "INITIAL"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An isotropic elastic material.
+
+    Attributes:
+        E: Young's modulus at small strain, Pa, E > 0.
+        nu: Poisson's ratio at small strain, dimensionless, -1 < nu < 0.5; up to 0.4999, say.
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range.
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            # float() would take a text, and trips over an array
+            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
+            if not scalar or isinstance(value, bool):
+                raise ValueError(f"{field.name} must be a number, got {value!r}")
+            object.__setattr__(self, field.name, float(value))
+        # written so that NaN fails each test
+        if not 0.0 < self.E < float("inf"):
+            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
+        if not -1.0 < self.nu < 0.5:
+            raise ValueError(
+                f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
+            )
+        if not 0.0 < self.rho < float("inf"):
+            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
+
+    degree: int
+    scheme: str = "default"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A static problem on the unit cube whose exact displacement is known; it locks where it can.
+
+    Its volume changes by a part of the order of 1 - 2 nu, so that pressure and shear are of one size.
+
+    Attributes:
+        parameters: the material.
+    """
+
+    parameters: Parameters
+
+    def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+        s = [ufl.sin(ufl.pi * x[i] / 2) for i in range(3)]
+        c = [ufl.cos(ufl.pi * x[i] / 2) for i in range(3)]
+        isochoric = ufl.as_vector(
+            (s[0] * c[1] * c[2], c[0] * s[1] * c[2], -2 * c[0] * c[1] * s[2])
+        )
+        rest = ufl.as_vector((s[0] * c[1] * s[2], c[0] * c[1] * s[2], s[0] * s[1] * c[2]))
+        return 1e-3 * (isochoric + (1 - 2 * self.parameters.nu) * rest)
+
+    def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Body force, N/m^3, with which it is in equilibrium at small strain."""
+        return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
+
+
+def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
+    """Continuous vector Lagrange element on `cell` for the displacement in `gdim` dimensions."""
+    return basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
+
+
+def strain_energy(
+    u: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """Energy per initial volume, J/m^3: the part of constant volume in full, the other reduced.
+
+    The full rule integrates the stiffness at rest exactly on straight cells.
+    """
+    mu, kappa = _moduli(p)
+    jacobian, excess = _volume_and_length(u)
+    isochoric = mu / 2 * (jacobian ** (-2 / 3) * (excess + 3) - 3)
+    volumetric = kappa / 2 * (jacobian - 1) ** 2
+    n = u.ufl_function_space().ufl_element().embedded_superdegree
+    # n + 1 points a direction, and n
+    return [(isochoric, Quadrature(2 * n + 1)), (volumetric, Quadrature(2 * n - 1))]
+
+
+def kinetic_energy(
+    v: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """Kinetic energy per initial volume, J/m^3, of the velocity v (m/s); exact on straight cells."""
+    n = v.ufl_function_space().ufl_element().embedded_superdegree
+    return [(p.rho / 2 * ufl.inner(v, v), Quadrature(2 * n + 2))]
+
+
+def rigid_motion(
+    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
+) -> ufl.core.expr.Expr:
+    """Displacement, m, at x of an infinitesimal rigid motion: translation + rotation x x."""
+    return translation + ufl.cross(rotation, x)
+
+
+def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:
+    """Cauchy stress of the small-strain solid, Pa, 3 x 3; linear in u.
+
+    The pressure is meaningful at the points of the reduced rule only. The displacement is that
+    relative to the body frame; `state` is None, the solid has no history.
+    """
+    return _small_strain_stress(u, p)
+
+
+def reference() -> Reference:
+    """A static problem of a rubber."""
+    return Reference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
+
+
+def _moduli(p: Parameters) -> tuple[float, float]:
+    """Shear and bulk modulus, Pa."""
+    return p.E / (2 * (1 + p.nu)), p.E / (3 * (1 - 2 * p.nu))
+
+
+def _volume_and_length(u: ufl.core.expr.Expr) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+    """det F, and tr(F^T F) - 3 from H rather than F: no cancellation at small strain."""
+    h = ufl.grad(u)
+    return ufl.det(ufl.Identity(3) + h), 2 * ufl.tr(h) + ufl.inner(h, h)
+
+
+def _small_strain_stress(u: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
+    strain = ufl.sym(ufl.grad(u))
+    mu, kappa = _moduli(p)
+    return 2 * mu * ufl.dev(strain) + kappa * ufl.tr(strain) * ufl.Identity(3)
