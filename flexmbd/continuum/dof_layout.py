@@ -8,7 +8,7 @@ dof that no rigid motion of the body moves, a pressure for one, is not kinematic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -170,7 +170,7 @@ class _Motion:
         # None where it is zero: DOLFINx refuses an expression without a mesh
         self.expressions: list[fem.Expression | None] = []
         for field in layout.fields:
-            part = _shaped(flat[field.components], field.space.value_shape)
+            part = shaped(flat[field.components], field.space.value_shape)
             points = compat.interpolation_points(field.space)
             zero = isinstance(part, ufl.classes.Zero)
             self.expressions.append(None if zero else fem.Expression(part, points))
@@ -248,9 +248,9 @@ def _flattened(values: ufl.core.expr.Expr) -> list[ufl.core.expr.Expr]:
     return [values[index] if index else values for index in np.ndindex(values.ufl_shape)]
 
 
-def _shaped(values: list[ufl.core.expr.Expr], shape: tuple[int, ...]) -> ufl.core.expr.Expr:
-    """The reverse of `_flattened`."""
+def shaped(values: Sequence[Any], shape: tuple[int, ...]) -> ufl.core.expr.Expr:
+    """An expression of that shape from its components, row by row."""
     array = np.empty(shape, dtype=object)
     for index, value in zip(np.ndindex(shape), values, strict=True):
         array[index] = value
-    return ufl.as_tensor(array.tolist()) if shape else values[0]
+    return ufl.as_tensor(array.tolist()) if shape else ufl.as_ufl(values[0])
