@@ -14,7 +14,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flexmbd.cli_reduce import describe as describe_reduce
 from flexmbd.errors import FlexmbdError
+from flexmbd.reduced import ReducedBody
 
 if TYPE_CHECKING:
     Subcommands = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -35,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="flexmbd", description="From a UFL form to a body that moves in a machine."
     )
     subcommands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
-    for add in (_add_check,):
+    for add in (_add_check, _add_reduce, _add_inspect):
         add(subcommands)
     chosen = parser.parse_args(arguments)
     run: Callable[[argparse.Namespace], int] = chosen.run
@@ -84,3 +86,33 @@ def check(arguments: argparse.Namespace) -> int:
     if MPI.COMM_WORLD.rank == 0:
         print(sheet.text())
     return 0 if sheet.passed else 1
+
+
+def _add_reduce(subcommands: Subcommands) -> None:
+    describe_reduce(
+        subcommands.add_parser(
+            "reduce",
+            help="reduce a meshed part to a record",
+            description="Reduce a meshed part by Craig-Bampton to the record of a flexible body, a HDF5 file.",
+        )
+    )
+
+
+def _add_inspect(subcommands: Subcommands) -> None:
+    parser = subcommands.add_parser(
+        "inspect",
+        help="print a record as a readable sheet",
+        description="Print the sheet of a reduced body: mass, interfaces, modes, what else is in it, where it is from.",
+    )
+    parser.add_argument("record", type=Path, help="a file that `flexmbd reduce` or ReducedBody.save wrote")
+    parser.set_defaults(run=inspect)
+
+
+def inspect(arguments: argparse.Namespace) -> int:
+    """`flexmbd inspect rod.h5`: the record's sheet. Loads nothing of the continuum side; not collective.
+
+    Raises:
+        RecordError: the file is missing, damaged, foreign, or of another version.
+    """
+    print(ReducedBody.load(arguments.record).inspect(), end="")
+    return 0

@@ -74,6 +74,24 @@ def write_tree(path: Path, tree: Mapping[str, Any]) -> None:
         ) from error
 
 
+def check_destination(path: Path) -> None:
+    """Refuse a destination that cannot be written, before what shall be written is computed. Not collective.
+
+    Raises:
+        RecordError: its folder does not exist or may not be written to, or it is something else than a file.
+    """
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        fault = f"there is no folder {target.parent}"
+    elif target.exists() and not target.is_file():
+        fault = "it is no regular file"
+    elif not os.access(target.parent, os.W_OK | os.X_OK):
+        fault = f"the folder {target.parent} may not be written to"
+    else:
+        return
+    raise RecordError(f"cannot write {path}: {fault}; choose a file in a folder of yours")
+
+
 def read_tree(path: Path) -> Tree:
     """Read a tree written by `write_tree`, bit for bit. Not collective.
 
