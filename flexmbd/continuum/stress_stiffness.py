@@ -12,6 +12,10 @@ energy is zero. The other two parts turn the stresses of the modes by the rotati
 (a turned body is as stiff as before), and taken alone, without the fourth-order terms that complete the square, they
 have a slender body bent sideways lose its stiffness at a small angle.
 
+A formulation of a beam or shell, whose second-order strain is another one, marks its strain measures E by
+`ufl.variable`; then P(a; b, c) is the integral of dW/dE (a) times the second derivative of E along b and c. Without
+such marks it has no geometric stiffness.
+
 Nothing is assembled for each a where the energy density is a function of H alone, the same in all points of its cells:
 its second derivative is then one tensor of 9 x 9 numbers, made by UFL, and the sums over the points are dense products
 over chunks of cells that stay in the cache. Any other density is assembled, one matrix for each a.
@@ -62,19 +66,20 @@ def stress_stiffness(model: ContinuumModel, fields: FloatArray, modes: FloatArra
         modes: (local dofs including ghosts, n) phi.
 
     Returns:
-        (l, n, n) symmetric, N/m per unit of the fields, the same to the bit on every rank; None where all third
-        derivatives vanish identically, that is where the energy is quadratic: it then knows no second-order strain.
+        (l, n, n) symmetric, N/m per unit of the fields, the same to the bit on every rank; None where nothing is
+        known of the second-order strain: all third derivatives of the energy vanish identically, or a beam or shell
+        does not mark its strains.
     """
     u = fem.Function(model.space)
     total = np.zeros((fields.shape[1], modes.shape[1], modes.shape[1]))
     if total.size == 0:
         return total
-    quadratic = True
+    known = False
     for group in model.groups:
         for term in group.formulation.strain_energy(u, group.symbols):
-            if _is_quadratic(term, u):
+            if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
                 continue
-            quadratic = False
+            known = True
             tensor = gradient_tensor(term, u)
             if tensor is None:
                 form, field = _directional(term, group, u)
@@ -82,7 +87,7 @@ def stress_stiffness(model: ContinuumModel, fields: FloatArray, modes: FloatArra
             else:
                 points = _Points(model, group.cells, term[1])
                 total += _contracted(points, tensor, fields=fields, modes=modes)
-    if quadratic:
+    if not known:
         return None
     # each rank has the sums over its own cells
     everywhere = model.comm.reduce(total, root=0)
@@ -261,25 +266,51 @@ def _assembled(
         direction.x.array[:] = field
         matrix.set_value(0.0)
         fem.assemble_matrix(matrix, form)
-        # rows of ghosts included and not added to their owners: the ranks' sums are added instead
-        whole = modes.T @ (matrix.to_scipy(ghosted=True) @ modes)
+        # rows of ghosts included and not added to their owners: the ranks' sums are added instead;
+        # after this rank's own columns come some that only the owners of its ghosts need
+        local = matrix.to_scipy(ghosted=True).tocsr()[:, : len(modes)]
+        whole = modes.T @ (local @ modes)
         total[i] = 0.5 * (whole + whole.T)
     return total
 
 
 def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.Form, fem.Function]:
-    """P(a; ., .) of one term as a bilinear form, and the field a. Collective.
-
-    It is the second derivative at rest along a and along a field whose only entry is the gradient
-    grad b^T grad c of its displacement.
-    """
+    """P(a; ., .) of one term as a bilinear form, and the field a. Collective."""
     density, rule = term
+    a = fem.Function(u.function_space)
+    strains = _strains(term)
+    integrand = _by_strains(density, strains, u, a) if strains else _by_gradient(density, u, a)
+    return fem.form(integral((integrand, rule), group, u.function_space.mesh)), a
+
+
+def _strains(term: Term) -> list[ufl.core.expr.Expr]:
+    """The strain measures that a density marks."""
+    return [item for item in unique_pre_traversal(term[0]) if isinstance(item, ufl.classes.Variable)]
+
+
+def _by_strains(
+    density: ufl.core.expr.Expr, strains: list[ufl.core.expr.Expr], u: fem.Function, a: fem.Function
+) -> ufl.core.expr.Expr:
+    """The stress of a, dW/dE, times the second derivative of each strain E that the form marks as a variable."""
+    b, c = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
+    parts = []
+    for strain in strains:
+        stress = ufl.derivative(ufl.diff(density, strain), u, a)
+        second_order = ufl.derivative(ufl.derivative(strain, u, b), u, c)
+        parts.append(ufl.inner(stress, second_order))
+    whole = strip_variables(ufl.algorithms.expand_derivatives(sum(parts)))
+    return ufl.replace(whole, {u: ufl.zero(u.ufl_shape)})
+
+
+def _by_gradient(density: ufl.core.expr.Expr, u: fem.Function, a: fem.Function) -> ufl.core.expr.Expr:
+    """The second derivative at rest along a and along a field of which only a displacement gradient is not zero.
+
+    This gradient is grad b^T grad c; in a mixed unknown the displacement comes first.
+    """
     space = u.function_space
-    a = fem.Function(space)
-    b, c = ufl.TestFunction(space), ufl.TrialFunction(space)
-    # in a mixed unknown the displacement comes first
-    slopes = [ufl.as_tensor([ufl.grad(field)[i, :] for i in range(3)]) for field in (b, c)]
-    second_order = ufl.transpose(slopes[0]) * slopes[1]
+    arguments = ufl.TestFunction(space), ufl.TrialFunction(space)
+    b, c = (ufl.as_tensor([ufl.grad(field)[i, :] for i in range(3)]) for field in arguments)
+    second_order = ufl.transpose(b) * c
     others = [ufl.zero(3) for _ in range(u.ufl_shape[0] - 3)]
     gradient = ufl.as_tensor([*(second_order[i, :] for i in range(3)), *others])
     small = [fem.Constant(space.mesh, 0.0) for _ in range(2)]
@@ -287,8 +318,7 @@ def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.For
     along = _Jet(u, s * a, s * ufl.grad(a) + t * gradient)
     expression = map_expr_dag(along, ufl.algorithms.expand_derivatives(density))
     expression = ufl.algorithms.expand_derivatives(ufl.diff(ufl.diff(expression, t), s))
-    expression = ufl.replace(strip_variables(expression), dict.fromkeys(small, ufl.zero()))
-    return fem.form(integral((expression, rule), group, space.mesh)), a
+    return ufl.replace(strip_variables(expression), dict.fromkeys(small, ufl.zero()))
 
 
 class _Jet(MultiFunction):

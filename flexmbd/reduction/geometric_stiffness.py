@@ -136,7 +136,7 @@ def unit_responses(statics: Statics, *more: UnitLoads) -> UnitResponses:
 def note(group: GeometricStiffness | None) -> str:
     """What the record's provenance says of the group."""
     if group is None:
-        return "none: the strain energy is quadratic"
+        return "none: the strain energy is quadratic, or does not mark the strains of its sections"
     return f"{len(group.loads)} loads"
 
 
@@ -152,8 +152,8 @@ def geometric_group(
         modes: (local dofs including ghosts, n) in normal form.
 
     Returns:
-        The group, the same to the bit on every rank; None where the strain energy is quadratic, so that no load
-        changes the stiffness.
+        The group, the same to the bit on every rank; None where the formulation does not tell how a stress changes
+        the stiffness (`stress_stiffness`).
     """
     stiffness = stress_stiffness(model, displacements, modes)
     return None if stiffness is None else GeometricStiffness(tuple(names), stiffness)
