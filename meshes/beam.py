@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import math
-
 from mpi4py import MPI
 
 import gmsh
 
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.meshes import session
-from flexmbd.meshes.block import faces, make_regular
-from flexmbd.meshes.dimension import require_cell, require_degree, require_positive
+from flexmbd.meshes.block import faces, fill_box
+from flexmbd.meshes.dimension import (
+    check_arguments,
+    intervals,
+    require_cell,
+    require_degree,
+    require_positive,
+)
 
 
 def beam(
@@ -38,26 +42,33 @@ def beam(
         comm: the communicator of the mesh.
 
     Raises:
-        MeshError: on all ranks; a size, the cell or the degree is out of range.
+        MeshError: on all ranks; an argument is out of range, or not the same on all ranks.
     """
-    require_positive(length=length, width=width, height=height, h=h)
-    require_cell(cell)
-    require_degree(degree)
+    arguments = dict(locals())
+
+    def check() -> None:
+        require_positive(length=length, width=width, height=height, h=h)
+        require_cell(cell)
+        require_degree(degree)
+
+    check_arguments(comm, arguments, check)
 
     def fill() -> None:
-        box = gmsh.model.occ.addBox(0.0, -width / 2, -height / 2, length, width, height)
-        gmsh.model.occ.synchronize()
-        face = faces(box)
-        sides = [face[name] for name in ("y_min", "y_max", "z_min", "z_max")]
-        gmsh.model.addPhysicalGroup(2, [face["x_min"]], name="start")
-        gmsh.model.addPhysicalGroup(2, [face["x_max"]], name="end")
+        if cell == "tetrahedron":
+            box = gmsh.model.occ.addBox(0.0, -width / 2, -height / 2, length, width, height)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(3, [box], name="beam")
+        else:
+            grid = (intervals(length, h), intervals(width, h), intervals(height, h))
+            fill_box((length, width, height), divisions=grid, layers=("beam",), recombine=True)
+        face = faces()
+        sides = [tag for name in ("y_min", "y_max", "z_min", "z_max") for tag in face[name]]
+        gmsh.model.addPhysicalGroup(2, face["x_min"], name="start")
+        gmsh.model.addPhysicalGroup(2, face["x_max"], name="end")
         gmsh.model.addPhysicalGroup(2, sides, name="side")
-        gmsh.model.addPhysicalGroup(3, [box], name="beam")
         if cell == "tetrahedron":
             session.generate(h=h, degree=degree)
         else:
-            nx, ny, nz = (math.ceil(size / h * (1 - 1e-12)) for size in (length, width, height))
-            make_regular(box, (nx, ny, nz), recombine=True)
             session.mesh_model(degree=degree)
 
     return session.tagged_mesh(comm, fill)

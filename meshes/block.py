@@ -1,17 +1,24 @@
-"""A box with a regular grid of cells."""
+"""A box with a regular grid of cells, of one material or in layers."""
 
 from __future__ import annotations
 
-import numbers
+from collections.abc import Sequence
 
 from mpi4py import MPI
 
 import gmsh
+import numpy as np
 
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
-from flexmbd.meshes.dimension import require_cell, require_degree, require_positive
+from flexmbd.meshes.dimension import (
+    check_arguments,
+    require_cell,
+    require_counts,
+    require_degree,
+    require_positive,
+)
 
 _AXES = "xyz"
 
@@ -22,71 +29,117 @@ def block(
     height: float,
     *,
     divisions: tuple[int, int, int],
+    layers: Sequence[str] = ("block",),
     cell: str = "hexahedron",
     degree: int = 1,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
     """Mesh the box [0, length] x [-width/2, width/2] x [-height/2, height/2] regularly. Collective.
 
-    Facet groups: "x_min", "x_max", "y_min", "y_max", "z_min", "z_max"; cell group "block".
+    Facet groups: "x_min", "x_max", "y_min", "y_max", "z_min", "z_max"; cell groups: the layers.
 
     Args:
         length: along x, m.
         width: along y, m.
         height: along z, m.
         divisions: number of equal intervals along x, y and z.
+        layers: names of equally high layers from z_min up, each a cell group of its own, for parts
+            of several materials; two of them may not have the same name, and the intervals along z
+            must be a multiple of their number.
         cell: "hexahedron", one in each box of the grid, or "tetrahedron", six in each.
         degree: degree of the geometry, 1 or 2.
         comm: the communicator of the mesh.
 
     Raises:
-        MeshError: on all ranks; a size, a division, the cell or the degree is out of range.
+        MeshError: on all ranks; an argument is out of range, or not the same on all ranks.
     """
-    require_positive(length=length, width=width, height=height)
-    require_degree(degree)
-    if len(divisions) != 3 or not all(isinstance(n, numbers.Integral) and n > 0 for n in divisions):
-        raise MeshError(f"divisions must be three positive whole numbers, got {divisions!r}")
-    require_cell(cell)
+    arguments = dict(locals())
+
+    def check() -> None:
+        require_positive(length=length, width=width, height=height)
+        require_degree(degree)
+        require_counts("divisions", divisions, number=3)
+        require_cell(cell)
+        _check_layers(layers, divisions[2])
+
+    check_arguments(comm, arguments, check)
 
     def fill() -> None:
-        box = gmsh.model.occ.addBox(0.0, -width / 2, -height / 2, length, width, height)
-        gmsh.model.occ.synchronize()
-        for name, face in faces(box).items():
-            gmsh.model.addPhysicalGroup(2, [face], name=name)
-        gmsh.model.addPhysicalGroup(3, [box], name="block")
-        make_regular(box, divisions, recombine=cell == "hexahedron")
+        fill_box(
+            (length, width, height),
+            divisions=divisions,
+            layers=layers,
+            recombine=cell == "hexahedron",
+        )
+        for name, tags in faces().items():
+            gmsh.model.addPhysicalGroup(2, tags, name=name)
         session.mesh_model(degree=degree)
 
     return session.tagged_mesh(comm, fill)
 
 
-def faces(box: int) -> dict[str, int]:
-    """Surfaces of an axis-parallel box by the names of `block`; on rank 0, inside a session."""
-    centre = gmsh.model.occ.getCenterOfMass(3, box)
-    named = {}
-    for _, face in gmsh.model.getBoundary([(3, box)], oriented=False):
-        offset = [
-            a - b for a, b in zip(gmsh.model.occ.getCenterOfMass(2, face), centre, strict=True)
-        ]
-        axis = max(range(3), key=lambda i: abs(offset[i]))
-        named[f"{_AXES[axis]}_{'min' if offset[axis] < 0 else 'max'}"] = face
-    return named
-
-
-def make_regular(box: int, divisions: tuple[int, int, int], *, recombine: bool) -> None:
-    """Prescribe a regular grid on an axis-parallel box; on rank 0, inside a session.
+def fill_box(
+    size: tuple[float, float, float],
+    *,
+    divisions: tuple[int, int, int],
+    layers: Sequence[str],
+    recombine: bool,
+) -> None:
+    """Make the box of `block` with its cell groups and a regular grid; on rank 0, in a session.
 
     Args:
-        box: gmsh's tag of the volume.
+        size: along x, y and z, m.
         divisions: number of equal intervals along x, y and z.
+        layers: their names, from below.
         recombine: hexahedra rather than tetrahedra.
     """
+    length, width, height = size
+    high = height / len(layers)
+    # boxes rather than extrusions: with these the triangles of the faces fit the tetrahedra
+    boxes = [
+        (3, gmsh.model.occ.addBox(0.0, -width / 2, i * high - height / 2, length, width, high))
+        for i in range(len(layers))
+    ]
+    pieces = [[box] for box in boxes]
+    if len(boxes) > 1:
+        _, pieces = gmsh.model.occ.fragment(boxes[:1], boxes[1:])
+    gmsh.model.occ.synchronize()
+    volumes = [piece[0][1] for piece in pieces]
+    for name, volume in zip(layers, volumes, strict=True):
+        gmsh.model.addPhysicalGroup(3, [volume], name=name)
+    in_each = (divisions[0], divisions[1], divisions[2] // len(layers))
     for _, edge in gmsh.model.getEntities(1):
         low, high = gmsh.model.getBoundingBox(1, edge)[:3], gmsh.model.getBoundingBox(1, edge)[3:]
         axis = max(range(3), key=lambda i: high[i] - low[i])
-        gmsh.model.mesh.setTransfiniteCurve(edge, int(divisions[axis]) + 1)
+        gmsh.model.mesh.setTransfiniteCurve(edge, int(in_each[axis]) + 1)
     for _, face in gmsh.model.getEntities(2):
         gmsh.model.mesh.setTransfiniteSurface(face)
         if recombine:
             gmsh.model.mesh.setRecombine(2, face)
-    gmsh.model.mesh.setTransfiniteVolume(box)
+    for volume in volumes:
+        gmsh.model.mesh.setTransfiniteVolume(volume)
+
+
+def faces() -> dict[str, list[int]]:
+    """Surfaces of the model's axis-parallel box by the names of `block`; on rank 0, in a session."""
+    surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
+    centres = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in surfaces])
+    named = {}
+    for axis, name in enumerate(_AXES):
+        # no centre of another surface lies as far out
+        low, high = centres[:, axis].min(), centres[:, axis].max()
+        for end, place in (("min", low), ("max", high)):
+            outside = abs(centres[:, axis] - place) < 1e-6 * (high - low)
+            named[f"{name}_{end}"] = [surfaces[i] for i in np.flatnonzero(outside)]
+    return named
+
+
+def _check_layers(layers: Sequence[str], along_z: int) -> None:
+    if isinstance(layers, str) or not all(isinstance(name, str) and name for name in layers):
+        raise MeshError(f'layers must be a list of names, as ["steel", "rubber"], got {layers!r}')
+    if len(layers) == 0 or len(set(layers)) < len(layers):
+        raise MeshError(f"layers must be at least one name, and no two alike, got {layers!r}")
+    if along_z % len(layers) != 0:
+        raise MeshError(
+            f"divisions along z must be a multiple of the {len(layers)} layers, got {along_z}"
+        )

@@ -8,10 +8,18 @@ from mpi4py import MPI
 
 import gmsh
 
+from flexmbd.continuum.mesh_input import MeshInput
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
-from flexmbd.meshes.dimension import require_degree, require_positive
+from flexmbd.meshes.dimension import (
+    check_arguments,
+    intervals,
+    require_cell,
+    require_degree,
+    require_positive,
+)
+from flexmbd.meshes.extrusion import Slab, Wall, extrude, mesh_profile
 
 
 def connecting_rod(
@@ -26,10 +34,11 @@ def connecting_rod(
     shank_thickness: float = 0.016,
     shank_width_big: float = 0.044,
     shank_width_small: float = 0.03,
+    cell: str = "tetrahedron",
     degree: int = 2,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
-    """Mesh a connecting rod with tetrahedra. Collective.
+    """Mesh a connecting rod. Collective.
 
     The big eye's axis is the z axis, the small eye's is parallel to it at x = length; the rod is
     symmetric to the planes y = 0 and z = 0. Eyes are rings, the shank a plate whose width tapers
@@ -55,44 +64,54 @@ def connecting_rod(
         shank_thickness: of the shank along z, m; at most `thickness`.
         shank_width_big: of the shank along y, at x = 0, m; less than the big eye's diameter.
         shank_width_small: of the shank along y, at x = length, m; less than the small eye's.
+        cell: "tetrahedron", in a free mesh, or "hexahedron", drawn up from a planar mesh.
         degree: degree of the geometry: 2 curves the cells at the bores, 1 makes facets of them.
         comm: the communicator of the mesh.
 
     Raises:
-        MeshError: on all ranks; a parameter is out of range, or the cells are too big for the bores.
+        MeshError: on all ranks; an argument is out of range, or not the same on all ranks; or the
+            cells are too big for the bores.
     """
-    require_positive(
-        length=length,
-        h=h,
-        big_bore=big_bore,
-        small_bore=small_bore,
-        big_wall=big_wall,
-        small_wall=small_wall,
-        thickness=thickness,
-        shank_thickness=shank_thickness,
-        shank_width_big=shank_width_big,
-        shank_width_small=shank_width_small,
-    )
-    require_degree(degree)
+    arguments = dict(locals())
+
+    def check() -> None:
+        require_positive(
+            length=length,
+            h=h,
+            big_bore=big_bore,
+            small_bore=small_bore,
+            big_wall=big_wall,
+            small_wall=small_wall,
+            thickness=thickness,
+            shank_thickness=shank_thickness,
+            shank_width_big=shank_width_big,
+            shank_width_small=shank_width_small,
+        )
+        require_cell(cell)
+        require_degree(degree)
+        big_radius, small_radius = big_bore / 2 + big_wall, small_bore / 2 + small_wall
+        if length <= big_radius + small_radius:
+            raise MeshError(
+                f"length must exceed {big_radius + small_radius:g} m, or the eyes meet, got {length:g}"
+            )
+        if shank_thickness > thickness:
+            raise MeshError(f"shank_thickness must be at most {thickness:g} m, got {shank_thickness:g}")
+        if shank_width_big >= 2 * big_radius:
+            raise MeshError(
+                f"shank_width_big must be below {2 * big_radius:g}, got {shank_width_big:g}"
+            )
+        if shank_width_small >= 2 * small_radius:
+            raise MeshError(
+                f"shank_width_small must be below {2 * small_radius:g}, got {shank_width_small:g}"
+            )
+
+    check_arguments(comm, arguments, check)
     big_radius, small_radius = big_bore / 2 + big_wall, small_bore / 2 + small_wall
-    if length <= big_radius + small_radius:
-        raise MeshError(
-            f"length must exceed {big_radius + small_radius:g} m, or the eyes meet, got {length:g}"
-        )
-    if shank_thickness > thickness:
-        raise MeshError(f"shank_thickness must be at most {thickness:g} m, got {shank_thickness:g}")
-    if shank_width_big >= 2 * big_radius:
-        raise MeshError(
-            f"shank_width_big must be below {2 * big_radius:g}, got {shank_width_big:g}"
-        )
-    if shank_width_small >= 2 * small_radius:
-        raise MeshError(
-            f"shank_width_small must be below {2 * small_radius:g}, got {shank_width_small:g}"
-        )
+    widths = (shank_width_big, shank_width_small)
 
     def fill() -> None:
         eyes = [_cylinder(0.0, big_radius, thickness), _cylinder(length, small_radius, thickness)]
-        shank = _shank(length, (shank_width_big, shank_width_small), shank_thickness)
+        shank = _shank(length, widths, shank_thickness)
         bores = [
             _cylinder(0.0, big_bore / 2, 2 * thickness),
             _cylinder(length, small_bore / 2, 2 * thickness),
@@ -102,8 +121,8 @@ def connecting_rod(
         gmsh.model.occ.synchronize()
         surfaces = [tag for _, tag in gmsh.model.getBoundary(rod, oriented=False)]
         groups = {
-            "big_end": [tag for tag in surfaces if _lies_on(tag, 0.0, big_bore / 2)],
-            "small_end": [tag for tag in surfaces if _lies_on(tag, length, small_bore / 2)],
+            name: [tag for tag in surfaces if session.lies_on_cylinder(tag, (x, 0.0), bore / 2)]
+            for name, x, bore in (("big_end", 0.0, big_bore), ("small_end", length, small_bore))
         }
         bored = {tag for tags in groups.values() for tag in tags}
         groups["surface"] = [tag for tag in surfaces if tag not in bored]
@@ -112,7 +131,35 @@ def connecting_rod(
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in rod], name="rod")
         session.generate(h=h, degree=degree)
 
-    return session.tagged_mesh(comm, fill)
+    def build() -> MeshInput:
+        eyes = _ring(0.0, big_bore / 2, big_radius), _ring(length, small_bore / 2, small_radius)
+        discs = [_disc(0.0, big_radius), _disc(length, small_radius)]
+        shank, _ = gmsh.model.occ.cut([(2, _outline(length, widths, z=0.0))], discs)
+        _, pieces = gmsh.model.occ.fragment([shank[0]], [*eyes])
+        gmsh.model.occ.synchronize()
+        every = {tag for piece in pieces for _, tag in piece}
+        of_eyes = {tag for piece in pieces[1:] for _, tag in piece}
+        profile = mesh_profile(h=h, degree=degree)
+        step = (thickness - shank_thickness) / 2
+        slabs = [Slab(shank_thickness, intervals(shank_thickness, h), every)]
+        if step > 0:
+            outer = Slab(step, intervals(step, h), of_eyes)
+            slabs = [outer, *slabs, outer]
+        return extrude(
+            profile,
+            slabs,
+            z=-thickness / 2,
+            walls=[
+                Wall("big_end", _circle(0.0, big_bore / 2), range(len(slabs))),
+                Wall("small_end", _circle(length, small_bore / 2), range(len(slabs))),
+            ],
+            rest="surface",
+            name="rod",
+        )
+
+    if cell == "tetrahedron":
+        return session.tagged_mesh(comm, fill)
+    return session.built_mesh(comm, build)
 
 
 def _cylinder(x: float, radius: float, height: float) -> int:
@@ -120,20 +167,35 @@ def _cylinder(x: float, radius: float, height: float) -> int:
 
 
 def _shank(length: float, widths: tuple[float, float], thickness: float) -> int:
-    corners = [(0.0, -1, 0), (length, -1, 1), (length, 1, 1), (0.0, 1, 0)]
-    points = [
-        gmsh.model.occ.addPoint(x, sign * widths[end] / 2, -thickness / 2)
-        for x, sign, end in corners
-    ]
-    edges = [gmsh.model.occ.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-    plate = gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(edges)])
-    extruded = gmsh.model.occ.extrude([(2, plate)], 0.0, 0.0, thickness)
+    outline = _outline(length, widths, z=-thickness / 2)
+    extruded = gmsh.model.occ.extrude([(2, outline)], 0.0, 0.0, thickness)
     return next(int(tag) for dim, tag in extruded if dim == 3)
 
 
-def _lies_on(surface: int, x: float, radius: float) -> bool:
-    """Does a surface lie on the cylinder about the axis through (x, 0)?"""
-    low, high = gmsh.model.getParametrizationBounds(2, surface)
-    grid = [low[i] + (high[i] - low[i]) * part for part in (0.1, 0.35, 0.8) for i in range(2)]
-    points = gmsh.model.getValue(2, surface, grid).reshape(-1, 3)
-    return all(abs(math.hypot(p[0] - x, p[1]) - radius) < 1e-6 * radius for p in points)
+def _outline(length: float, widths: tuple[float, float], *, z: float) -> int:
+    """The shank, not cut away by the eyes, as a plane surface at the height z."""
+    corners = [(0.0, -1, 0), (length, -1, 1), (length, 1, 1), (0.0, 1, 0)]
+    points = [gmsh.model.occ.addPoint(x, sign * widths[end] / 2, z) for x, sign, end in corners]
+    edges = [gmsh.model.occ.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+    return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(edges)]))
+
+
+def _disc(x: float, radius: float) -> tuple[int, int]:
+    return 2, int(gmsh.model.occ.addDisk(x, 0.0, 0.0, radius, radius))
+
+
+def _ring(x: float, inner: float, outer: float) -> tuple[int, int]:
+    ring, _ = gmsh.model.occ.cut([_disc(x, outer)], [_disc(x, inner)])
+    return 2, int(ring[0][1])
+
+
+def _circle(x: float, radius: float) -> list[int]:
+    """Curves of the model that lie on a circle about (x, 0)."""
+    curves = []
+    for _, tag in gmsh.model.getEntities(1):
+        low, high = gmsh.model.getParametrizationBounds(1, tag)
+        points = [low[0] + part * (high[0] - low[0]) for part in (0.1, 0.35, 0.8)]
+        place = gmsh.model.getValue(1, tag, points).reshape(-1, 3)
+        if all(abs(math.hypot(p[0] - x, p[1]) - radius) < 1e-6 * radius for p in place):
+            curves.append(tag)
+    return curves

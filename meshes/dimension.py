@@ -103,7 +103,7 @@ def require_counts(name: str, counts: object, *, number: int) -> None:
     if (
         not isinstance(counts, tuple | list)
         or len(counts) != number
-        or not all(isinstance(n, numbers.Integral) and n > 0 for n in counts)
+        or not all(isinstance(n, numbers.Integral) and int(n) > 0 for n in counts)
     ):
         words = {2: "two", 3: "three"}
         raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
@@ -119,6 +119,6 @@ def require_count(name: str, count: object) -> None:
         raise MeshError(f"{name} must be a positive whole number, got {count!r}")
 
 
-def divisions(length: float, h: float) -> int:
+def intervals(length: float, h: float) -> int:
     """Number of equal intervals, each up to `h` long, that a length is divided into."""
     return max(1, math.ceil(length / h * (1 - 1e-12)))

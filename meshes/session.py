@@ -43,6 +43,7 @@ _OPTIONS = {
     "Mesh.RandomFactor": 1e-9,
     "Mesh.RandomFactor3D": 1e-12,
     "Mesh.RandomSeed": 1,
+    "Mesh.RecombinationAlgorithm": 1,
     "Mesh.RecombineAll": 0,
     "Mesh.SecondOrderIncomplete": 0,
     "Mesh.SecondOrderLinear": 0,
@@ -87,15 +88,33 @@ def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> Ta
             (of a shell a surface or curve) is in two.
         Exception: whatever `fill` raised, on all ranks.
     """
+
+    def read() -> MeshInput:
+        fill()
+        return _input(dim)
+
+    return built_mesh(comm, read)
+
+
+def built_mesh(comm: MPI.Comm, build: Callable[[], MeshInput]) -> TaggedMesh:
+    """Spread an input that is built with gmsh over all ranks. Collective.
+
+    Args:
+        comm: the communicator of the mesh.
+        build: called on rank 0, in a gmsh session with an empty model of our own.
+
+    Raises:
+        MeshError: on all ranks; as `flexmbd.continuum.tagged_mesh.spread`.
+        Exception: whatever `build` raised, on all ranks.
+    """
     share: MeshInput | None = None
 
-    def read() -> None:
+    def run() -> None:
         nonlocal share
         with _session():
-            fill()
-            share = _input(dim)
+            share = build()
 
-    on_root(comm, read)
+    on_root(comm, run)
     return spread(comm, from_root(comm, share))
 
 
@@ -114,11 +133,30 @@ def mesh_model(*, degree: int, dim: int = 3) -> None:
     """
     try:
         gmsh.model.mesh.generate(dim)
+        for _, entity in gmsh.model.getEntities(dim):
+            if len(gmsh.model.mesh.getElementTypes(dim, entity)) == 0:
+                # later versions of gmsh only warn in their log, and the part would lack a piece
+                raise RuntimeError(f"no cells in {_ENTITIES[dim]} {entity}")
         gmsh.model.mesh.setOrder(degree)
     except Exception as error:
         raise MeshError(
             f"gmsh cannot mesh this part: {error}; try another size of cells"
         ) from error
+
+
+def lies_on_cylinder(surface: int, axis: tuple[float, float], radius: float) -> bool:
+    """Does a surface lie on the cylinder about the parallel of z through a point? Rank 0, in a session.
+
+    Args:
+        surface: gmsh's tag.
+        axis: x and y, m.
+        radius: m.
+    """
+    low, high = gmsh.model.getParametrizationBounds(2, surface)
+    grid = [low[i] + (high[i] - low[i]) * part for part in (0.1, 0.35, 0.8) for i in range(2)]
+    points = gmsh.model.getValue(2, surface, grid).reshape(-1, 3)
+    distance = np.hypot(points[:, 0] - axis[0], points[:, 1] - axis[1])
+    return bool((abs(distance - radius) < 1e-6 * radius).all())
 
 
 @contextmanager
@@ -197,7 +235,7 @@ def _cells(dim: int) -> tuple[IntArray, Tags]:
     grouped = len(gmsh.model.getPhysicalGroups(dim)) > 0
     rows, tags = [], []
     for _, entity in gmsh.model.getEntities(dim):
-        cells = _nodes_of(dim, entity)
+        cells = nodes_of(dim, entity)
         if len(cells) == 0:
             continue
         groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity)
@@ -224,7 +262,7 @@ def _facets(dim: int, *, width: int) -> tuple[IntArray, Tags]:
             raise MeshError(
                 f"{_ENTITIES[dim]} {entity} is in several physical groups ({names}), keep one"
             )
-        facets = _nodes_of(dim, entity, vertices_only=True)
+        facets = nodes_of(dim, entity, vertices_only=True)
         if len(facets) > 0 and facets.shape[1] != width:
             raise MeshError(
                 f"{_ENTITIES[dim]} {entity} is meshed with facets of {facets.shape[1]} vertices, and "
@@ -239,12 +277,16 @@ def _group(dim: int, tag: int) -> IntArray:
     """Vertices of the elements of a physical group, as rows of points."""
     rows = [np.empty((0, dim + 1), dtype=np.int64)]
     for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
-        rows.append(_nodes_of(dim, entity, vertices_only=True).reshape(-1, dim + 1))
+        rows.append(nodes_of(dim, entity, vertices_only=True).reshape(-1, dim + 1))
     return np.concatenate(rows)
 
 
-def _nodes_of(dim: int, entity: int, *, vertices_only: bool = False) -> IntArray:
-    """Nodes or vertices of an entity's elements, as rows of points."""
+def nodes_of(dim: int, entity: int, *, vertices_only: bool = False) -> IntArray:
+    """Nodes or vertices of an entity's elements, as rows of points; on rank 0, in a session.
+
+    Raises:
+        MeshError: the elements are of several kinds.
+    """
     kinds, _, nodes = gmsh.model.mesh.getElements(dim, entity)
     if len(kinds) == 0:
         return np.empty((0, 0), dtype=np.int64)

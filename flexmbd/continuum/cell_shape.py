@@ -34,12 +34,12 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
         MeshError: on all ranks; says how many cells are bad, and where the worst is.
     """
     x, nodes = mesh.geometry.x, cell_nodes(mesh)
-    gradients = _reference_gradients(mesh)
+    element = mesh.ufl_domain().ufl_coordinate_element().basix_element
     bad, worst, where = 0, np.inf, [0.0, 0.0, 0.0]
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     for start in range(0, owned, _BATCH):
         points = x[nodes[start : min(start + _BATCH, owned)]]
-        lowest = _quality(np.einsum("cni,kqn->cqik", points, gradients, optimize=True)).min(axis=1)
+        lowest = cell_quality(points, element)
         bad += int(np.count_nonzero(lowest <= _FLAT))
         if lowest.min() < worst:
             worst, where = lowest.min(), points[lowest.argmin()].mean(axis=0).tolist()
@@ -51,6 +51,18 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
             f"right-angled cell's), the worst near {[round(x, 6) for x in where]} m; "
             "use smaller cells, or a geometry of degree 1"
         )
+
+
+def cell_quality(points: Array, element: basix.finite_element.FiniteElement) -> Array:
+    """The lowest measure of each cell against a right-angled one's with edges as long, (cells,).
+
+    Args:
+        points: (cells, nodes, 3) in the element's order, m.
+        element: of basix, of dimension 1, 2 or 3.
+    """
+    jacobian = np.einsum("cni,kqn->cqik", points, _reference_gradients(element), optimize=True)
+    lowest: Array = _quality(jacobian).min(axis=1)
+    return lowest
 
 
 def _quality(jacobian: Array) -> Array:
@@ -77,11 +89,9 @@ def _quality(jacobian: Array) -> Array:
     return quality
 
 
-def _reference_gradients(mesh: dolfinx.mesh.Mesh) -> Array:
-    """Derivatives of the geometry's shape functions, (dimension of the cells, points, nodes)."""
-    element = mesh.ufl_domain().ufl_coordinate_element().basix_element
-    degree = element.degree
-    points, _ = basix.make_quadrature(element.cell_type, 3 * degree)
+def _reference_gradients(element: basix.finite_element.FiniteElement) -> Array:
+    """Derivatives of the shape functions, (dimension of the cells, points, nodes)."""
+    points, _ = basix.make_quadrature(element.cell_type, 3 * element.degree)
     every = np.vstack((element.points, points))
     table: Array = element.tabulate(1, every)[1:, :, :, 0]
     return table

@@ -183,7 +183,8 @@ def vertex_numbers(mesh: dolfinx.mesh.Mesh) -> IntArray:
     vertices = topology.index_map(0)
     numbers = np.full(vertices.size_local + vertices.num_ghosts, -1, dtype=np.int64)
     nodes = cell_nodes(mesh)
-    of_cells = topology.connectivity(topology.dim, 0).array.reshape(len(nodes), -1)
+    width = len(basix.geometry(basix.CellType[topology.cell_name()]))
+    of_cells = topology.connectivity(topology.dim, 0).array.reshape(len(nodes), width)
     # a Lagrange element of basix lists the vertices first
     numbers[of_cells] = mesh.geometry.input_global_indices[nodes[:, : of_cells.shape[1]]]
     return numbers

@@ -4,7 +4,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from measures import area, extents, n_cells, n_nodes, nodes_of, volume
+import ufl
+from measures import area, extents, n_cells, n_nodes, n_owned, nodes_of, total, volume
 
 from flexmbd import meshes
 from flexmbd.errors import MeshError
@@ -33,6 +34,27 @@ def test_block(cell, in_each, degree):
         assert nodes_of(block, name)[:, axis] == pytest.approx(place, abs=1e-15)
     assert block.cell_groups.keys() == {"block"}
     assert set(block.cell_tags.values) <= {block.cell_groups["block"]}
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(("cell", "in_each"), [("hexahedron", 1), ("tetrahedron", 6)])
+def test_block_in_layers(cell, in_each, degree):
+    """Three layers share nodes, and each is a cell group of the volume and at the place it should."""
+    names = ("foot", "rubber", "head")
+    block = meshes.block(*SIZES, divisions=(4, 3, 6), layers=names, cell=cell, degree=degree)
+    assert n_nodes(block) == np.prod([degree * n + 1 for n in (4, 3, 6)])
+    assert block.cell_groups.keys() == set(names)
+    for axis, name in zip([0, 0, 1, 1, 2, 2], FACES, strict=True):
+        assert area(block, name) == pytest.approx(FACES[name], rel=1e-13)
+        place = CORNERS[0 if name.endswith("min") else 1][axis]
+        assert nodes_of(block, name)[:, axis] == pytest.approx(place, abs=1e-15)
+    dx = ufl.Measure("dx", domain=block.mesh, subdomain_data=block.cell_tags)
+    z = ufl.SpatialCoordinate(block.mesh)[2]
+    for i, name in enumerate(names):
+        part = dx(block.cell_groups[name], metadata={"quadrature_degree": 6})
+        assert total(block, 1.0 * part) == pytest.approx(0.004, rel=1e-13)
+        assert total(block, z * part) == pytest.approx(0.004 * (i - 1) / 30, abs=1e-16)
+        assert n_owned(block, 3, block.cells(name)) == 24 * in_each
 
 
 def test_numbers_may_be_numpys():
@@ -109,12 +131,16 @@ def test_bad_sizes_are_named(bad, place):
         ({"divisions": (1, 2, 0)}, "divisions must be three positive"),
         ({"divisions": (1, 2, 2.5)}, "divisions must be three positive whole numbers"),
         ({"cell": "prism"}, "cell must be .* got 'prism'"),
+        ({"layers": "steel"}, r"layers must be a list of names, .* got 'steel'"),
+        ({"layers": ()}, r"layers must be at least one name"),
+        ({"layers": ("a", "a")}, "no two alike"),
+        ({"layers": ("a", "b")}, "along z must be a multiple of the 2 layers, got 1"),
         ({"degree": 3}, "degree of the geometry must be 1 or 2, got 3"),
     ],
 )
 def test_other_bad_arguments_are_named(bad, pattern):
     with pytest.raises(MeshError, match=pattern):
         meshes.block(*SIZES, **{"divisions": (1, 1, 1)} | bad)
-    if "divisions" not in bad:
+    if not {"divisions", "layers"} & bad.keys():
         with pytest.raises(MeshError, match=pattern):
             meshes.beam(*SIZES, h=0.1, **bad)

@@ -87,6 +87,32 @@ def test_each_boundary_facet_is_in_one_group(rods):
     assert np.array_equal(np.sort(grouped), np.sort(boundary))
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_hexahedra(rods, degree):
+    """The same part drawn up from a planar mesh: volume, bores and the rest of the surface."""
+    rod = meshes.connecting_rod(h=0.008, cell="hexahedron", degree=degree)
+    assert rod.mesh.topology.cell_name() == "hexahedron"
+    assert n_cells(rod) < 2000
+    # a parabola for a sixteenth of a circle is 2.45e-5 too short
+    loose = {1: 0.01, 2: 3e-5}[degree]
+    assert volume(rod) == pytest.approx(exact_volume(), rel=loose)
+    for name, (x, radius) in BORES.items():
+        nodes = nodes_of(rod, name)
+        assert np.hypot(nodes[:, 0] - x, nodes[:, 1]) == pytest.approx(radius, abs=1e-9)
+        assert area(rod, name) == pytest.approx(2 * np.pi * radius * THICKNESS, rel=loose)
+    assert area(rod, "surface") == pytest.approx(area(rods[0.006, 2], "surface"), rel=loose * 3)
+    rod.mesh.topology.create_connectivity(2, 3)
+    boundary = dolfinx.mesh.exterior_facet_indices(rod.mesh.topology)
+    assert np.array_equal(np.sort(rod.facet_tags.indices), np.sort(boundary))
+
+
+def test_hexahedra_of_one_thickness():
+    rod = meshes.connecting_rod(h=0.008, cell="hexahedron", shank_thickness=THICKNESS)
+    tets = meshes.connecting_rod(h=0.012, shank_thickness=THICKNESS)
+    assert volume(rod) == pytest.approx(volume(tets), rel=1e-4)
+    assert area(rod, "surface") == pytest.approx(area(tets, "surface"), rel=1e-4)
+
+
 def test_other_dimensions():
     rod = meshes.connecting_rod(
         length=0.12, h=8e-3, big_bore=0.04, small_bore=0.02, big_wall=0.008, small_wall=0.006,

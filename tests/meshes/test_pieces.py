@@ -111,3 +111,10 @@ def test_two_volumes_of_gmsh():
 
     with pytest.raises(MeshError, match="falls into 2 pieces"):
         session.tagged_mesh(COMM, fill)
+
+
+def test_ranks_without_cells():
+    """One cell on any number of ranks."""
+    points, cells = row_of_boxes(1)
+    part = mesh(points, cells, vertex_groups={"corner": lambda x: x.sum(axis=0) < 0.5})
+    assert COMM.allreduce(len(part.vertices("corner"))) == 1
