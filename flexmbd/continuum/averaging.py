@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 import numpy as np
 import scipy.sparse
 import ufl
@@ -97,7 +99,8 @@ def average_columns(group: Group, layout: DofLayout, *, centre: FloatArray) -> F
     motions = layout.rigid_columns(centre, np.eye(3))
     spread = np.zeros_like(motions)
     for field in layout.fields:
-        if layout.kinematic[field.dofs].any():
+        # a rank may hold none of the dofs
+        if comm.allreduce(bool(layout.kinematic[field.dofs].any()), op=MPI.LOR):
             spread[field.dofs] = group.integrals(field.space, motions[field.dofs])
     rotations = spread.copy()
     rotations[layout.displacement_dofs] = 0.0
