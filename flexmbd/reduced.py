@@ -47,12 +47,15 @@ class ReducedBody:
         stiffness: (n,) diagonal of K_qq, ascending (1/s^2): squared angular frequencies.
         damping: (n, n) modal damping matrix D_qq (1/s), symmetric.
         interfaces: the named frames.
-        frame: the interface that carries the body frame B (its modes vanish), or None.
+        frame: the interface that carries the body frame B (its modes vanish), or None where B floats
+            on the mean axis.
         partition: (n, n) with q_cb = partition @ q: the exact change of basis back to the
             Craig-Bampton coordinates (interface dofs in m and rad, in B's axes, then
             fixed-interface modes).
         partition_names: (n,) names of the Craig-Bampton coordinates.
         provenance: form, mesh hash, reduction, tolerances, ... as text.
+        p_MB_M: (3,) m, origin of B in the mesh's axes, from the mesh's origin.
+        R_MB: (3, 3) rotation from B's axes to the mesh's.
         modes: optional full nodal modes.
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
@@ -68,6 +71,8 @@ class ReducedBody:
     partition: FloatArray
     partition_names: tuple[str, ...]
     provenance: Mapping[str, str] = field(default_factory=dict)
+    p_MB_M: FloatArray = field(default_factory=lambda: np.zeros(3))
+    R_MB: FloatArray = field(default_factory=lambda: np.eye(3))
     modes: NodalModes | None = None
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
@@ -76,7 +81,7 @@ class ReducedBody:
 
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse a record whose parts do not fit together."""
-        for item in ("gram", "stiffness", "damping", "partition"):
+        for item in ("gram", "stiffness", "damping", "partition", "p_MB_M", "R_MB"):
             object.__setattr__(self, item, frozen(getattr(self, item)))
         object.__setattr__(self, "interfaces", tuple(map(frozen_frame, self.interfaces)))
         object.__setattr__(self, "partition_names", tuple(self.partition_names))
@@ -102,6 +107,8 @@ class ReducedBody:
             "stiffness": (n,),
             "damping": (n, n),
             "partition": (n, n),
+            "p_MB_M": (3,),
+            "R_MB": (3, 3),
         }
         for item, shape in shapes.items():
             array = getattr(self, item)
@@ -281,6 +288,8 @@ class ReducedBody:
             "partition_names": self.partition_names,
             "frame": self.frame or "",
             "provenance": dict(self.provenance),
+            "p_MB_M": self.p_MB_M,
+            "R_MB": self.R_MB,
             "interface_names": tuple(frame.name for frame in frames),
             "interface_p": np.reshape([f.p_BI_B for f in frames], (len(frames), 3)),
             "interface_R": np.reshape([f.R_BI for f in frames], (len(frames), 3, 3)),
@@ -330,6 +339,8 @@ class ReducedBody:
             partition=tree["partition"],
             partition_names=tree["partition_names"],
             provenance=tree["provenance"],
+            p_MB_M=tree["p_MB_M"],
+            R_MB=tree["R_MB"],
             **groups,
         )
 
@@ -338,7 +349,7 @@ class ReducedBody:
 _ITEMS = frozenset(
     {
         "gram", "stiffness", "damping", "partition", "partition_names", "frame", "provenance",
-        "interface_names", "interface_p", "interface_R", "interface_modes",
+        "p_MB_M", "R_MB", "interface_names", "interface_p", "interface_R", "interface_modes",
     }
 )  # fmt: skip
 

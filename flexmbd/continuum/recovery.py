@@ -73,9 +73,8 @@ def _from_group(body: ReducedBody, group: NodalModes, model: ContinuumModel) -> 
             f"than {model.layout.displacement_degree}; use the same"
         )
     parallel.raise_collectively(model.comm, error)
-    rotation = np.eye(3) if body.frame is None else model.interface(body.frame).R
     # (nodes, 3, n) in B's axes to the mesh's
-    modes = np.einsum("ab,kbn->kan", rotation, group.phi[place])
+    modes = np.einsum("ab,kbn->kan", body.R_MB, group.phi[place])
     fields = np.empty((model.layout.n_local, modes.shape[2]), order="F")
     fields[model.displacement_dofs] = modes
     return fields

@@ -65,7 +65,7 @@ class StressRecovery:
         largest, at_largest = nodes.largest(_von_mises(sigma))
         u = self._u.x.array[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
-        p, R = _body_frame(model, body)
+        p, R = body.p_MB_M, body.R_MB
         stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R
         return StressPicture(
             node=nodes.number,
@@ -94,14 +94,6 @@ def _tensor(group: CellGroup, u: fem.Function) -> ufl.core.expr.Expr:
             f"{group.form_name}: its stress has the shape {sigma.ufl_shape}, and a picture needs a tensor (3, 3)"
         )
     return sigma
-
-
-def _body_frame(model: ContinuumModel, body: ReducedBody) -> tuple[FloatArray, FloatArray]:
-    """Origin (3,) and rotation (3, 3) of the body frame in the mesh's axes."""
-    if body.frame is None:
-        return np.zeros(3), np.eye(3)
-    interface = model.interface(body.frame)
-    return interface.p, interface.R
 
 
 def _von_mises(sigma: FloatArray) -> FloatArray:

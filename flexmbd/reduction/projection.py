@@ -156,6 +156,8 @@ def _parts(basis: Basis, gram: FloatArray, k: FloatArray, x: FloatArray) -> dict
         "damping": np.zeros((n, n)),
         "interfaces": tuple(frames),
         "frame": basis.frame,
+        "p_MB_M": basis.p,
+        "R_MB": basis.R,
         "partition": x,
         "partition_names": basis.names,
     }
