@@ -5,6 +5,7 @@ The same record gives the same text, before and after it was saved.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -33,6 +34,8 @@ _NOISE = 1e-12
 # Principal moments closer than this have no axes of their own.
 _EQUAL = 1e-6
 _MARGIN = 16
+# as in "tip.rx", or "tip.rx from root" where the body frame floats
+_INTERFACE_DOF = re.compile(rf"(.+)\.(?:{'|'.join(FRAME_DOFS)})((?: from .+)?)")
 
 _PURPOSE = {
     "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
@@ -67,6 +70,8 @@ def _mass(body: ReducedBody) -> Iterable[str]:
     second = body.gram[1:4, 1:4] / body.mass
     size = float(np.sqrt(np.trace(second)))
     yield _entry("body frame B", _frame_text(body))
+    place = _vector(body.p_MB_M, scale=size + float(np.linalg.norm(body.p_MB_M)))
+    yield _entry("in the mesh", f"origin of B at {place} m; {_turn_text(body.R_MB, whose='the mesh')}")
     yield _entry("mass", f"{_number(body.mass)} kg")
     yield _entry("centre of mass", f"{_vector(body.com, scale=size)} m from B, in B's axes")
     moments, axes = np.linalg.eigh(body.inertia)
@@ -100,18 +105,18 @@ def _interfaces(body: ReducedBody) -> Iterable[str]:
         yield _entry("", "none")
     size = max((float(np.linalg.norm(frame.p_BI_B)) for frame in body.interfaces), default=0.0)
     for frame in body.interfaces:
-        yield _entry(frame.name, f"{_vector(frame.p_BI_B, scale=size)}; {_turn_text(frame.R_BI)}")
+        yield _entry(frame.name, f"{_vector(frame.p_BI_B, scale=size)}; {_turn_text(frame.R_BI, whose='B')}")
         if body.frame is not None and frame.name != body.frame:
             stiffness = _static_stiffness(body, frame)
             yield _entry("", "   ".join(f"{dof} {k}" for dof, k in zip(FRAME_DOFS, stiffness, strict=True)))
 
 
-def _turn_text(R: FloatArray) -> str:
+def _turn_text(R: FloatArray, *, whose: str) -> str:
     w, *xyz = to_quaternion(R)
     sine = float(np.linalg.norm(xyz))
     angle = np.degrees(2.0 * np.arctan2(sine, abs(w)))
     if angle < 1e-9:
-        return "B's axes"
+        return f"{whose}'s axes"
     return f"turned {angle:.6g} deg about {_vector(np.copysign(1.0, w) * np.array(xyz) / sine, scale=1.0)}"
 
 
@@ -176,9 +181,9 @@ def _partition(body: ReducedBody) -> Iterable[str]:
 
 
 def _stem(name: str) -> str:
-    """What the names of coordinates of one kind have in common."""
-    interface, dot, dof = name.rpartition(".")
-    return f"{interface}." if dot and dof in FRAME_DOFS else name.rstrip("0123456789")
+    """What the names of coordinates of one kind have in common, with a point in those of interfaces alone."""
+    interface = _INTERFACE_DOF.fullmatch(name)
+    return "{}.{}".format(*interface.groups()) if interface else name.rstrip("0123456789").replace(".", "")
 
 
 def _groups(body: ReducedBody) -> Iterable[str]:

@@ -45,6 +45,8 @@ def full_record():
         partition=rng.normal(size=(n, n)),
         partition_names=tuple(f"tip.{i}" for i in range(n)),
         provenance={"form": "by hand", "ganz oben": "two\nlines \u00e4"},
+        p_MB_M=rng.normal(size=3),
+        R_MB=rng.normal(size=(3, 3)),
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),

@@ -154,6 +154,19 @@ def test_partition():
     assert line(text, "2               tip.x .. ") == "tip.y (m, rad)"
     assert line(text, "2               fixed-interface 9 .. ") == "fixed-interface 10"
     assert line(text, "1               odd") == ""
+    names = ("tip.rx from a", "tip.rz from a", "b.rz from a", "c 1", "c 2")
+    relative = dataclasses.replace(body, partition_names=names)
+    text = relative.inspect()
+    assert line(text, "2               tip.rx from a .. ") == "tip.rz from a (m, rad)"
+    assert line(text, "1               b.rz from a") == "(m, rad)"
+    assert line(text, "2               c 1 .. ") == "c 2"
+
+
+def test_body_frame_in_the_mesh():
+    assert line(two_crosses().inspect(), "in the mesh") == "origin of B at (0, 0, 0) m; the mesh's axes"
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    text = two_crosses(p_MB_M=np.array([0.5, -2.0, 1e-17]), R_MB=quarter).inspect()
+    assert line(text, "in the mesh") == "origin of B at (0.5, -2, 0) m; turned 90 deg about (0, 0, 1)"
 
 
 def test_floating_body():
