@@ -12,4 +12,8 @@ from flexmbd.meshes.line import line as line
 from flexmbd.meshes.msh_file import read as read
 from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.sheet import sheet as sheet
+from flexmbd.meshes.step_file import BRACKET as BRACKET
+from flexmbd.meshes.step_file import StepFace as StepFace
+from flexmbd.meshes.step_file import from_step as from_step
+from flexmbd.meshes.step_file import step_faces as step_faces
 from flexmbd.meshes.tube import tube as tube

@@ -25,6 +25,13 @@ Tags = npt.NDArray[np.int32]
 _OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
+    "Geometry.OCCAutoFix": 1,
+    "Geometry.OCCFixDegenerated": 0,
+    "Geometry.OCCFixSmallEdges": 0,
+    "Geometry.OCCFixSmallFaces": 0,
+    "Geometry.OCCMakeSolids": 0,
+    "Geometry.OCCScaling": 1,
+    "Geometry.OCCSewFaces": 0,
     "Mesh.Algorithm": 6,
     "Mesh.Algorithm3D": 1,
     "Mesh.ElementOrder": 1,
@@ -50,6 +57,9 @@ _OPTIONS = {
     "Mesh.Smoothing": 1,
     "Mesh.SubdivisionAlgorithm": 0,
 }
+
+# The unit that the lengths of CAD files are converted to.
+_UNIT = "Geometry.OCCTargetUnit"
 
 # gmsh's element types that DOLFINx and the forms know: by their number the cell, the degree of its
 # geometry, how a person calls them, and the cell's dimension.
@@ -91,7 +101,7 @@ def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> Ta
 
     def read() -> MeshInput:
         fill()
-        return _input(dim)
+        return model_input(dim)
 
     return built_mesh(comm, read)
 
@@ -111,7 +121,7 @@ def built_mesh(comm: MPI.Comm, build: Callable[[], MeshInput]) -> TaggedMesh:
 
     def run() -> None:
         nonlocal share
-        with _session():
+        with model():
             share = build()
 
     on_root(comm, run)
@@ -160,16 +170,18 @@ def lies_on_cylinder(surface: int, axis: tuple[float, float], radius: float) -> 
 
 
 @contextmanager
-def _session() -> Iterator[None]:
-    """An empty model of our own in gmsh, which is left as it was found."""
+def model() -> Iterator[None]:
+    """A session with an empty model of our own in gmsh, which is left as it was found; rank 0."""
     ours = not gmsh.isInitialized()
     if ours:
         gmsh.initialize([], readConfigFiles=False, interruptible=False)
     found = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+    unit = gmsh.option.getString(_UNIT)
     current = None if ours else gmsh.model.getCurrent()
     try:
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
+        gmsh.option.setString(_UNIT, "M")
         gmsh.model.add("flexmbd")
         yield
     finally:
@@ -180,10 +192,15 @@ def _session() -> Iterator[None]:
             gmsh.model.setCurrent(current)
             for name, value in found.items():
                 gmsh.option.setNumber(name, value)
+            gmsh.option.setString(_UNIT, unit)
 
 
-def _input(dim: int) -> MeshInput:
-    """All of the current model, whose nodes are renumbered if they have gaps."""
+def model_input(dim: int) -> MeshInput:
+    """All of the current model, whose nodes are renumbered if they have gaps; rank 0, in a session.
+
+    Raises:
+        MeshError: as `tagged_mesh` says.
+    """
     kind = _cell_kind(dim)
     names = [_names(below) for below in range(dim + 1)]
     if not any(names[:dim]):

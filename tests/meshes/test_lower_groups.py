@@ -145,7 +145,7 @@ def test_from_a_file(shared_path):
 
 
 def _in_session(save):
-    with session._session():
+    with session.model():
         save()
 
 
