@@ -99,8 +99,10 @@ def _axis_text(axis: FloatArray, *, alike: int) -> str:
 
 
 def _interfaces(body: ReducedBody) -> Iterable[str]:
-    yield "interfaces: place of I from B (m) and turn of I's axes from B's; static stiffness along and about I's axes"
-    yield "(N/m, N m/rad), each with B held and everything else free"
+    more = "" if body.frame is None else "; static stiffness along and about I's axes"
+    yield f"interfaces: place of I from B (m) and turn of I's axes from B's{more}"
+    if body.frame is not None:
+        yield "(N/m, N m/rad), each with B held and everything else free"
     if not body.interfaces:
         yield _entry("", "none")
     size = max((float(np.linalg.norm(frame.p_BI_B)) for frame in body.interfaces), default=0.0)
@@ -134,17 +136,21 @@ def _modes(body: ReducedBody) -> Iterable[str]:
     if body.n_modes == 0:
         yield "modes: none, the body is rigid"
         return
-    free = body.frequencies()
-    held = np.sqrt(body.stiffness) / (2.0 * np.pi)
-    ratios = np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness))
-    yield "modes: frequencies (Hz) of the body free and with B held, damping ratio; effective mass along B's axes and"
-    yield "effective inertia about them (% of the body's, motion of B as base)"
-    yield _row("mode", ["free", "B held" if body.frame is not None else "", "damping", *FRAME_DOFS])
-    shares = _effective_shares(body)
-    for i in range(body.n_modes):
-        figures = [f"{free[i]:.6g}", f"{held[i]:.6g}" if body.frame is not None else "", f"{ratios[i]:.4g}"]
-        yield _row(str(i + 1), figures + [f"{100.0 * share:.2f}" for share in shares[i]])
-    yield _row("sum", ["", "", ""] + [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
+    free = [f"{frequency:.6g}" for frequency in body.frequencies()]
+    ratios = [f"{ratio:.4g}" for ratio in np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness))]
+    if body.frame is None:
+        yield "modes: frequencies (Hz) of the free body, damping ratio; no mode moves with B's origin or axes"
+        yield _row("mode", ["free", "damping"])
+        yield from (_row(str(i), row) for i, row in enumerate(zip(free, ratios, strict=True), start=1))
+    else:
+        yield "modes: frequencies (Hz) of the body free and with B held, damping ratio; effective mass along B's axes"
+        yield "and effective inertia about them (% of the body's, motion of B as base)"
+        yield _row("mode", ["free", "B held", "damping"], FRAME_DOFS)
+        held = [f"{frequency:.6g}" for frequency in np.sqrt(body.stiffness) / (2.0 * np.pi)]
+        shares = _effective_shares(body)
+        for i, row in enumerate(zip(free, held, ratios, strict=True)):
+            yield _row(str(i + 1), row, [f"{100.0 * share:.2f}" for share in shares[i]])
+        yield _row("sum", [""] * 3, [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
     coupling = _coupling(body.damping)
     if coupling > _NOISE:
         yield f"the damping couples modes: largest D_ij / sqrt(D_ii D_jj) = {coupling:.2g}"
@@ -240,10 +246,8 @@ def _entry(name: str, text: str) -> str:
     return f"  {name:<{_MARGIN}}{'' if len(name) < _MARGIN else ' '}{text}"
 
 
-def _row(first: str, figures: Sequence[str]) -> str:
-    return f"  {first:>5}" + "".join(f"{figure:>12}" for figure in figures[:3]) + "".join(
-        f"{figure:>9}" for figure in figures[3:]
-    )
+def _row(first: str, wide: Sequence[str], narrow: Sequence[str] = ()) -> str:
+    return f"  {first:>5}" + "".join(f"{figure:>12}" for figure in wide) + "".join(f"{figure:>9}" for figure in narrow)
 
 
 def _count(number: int, one: str, several: str = "") -> str:
