@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from types import ModuleType
 from typing import Any
 
@@ -15,13 +15,20 @@ import ufl
 
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.dof_layout import check_element
+from flexmbd.continuum.ufl_values import NoValueError, Terminals, evaluate
 from flexmbd.errors import FormulationError
 
 _GDIM = 3
 _POINT = (0.2, 0.3, 0.4)
 
-# The terminals that UFL evaluates by itself; asked for another it recurses without end.
-_EVALUATED = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.SpatialCoordinate)
+_SIZES = (
+    ufl.classes.JacobianDeterminant,
+    ufl.classes.CellVolume,
+    ufl.classes.CellDiameter,
+    ufl.classes.Circumradius,
+    ufl.classes.MinCellEdgeLength,
+    ufl.classes.MaxCellEdgeLength,
+)
 
 _DERIVATIVES = ("value", "first derivative", "second derivative", "third derivative")
 
@@ -30,7 +37,7 @@ _ONE_RULE = (
     "(integrand, Quadrature) and is assembled by itself"
 )
 
-Values = dict[Any, Callable[..., npt.NDArray[np.float64]]]
+FloatArray = npt.NDArray[np.float64]
 
 
 class _Unknown:
@@ -47,45 +54,25 @@ class _Unknown:
         self.v = ufl.TestFunction(self.space)
         self.x = ufl.SpatialCoordinate(self.domain)
 
-    def at_rest(self, expression: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """The expression on a cell of unit size, as far as UFL can be told of it."""
-        jacobian = np.linalg.qr(np.array([[2.0, 1, 1], [1, 2, 1], [1, 1, 2]]))[0]
-        dim = topological_dimension(self.domain)
-        shapes: dict[Any, Any] = {
-            ufl.classes.Jacobian: jacobian[:, :dim],
-            ufl.classes.JacobianInverse: jacobian[:, :dim].T,
-            ufl.classes.CellNormal: jacobian[:, -1],
+        # a cell of unit size that lies askew
+        axes = np.linalg.qr(np.array([[2.0, 1, 1], [1, 2, 1], [1, 1, 2]]))[0]
+        dim = self.domain.topological_dimension()
+        constants = {
+            ufl.classes.SpatialCoordinate: np.array(_POINT),
             ufl.classes.CellCoordinate: np.full(dim, 0.25),
+            ufl.classes.Jacobian: axes[:, :dim],
+            ufl.classes.JacobianInverse: axes[:, :dim].T,
+            ufl.classes.CellNormal: axes[:, -1],
+            **dict.fromkeys(_SIZES, np.array(1.0)),
         }
-        sizes = (
-            ufl.classes.JacobianDeterminant,
-            ufl.classes.CellVolume,
-            ufl.classes.CellDiameter,
-            ufl.classes.Circumradius,
-            ufl.classes.MinCellEdgeLength,
-            ufl.classes.MaxCellEdgeLength,
-        )
-        known = {}
-        for part in ufl.corealg.traversal.unique_pre_traversal(expression):
-            if isinstance(part, sizes):
-                known[part] = ufl.as_ufl(1.0)
-            elif type(part) in shapes:
-                known[part] = ufl.as_tensor(shapes[type(part)].tolist())
-        return ufl.replace(expression, known) if known else expression
+        self.geometry = {kind: _constant(value) for kind, value in constants.items()}
 
-    def evaluate(self, expression: ufl.core.expr.Expr, values: Values) -> float | None:
-        """A scalar at a point; NaN where it has no value, None where only a mesh has one."""
-        expression = self.at_rest(expression)
-        if not all(
-            part in values or isinstance(part, _EVALUATED)
-            for part in ufl.corealg.traversal.unique_pre_traversal(expression)
-            if isinstance(part, ufl.classes.Terminal)
-        ):
-            return None
+    def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
+        """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""
         try:
-            return float(expression(_POINT, values))
-        except (ZeroDivisionError, OverflowError, ValueError):
-            return math.nan
+            return evaluate(expression, {**self.geometry, **fields})
+        except NoValueError:
+            return None
 
 
 def result_faults(
@@ -290,13 +277,13 @@ def _rest_faults(
     """Is the integrand finite at u = 0, with the derivatives the machinery takes?"""
     u, space = unknown.u, unknown.space
     size = u.ufl_shape
-    values: Values = {u: _affine(size, seed=None), unknown.v: _affine(size, seed=10)}
+    values = {u: _affine(size, seed=None), unknown.v: _affine(size, seed=10)}
     for order in range(derivatives + 1):
         if order > 0:
             direction = ufl.Argument(space, order)
             values[direction] = _affine(size, seed=order)
             integrand = ufl.derivative(integrand, u, direction)
-        value = unknown.evaluate(ufl.algorithms.expand_derivatives(integrand), values)
+        value = unknown.evaluate(integrand, values)
         if value is None:
             return
         if not math.isfinite(value):
@@ -304,15 +291,19 @@ def _rest_faults(
             return
 
 
-def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[..., npt.NDArray[np.float64]]:
-    """A field affine in x, with its derivatives, as UFL evaluates it; zero without a seed."""
+def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[[int], FloatArray]:
+    """A field affine in x, and its gradients; zero without a seed."""
     gradient = np.zeros((*shape, _GDIM))
     if seed is not None:
         gradient = np.random.default_rng(seed).normal(size=gradient.shape)
 
-    def field(x: Sequence[float], derivatives: tuple[int, ...] = ()) -> npt.NDArray[np.float64]:
-        if len(derivatives) > 1:
-            return np.zeros(shape)
-        return gradient[..., derivatives[0]] if derivatives else gradient @ np.asarray(x)
+    def field(depth: int) -> FloatArray:
+        if depth == 0:
+            return np.asarray(gradient @ np.array(_POINT))
+        return gradient if depth == 1 else np.zeros((*gradient.shape, *(_GDIM,) * (depth - 1)))
 
     return field
+
+
+def _constant(value: FloatArray) -> Callable[[int], FloatArray]:
+    return lambda depth: value
