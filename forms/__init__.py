@@ -4,6 +4,7 @@ The contract of such a file is `flexmbd.continuum.formulation.Formulation`. A fo
 live here: any module that satisfies the contract can be handed to the continuum side.
 """
 
+from flexmbd.forms import beam_timoshenko as beam_timoshenko
 from flexmbd.forms import solid_linear as solid_linear
 from flexmbd.forms import solid_mixed as solid_mixed
 from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible

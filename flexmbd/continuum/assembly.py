@@ -157,6 +157,9 @@ def _to_petsc(comm: MPI.Comm, blocks: la.MatrixCSR) -> PETSc.Mat:
     shape = (bs * n, bs * columns.size_global)
     csr = scipy.sparse.bsr_array((data, numbers[local], start), shape=shape).tocsr()
     csr.sort_indices()
+    if 2 * np.count_nonzero(csr.data) < len(csr.data):
+        # a mass has nothing between the components, two thirds of the stiffness' pattern
+        csr.eliminate_zeros()
     kind = PETSc.IntType
     matrix = PETSc.Mat().createAIJWithArrays(
         ((bs * n, None), (bs * columns.size_local, None)),

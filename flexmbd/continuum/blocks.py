@@ -46,12 +46,15 @@ def inner(comm: MPI.Comm, left: FloatArray, right: FloatArray) -> FloatArray:
     Returns:
         (j, k).
     """
-    product = left.T @ right
+    return total(comm, left.T @ right)
+
+
+def total(comm: MPI.Comm, part: FloatArray) -> FloatArray:
+    """The sum over the ranks of a small array, the same on every rank. Collective."""
     if comm.size > 1:
         # summed on one rank, because a sum may depend on the rank that makes it
-        total = comm.reduce(product, root=0)
-        product = np.ascontiguousarray(comm.bcast(total, root=0))
-    return product
+        part = np.ascontiguousarray(comm.bcast(comm.reduce(part, root=0), root=0))
+    return part
 
 
 def symmetric(matrix: FloatArray) -> FloatArray:

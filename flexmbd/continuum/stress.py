@@ -78,6 +78,23 @@ class StressRecovery:
             max_x=(nodes.x[at_largest] - p) @ R,
         )
 
+    @property
+    def node(self) -> IntArray:
+        """(k,) node numbers, ascending, the same on every rank."""
+        return self._nodes.number
+
+    def nodal(self, u: FloatArray) -> FloatArray:
+        """Stress of a displacement at the nodes, averaged over the cells, in the mesh's axes. Collective.
+
+        Args:
+            u: (local dofs including ghosts,).
+
+        Returns:
+            (k, 3, 3) Pa, in the order of `node`, the same on every rank.
+        """
+        self._u.x.array[:] = u
+        return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
+
     def _stresses(self) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
         sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
+from flexmbd.reduced import ReducedBody
 
 _KINDS = {
     at.TIME_PIECEWISE: "read as data",
@@ -25,7 +26,7 @@ def explain(start: Start) -> str:
     for branch in scene.topology.branches:
         body = branch.outer.body
         record = body.reduced()
-        kind = "rigid" if record is None else f"flexible, {record.n_modes} modes"
+        kind = "rigid" if record is None else _flexible(record)
         if branch.connection is None:
             lines.append(
                 f"  {body.name} ({kind}): flies with 6 coordinates, for no joint reaches it at a "
@@ -43,6 +44,11 @@ def explain(start: Start) -> str:
         lines.append("the start was made consistent:")
         lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved)
     return "\n".join(lines)
+
+
+def _flexible(record: ReducedBody) -> str:
+    stiffens = ", stiffens under load" if record.geometric is not None else ""
+    return f"flexible, {record.n_modes} modes{stiffens}"
 
 
 def _closures(start: Start) -> list[str]:
@@ -76,6 +82,8 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
     elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
         skipped.append("modal damping (zero)")
+    if len(plan.flex) and not plan.flex[:, at.BENDS].any() and (plan.frame_of[:, at.FRAME_SLOPE] < 0).all():
+        skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")
     if not plan.gravity.any():

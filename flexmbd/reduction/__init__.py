@@ -1,6 +1,12 @@
 """Reductions: from a continuum model to a `flexmbd.reduced.ReducedBody`."""
 
+from flexmbd.continuum.loads import BodyForce as BodyForce
+from flexmbd.continuum.loads import Pressure as Pressure
+from flexmbd.continuum.loads import Traction as Traction
 from flexmbd.reduction.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.condensation import static_condensation as static_condensation
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton
+from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping
+from flexmbd.reduction.damping import ModalDamping as ModalDamping
+from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
 from flexmbd.reduction.guyan import guyan as guyan

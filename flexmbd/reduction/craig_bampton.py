@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 
 import numpy as np
 
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import AveragedInterface
+from flexmbd.continuum.loads import Load
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
-from flexmbd.reduction.geometric_stiffness import unit_responses
+from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.optional_groups import Contents, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
@@ -27,8 +30,11 @@ def craig_bampton(
     modes: int,
     frame: str | None,
     geometric_stiffness: bool = True,
+    loads: Sequence[Load] = (),
+    damping: Damping | None = None,
     keep_modes: bool = False,
     keep_surface: bool = False,
+    keep_stress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -48,21 +54,35 @@ def craig_bampton(
         geometric_stiffness: whether the record says how loads change the stiffness
             (`GeometricStiffness`), without which a spinning body comes out too soft; left out where
             the strain energy is quadratic.
+        loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
+            modes miss of the static response to each is in the record's provenance.
+        damping: of the deformation; none by default.
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
+        keep_stress: whether the record holds the stress at all nodes (`StressModes`).
 
     Returns:
         The record, the same to the bit on every rank.
 
     Raises:
         InterfaceError: the model has no interface `frame`.
-        ReductionError: more modes than interior dofs; a singular stiffness; a failed accuracy check.
+        ReductionError: more modes than interior dofs; a singular stiffness; a failed accuracy check;
+            loads or a damping that are not well formed.
+        MeshError: a load's facet group is not there, or not on the boundary.
+        FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver did not converge.
     """
     modes = _checked(modes)
-    basis, rigid_error = _basis(
-        model, frame, modes=modes, geometric_stiffness=geometric_stiffness
+    contents = Contents(
+        geometric_stiffness=geometric_stiffness,
+        loads=tuple(loads),
+        damping=damping,
+        modes=keep_modes,
+        surface=keep_surface,
+        stress=keep_stress,
     )
+    contents.check(model)
+    basis, rigid_error = _basis(model, frame, modes=modes, contents=contents)
     provenance = {
         "reduction": _name(model, modes),
         "fixed-interface modes": str(modes),
@@ -76,9 +96,7 @@ def craig_bampton(
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)
-    return project(
-        model, basis, provenance=provenance, keep_modes=keep_modes, keep_surface=keep_surface
-    )
+    return project(model, basis, provenance=provenance, contents=contents)
 
 
 def _name(model: ContinuumModel, modes: int) -> str:
@@ -88,7 +106,7 @@ def _name(model: ContinuumModel, modes: int) -> str:
 
 
 def _basis(
-    model: ContinuumModel, frame: str | None, *, modes: int, geometric_stiffness: bool
+    model: ContinuumModel, frame: str | None, *, modes: int, contents: Contents
 ) -> tuple[Basis, float]:
     """The basis, and the error of the rigid motions among its static shapes. Collective."""
     with body_statics(model, frame=frame) as statics:
@@ -101,7 +119,7 @@ def _basis(
         images = multiply(model.M, fields)
         static = statics.static
         fixed = _fixed_interface_modes(statics, fields, images, count=modes)
-        responses = unit_responses(statics) if geometric_stiffness else None
+        found = responses(statics, contents)
     # the shapes of the first interface were only for the check
     shapes: FloatArray = np.hstack([static.shapes[:, 6:], fixed.shapes])
     forces = np.hstack([static.forces[:, 6:], multiply(model.K, fixed.shapes)])
@@ -126,7 +144,7 @@ def _basis(
         eigenvalues=fixed.eigenvalues,
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
-        responses=responses,
+        responses=found,
     )
     return basis, static.rigid_error
 

@@ -19,6 +19,7 @@ from flexmbd.continuum.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.stress_stiffness import stress_stiffness
 from flexmbd.reduced import FRAME_DOFS, GeometricStiffness
+from flexmbd.reduction.quasi_static import following_part
 from flexmbd.reduction.statics import Statics
 
 _AXES = ("x", "y", "z")
@@ -36,19 +37,6 @@ class UnitLoads:
 
     names: tuple[str, ...]
     forces: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class UnitResponses:
-    """Static displacements of a model under its unit loads.
-
-    Attributes:
-        names: (l,) of the loads.
-        displacements: (owned dofs, l) m per unit of each load, in the mesh's axes, with the body held at its frame.
-    """
-
-    names: tuple[str, ...]
-    displacements: FloatArray
 
 
 def inertia_loads(
@@ -115,22 +103,18 @@ def joined(*loads: UnitLoads) -> UnitLoads:
     return UnitLoads(names, np.asfortranarray(np.hstack([part.forces for part in loads])))
 
 
-def unit_responses(statics: Statics, *more: UnitLoads) -> UnitResponses:
-    """Static displacements under all loads of `GeometricStiffness`. Collective.
+def unit_loads(statics: Statics) -> UnitLoads:
+    """The loads of a body's motion and of its interfaces, as in `GeometricStiffness`. Collective.
 
     Args:
-        statics: of the body. Where its frame floats, each load is balanced by the inertia forces of the rigid motion
-            that it causes, and all interfaces are loaded; else all but the frame's.
-        more: further loads, as distributed ones.
+        statics: of the body. Where its frame floats all interfaces are loaded, else all but the frame's.
     """
     model, floating = statics.model, statics.floating
     moving = statics.interfaces if floating else statics.interfaces[1:]
-    loads = joined(
+    return joined(
         inertia_loads(model, p=statics.p, R=statics.R, floating=floating),
         interface_loads(model, moving, R=statics.R),
-        *more,
     )
-    return UnitResponses(loads.names, statics.static_response(loads.forces))
 
 
 def note(group: GeometricStiffness | None) -> str:
@@ -155,5 +139,9 @@ def geometric_group(
         The group, the same to the bit on every rank; None where the formulation does not tell how a stress changes
         the stiffness (`stress_stiffness`).
     """
-    stiffness = stress_stiffness(model, displacements, modes)
-    return None if stiffness is None else GeometricStiffness(tuple(names), stiffness)
+    stiffness = stress_stiffness(model, np.hstack([displacements, modes]), modes)
+    if stiffness is None:
+        return None
+    by_load, by_mode = np.split(stiffness, [len(names)])
+    K = following_part(model, displacements=displacements, modes=modes, by_load=by_load, by_mode=by_mode)
+    return GeometricStiffness(tuple(names), K)

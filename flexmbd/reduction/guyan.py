@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from flexmbd.continuum.loads import Load
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.reduced import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
+from flexmbd.reduction.damping import Damping
 
 
 def guyan(
@@ -12,8 +16,11 @@ def guyan(
     *,
     frame: str | None,
     geometric_stiffness: bool = True,
+    loads: Sequence[Load] = (),
+    damping: Damping | None = None,
     keep_modes: bool = False,
     keep_surface: bool = False,
+    keep_stress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -24,22 +31,29 @@ def guyan(
         model: with at least the interface `frame`.
         frame: name of the interface that carries the body frame, where every mode vanishes;
             None: it floats on the mean axis.
-        geometric_stiffness: as for `craig_bampton`.
+        geometric_stiffness: as for `craig_bampton`, and so are the others.
+        loads: distributed loads of unit size.
+        damping: of the deformation.
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
+        keep_stress: whether the record holds the stress at all nodes (`StressModes`).
 
     Returns:
         The record, the same to the bit on every rank; n is six times the interfaces but one.
 
     Raises:
         InterfaceError: the model has no interface `frame`.
-        ReductionError: a singular stiffness, or a failed accuracy check.
+        ReductionError: a singular stiffness, a failed accuracy check, or loads or a damping that are
+            not well formed.
     """
     return craig_bampton(
         model,
         modes=0,
         frame=frame,
         geometric_stiffness=geometric_stiffness,
+        loads=loads,
+        damping=damping,
         keep_modes=keep_modes,
         keep_surface=keep_surface,
+        keep_stress=keep_stress,
     )

@@ -1,14 +1,164 @@
-"""The record's optional groups: nodal modes, and the surface for pictures."""
+"""What a record holds besides the modes, their inertia and stiffness: damping and the optional groups.
+
+Which part of flexmbd needs a group:
+
+- geometric stiffness: the machine, for bodies that spin or carry axial loads; without it they are too soft.
+- loads: forces of a scene on this body by their names.
+- modes: fields on the mesh by a process that has not reduced the body (`flexmbd.continuum.recovery`),
+  and exporters that write nodes.
+- surface: pictures without DOLFINx.
+- stress: stress without DOLFINx.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from dolfinx import fem
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.loads import Load, check_loads, load_vectors
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
 from flexmbd.reduced import NodalModes, Surface
+from flexmbd.reduction.damping import Damping, check_damping, modal_damping
+from flexmbd.reduction.geometric_stiffness import UnitLoads, geometric_group, joined, note, unit_loads
+from flexmbd.reduction.loads import loads_group, missing_energy
+from flexmbd.reduction.statics import Statics
+from flexmbd.reduction.stress_modes import stress_group
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a record shall hold.
+
+    Attributes:
+        geometric_stiffness: whether `GeometricStiffness`.
+        loads: those of `DistributedLoads`.
+        damping: of the deformation, or None.
+        modes: whether `NodalModes`.
+        surface: whether `Surface`.
+        stress: whether `StressModes`.
+    """
+
+    geometric_stiffness: bool
+    loads: tuple[Load, ...]
+    damping: Damping | None
+    modes: bool
+    surface: bool
+    stress: bool
+
+    def check(self, model: ContinuumModel) -> None:
+        """Refuse what does not fit the model. Collective.
+
+        Raises:
+            ReductionError: on all ranks: loads or damping that are not well formed.
+            MeshError: on all ranks: a load's facet group.
+        """
+        check_loads(model, self.loads)
+        check_damping(model, self.damping)
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Loads and the full model's static response to them.
+
+    Attributes:
+        names: (l,) of the loads whose geometric stiffness is wanted, those of the body's motion first,
+            the named ones last; or none.
+        forces: (owned dofs, k) of the named loads.
+        displacements: (owned dofs, l) of all loads, or (owned dofs, k) of the named ones.
+    """
+
+    names: tuple[str, ...]
+    forces: FloatArray
+    displacements: FloatArray
+
+
+def responses(statics: Statics, contents: Contents) -> Responses:
+    """Apply the loads that the contents need. Collective."""
+    named = UnitLoads(
+        tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
+    )
+    loads = joined(unit_loads(statics), named) if contents.geometric_stiffness else named
+    return Responses(
+        names=loads.names if contents.geometric_stiffness else (),
+        forces=named.forces,
+        displacements=statics.static_response(loads.forces),
+    )
+
+
+def optional_parts(
+    model: ContinuumModel,
+    contents: Contents,
+    found: Responses,
+    *,
+    modes: FloatArray,
+    stiffness: FloatArray,
+    p: FloatArray,
+    R: FloatArray,
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Damping and optional groups by their names in `ReducedBody`, and their provenance. Collective.
+
+    Args:
+        model: the body.
+        contents: what is wanted.
+        found: the responses to loads.
+        modes: (local dofs including ghosts, n) in normal form, in the mesh's axes.
+        stiffness: (n,) 1/s^2.
+        p: (3,) m, the body frame's origin in the mesh's axes.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+
+    Raises:
+        ReductionError: on all ranks: a damping that does not fit the modes.
+        FormulationError: on all ranks: stress modes of a stress that is not linear.
+    """
+    own = modes[: model.n_owned]
+    parts: dict[str, Any] = {
+        "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
+    }
+    provenance = {}
+    if contents.damping is not None:
+        provenance["damping"] = repr(contents.damping)
+    if contents.geometric_stiffness:
+        displacements = with_ghosts(model, found.displacements)
+        parts["geometric"] = geometric_group(
+            model, found.names, displacements=displacements, modes=modes
+        )
+        provenance["geometric stiffness"] = note(parts["geometric"])
+    if contents.loads:
+        group = loads_group(model, contents.loads, forces=found.forces, modes=own, p=p, R=R)
+        parts["loads"] = group
+        missing = missing_energy(
+            model,
+            forces=found.forces,
+            displacements=found.displacements[:, -len(contents.loads) :],
+            modal=group.modal,
+            stiffness=stiffness,
+        )
+        for load, part in zip(contents.loads, missing, strict=True):
+            provenance[f"load {load.name}"] = f"{load!r}; static energy missing {part:.1e}"
+    if contents.modes:
+        parts["modes"] = nodal_group(model, modes, p=p, R=R)
+    if contents.surface:
+        parts["surface"] = surface_group(model, modes, p=p, R=R)
+    if contents.stress:
+        parts["stress"] = stress_group(model, modes, R=R)
+    return parts, provenance
+
+
+def with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
+    """A block (owned dofs, k) with the rows of this rank's ghosts below its own. Collective."""
+    field = fem.Function(model.space)
+    whole = np.empty((len(field.x.array), block.shape[1]), order="F")
+    for i in range(block.shape[1]):
+        field.x.array[: model.n_owned] = block[:, i]
+        field.x.scatter_forward()
+        whole[:, i] = field.x.array
+    return whole
 
 
 def nodal_group(
@@ -25,10 +175,10 @@ def nodal_group(
     Returns:
         The group, the same on every rank.
     """
-    owned = model.n_owned // 3
+    owned = model.n_owned_nodes
     numbers = parallel.gather_rows(model.comm, node_numbers(model)[:owned])
-    x = parallel.gather_rows(model.comm, model.space.tabulate_dof_coordinates()[:owned])
-    phi = parallel.gather_rows(model.comm, modes[: 3 * owned].reshape(owned, 3, -1))
+    x = parallel.gather_rows(model.comm, model.node_x[:owned])
+    phi = parallel.gather_rows(model.comm, modes[model.displacement_dofs[:owned]])
 
     def make() -> NodalModes:
         assert numbers is not None and x is not None and phi is not None  # noqa: S101, PT018

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
@@ -16,9 +15,8 @@ from flexmbd.continuum.interface import FoundInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
-from flexmbd.reduction.geometric_stiffness import UnitResponses, geometric_group, note
 from flexmbd.reduction.normal_form import normal_form
-from flexmbd.reduction.optional_groups import nodal_group, surface_group
+from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts, with_ghosts
 from flexmbd.reduction.signs import determined_rotation
 
 # Bound on what should vanish in the reduced matrices, relative to the diagonal.
@@ -42,7 +40,7 @@ class Basis:
         rigid_part: (6, n) of the mass-normalised rigid modes, what was taken off the shapes; zero
             where B is attached.
         projections: (n, fields) shapes^T M w for the rule of the signs.
-        responses: to the loads whose geometric stiffness is wanted, or None.
+        responses: to the loads that the record's contents need.
     """
 
     frame: str | None
@@ -56,7 +54,7 @@ class Basis:
     eigenvalues: FloatArray
     rigid_part: FloatArray
     projections: FloatArray
-    responses: UnitResponses | None
+    responses: Responses
 
 
 def project(
@@ -64,8 +62,7 @@ def project(
     basis: Basis,
     *,
     provenance: Mapping[str, str],
-    keep_modes: bool,
-    keep_surface: bool,
+    contents: Contents,
 ) -> ReducedBody:
     """Project the model on a basis and bring the result to normal form. Collective.
 
@@ -73,7 +70,8 @@ def project(
     (`ContinuumModel.bases`).
 
     Raises:
-        ReductionError: on all ranks: the basis has lost its orthonormality.
+        ReductionError: on all ranks: the basis has lost its orthonormality, or a damping does not fit.
+        FormulationError: on all ranks: stress modes of a stress that is not linear.
     """
     p, R = basis.p, basis.R
     gram = gram_matrix(model, basis.shapes, p=p, R=R)
@@ -92,19 +90,12 @@ def project(
         return parts, x
 
     parts, x = parallel.on_root(model.comm, make)
-    modes = _with_ghosts(model, basis.shapes @ x)
-    geometric = None
-    if basis.responses is not None:
-        displacements = _with_ghosts(model, basis.responses.displacements)
-        names = basis.responses.names
-        geometric = geometric_group(model, names, displacements=displacements, modes=modes)
-        parts["provenance"]["geometric stiffness"] = note(geometric)
-    body = ReducedBody(
-        **parts,
-        geometric=geometric,
-        modes=nodal_group(model, modes, p=p, R=R) if keep_modes else None,
-        surface=surface_group(model, modes, p=p, R=R) if keep_surface else None,
+    modes = with_ghosts(model, basis.shapes @ x)
+    more, notes = optional_parts(
+        model, contents, basis.responses, modes=modes, stiffness=parts["stiffness"], p=p, R=R
     )
+    parts["provenance"].update(notes)
+    body = ReducedBody(**parts, **more)
     model.bases[body.fingerprint()] = modes
     return body
 
@@ -144,7 +135,6 @@ def _change_basis(gram: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _parts(basis: Basis, gram: FloatArray, k: FloatArray, x: FloatArray) -> dict[str, Any]:
-    n = len(x)
     frames = []
     for i, one in enumerate(basis.interfaces):
         p_BI_B = basis.R.T @ (one.p - basis.p)
@@ -153,7 +143,6 @@ def _parts(basis: Basis, gram: FloatArray, k: FloatArray, x: FloatArray) -> dict
     return {
         "gram": gram,
         "stiffness": k,
-        "damping": np.zeros((n, n)),
         "interfaces": tuple(frames),
         "frame": basis.frame,
         "p_MB_M": basis.p,
@@ -161,14 +150,3 @@ def _parts(basis: Basis, gram: FloatArray, k: FloatArray, x: FloatArray) -> dict
         "partition": x,
         "partition_names": basis.names,
     }
-
-
-def _with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
-    """The block with the rows of this rank's ghosts below its own. Collective."""
-    field = fem.Function(model.space)
-    whole = np.empty((len(field.x.array), block.shape[1]), order="F")
-    for i in range(block.shape[1]):
-        field.x.array[: model.n_owned] = block[:, i]
-        field.x.scatter_forward()
-        whole[:, i] = field.x.array
-    return whole

@@ -9,15 +9,19 @@ like w_1.  Neither the mesh's partition nor the eigensolver has a say.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import fem
 
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.model import ContinuumModel
 
 #: Number of fields, and so the largest cluster whose rotation is determined.
-FIELDS = 4
+FIELDS = 8
 
 # Relative distance below which neighbouring eigenvalues count as equal. Well above round-off, and
 # low enough that a rotation leaves the stiffness diagonal to ten digits.
@@ -27,22 +31,43 @@ _EQUAL = 1e-10
 def asymmetric_fields(model: ContinuumModel) -> FloatArray:
     """The fields w_j of the rule, smooth and of size one. Collective.
 
+    Rotations and other unknowns have theirs too, since some modes move nothing else: a straight beam
+    twists without a displacement of its axis.
+
     Returns:
-        (owned dofs, FIELDS), m, in the mesh's axes.
+        (owned dofs, FIELDS), displacements in m, in the mesh's axes.
     """
-    x = model.space.tabulate_dof_coordinates()[: model.n_owned // 3]
+    layout = model.layout
+    x = layout.node_x[: layout.n_owned_nodes]
     low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
     model.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     model.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-    xi = (x - low) / (high - low).max()
-    fields = np.empty((len(x), 3, FIELDS))
-    number = np.arange(3 * FIELDS).reshape(3, FIELDS) + 1.0
-    # fractional parts of multiples of irrational numbers: spread evenly and the same everywhere
-    wave = 6.0 * np.modf(np.multiply.outer(np.sqrt([2.0, 3.0, 5.0]), number))[0]
-    phase = 2.0 * np.pi * np.modf(np.sqrt(7.0) * number)[0]
-    for axis in range(3):
-        fields[:, axis] = np.cos(xi @ wave[:, axis] + phase[axis])
-    return fields.reshape(-1, FIELDS)
+    extent = (high - low).max()
+    fields: FloatArray = np.zeros((layout.n_local, FIELDS), order="F")
+    for part in layout.fields:
+        components = range(part.components.start, part.components.stop)
+        function = fem.Function(part.space)
+        for j in range(FIELDS):
+            function.interpolate(partial(_waves, components, j, low, extent))
+            fields[part.dofs, j] = function.x.array
+    return np.asfortranarray(fields[: layout.n_owned])
+
+
+def _waves(
+    components: Sequence[int], j: int, low: FloatArray, extent: float, x: FloatArray
+) -> FloatArray:
+    """Components of the field w_j at points (3, k): a row each; a single one without its axis."""
+    rows: FloatArray = np.empty((len(components), x.shape[1]))
+    for row, c in zip(rows, components, strict=True):
+        number = 12 * (j // 4) + 4 * (c % 3) + j % 4 + 24 * (c // 3) + 1
+        # fractional parts of multiples of irrational numbers: spread evenly and the same everywhere
+        wave = 6.0 * (1 + j // 4) * np.modf(np.sqrt([2.0, 3.0, 5.0]) * number)[0]
+        phase = 2.0 * np.pi * np.modf(np.sqrt(7.0) * number)[0]
+        row[:] = np.cos(wave @ (x - low[:, None]) / extent + phase)
+        if c >= 3:
+            # rotations, by which points at the body's end move by one
+            row /= extent
+    return rows if len(components) > 1 else rows[0]
 
 
 def determined_rotation(eigenvalues: FloatArray, projections: FloatArray) -> FloatArray:

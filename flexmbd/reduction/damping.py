@@ -1,0 +1,173 @@
+"""Damping of a reduced body: the modal matrix D_qq.
+
+All of it acts on the deformation alone: q are displacements relative to the body frame, so that the
+frame's motion is not damped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from flexmbd.continuum import assembly
+from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.model import ContinuumModel
+from flexmbd.errors import ReductionError
+
+
+@dataclass(frozen=True)
+class ModalDamping:
+    """Damping ratios of the record's modes: D_qq = diag(2 zeta_i omega_i).
+
+    The modes are those of the body held at its frame's interface, all else free; where the frame
+    floats those of the free body.
+
+    Attributes:
+        ratio: zeta, between 0 and 1, for all modes; or one for each, the lowest frequency first.
+
+    Raises:
+        ReductionError: a ratio is not a number between 0 and 1.
+    """
+
+    ratio: float | Sequence[float]
+
+    def __post_init__(self) -> None:
+        ratios = _numbers("damping ratio", self.ratio)
+        if not (ratios <= 1.0).all():
+            raise ReductionError(
+                f"a damping ratio must lie between 0 and 1 (0.02 is two per cent), got {self.ratio!r}"
+            )
+
+
+@dataclass(frozen=True)
+class RayleighDamping:
+    """D_qq = alpha M_qq + beta K_qq (Rayleigh's proportional damping).
+
+    A mode of angular frequency omega gets the ratio (alpha / omega + beta omega) / 2. The part with
+    alpha acts on the motion relative to the body frame, not on that of the frame.
+
+    Attributes:
+        alpha: 1/s, not negative.
+        beta: s, not negative.
+
+    Raises:
+        ReductionError: a value is not a finite number from 0 on.
+    """
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        _numbers("alpha of a Rayleigh damping", self.alpha)
+        _numbers("beta of a Rayleigh damping", self.beta)
+
+
+@dataclass(frozen=True)
+class KelvinVoigtDamping:
+    """Viscous stress tau C : strain rate beside the elastic stress C : strain (seed 1 eq. 9-14).
+
+    A mode of angular frequency omega in a body of one tau gets the ratio tau omega / 2.
+
+    Attributes:
+        tau: s, not negative: viscosity over stiffness; for all cells, or by the name of each of the
+            model's cell groups.
+
+    Raises:
+        ReductionError: a value is not a finite number from 0 on.
+    """
+
+    tau: float | Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        values = self.tau.values() if isinstance(self.tau, Mapping) else [self.tau]
+        for value in values:
+            _numbers("tau of a Kelvin-Voigt damping", value)
+
+
+Damping = ModalDamping | RayleighDamping | KelvinVoigtDamping
+"""How the deformation of a body is damped."""
+
+
+def check_damping(model: ContinuumModel, damping: Damping | None) -> None:
+    """Refuse a damping that does not fit the model; the same on every rank, not collective.
+
+    Raises:
+        ReductionError: it is none, or names other cell groups than the model's.
+    """
+    if damping is not None and not isinstance(damping, Damping):
+        raise ReductionError(
+            "damping must be a ModalDamping, RayleighDamping or KelvinVoigtDamping, got "
+            f"{damping!r}; for a damping ratio write ModalDamping({damping!r})"
+        )
+    if isinstance(damping, KelvinVoigtDamping) and isinstance(damping.tau, Mapping):
+        names = {group.name for group in model.groups}
+        if set(damping.tau) != names:
+            known = ", ".join(repr(name) for name in names if name is not None)
+            raise ReductionError(
+                f"tau is given for {', '.join(map(repr, damping.tau))}; give one number, or one for "
+                f"each cell group of the model{': ' + known if known else ', which has none'}"
+            )
+
+
+def modal_damping(
+    model: ContinuumModel, damping: Damping | None, *, modes: FloatArray, stiffness: FloatArray
+) -> FloatArray:
+    """D_qq (n, n), 1/s, symmetric. Collective; the same to the bit on every rank.
+
+    Args:
+        model: the body.
+        damping: which `check_damping` let pass; None: zero.
+        modes: (owned dofs, n) in normal form.
+        stiffness: (n,) 1/s^2, the diagonal of K_qq.
+
+    Raises:
+        ReductionError: not one ratio for each mode.
+    """
+    n = len(stiffness)
+    if damping is None:
+        return np.zeros((n, n))
+    if isinstance(damping, ModalDamping):
+        ratios = np.atleast_1d(np.asarray(damping.ratio, dtype=float))
+        if np.ndim(damping.ratio) > 0 and len(ratios) != n:
+            raise ReductionError(
+                f"{len(ratios)} damping ratios for {n} modes; give one for all, or one for each"
+            )
+        return np.diag(2.0 * np.broadcast_to(ratios, n) * np.sqrt(stiffness))
+    if isinstance(damping, RayleighDamping):
+        return np.diag(damping.alpha + damping.beta * stiffness)
+    if not isinstance(damping.tau, Mapping):
+        return np.diag(damping.tau * stiffness)
+    matrix = _viscosity(model, damping.tau)
+    viscous = symmetric(inner(model.comm, modes, multiply(matrix, modes)))
+    matrix.destroy()
+    return viscous
+
+
+def _viscosity(model: ContinuumModel, tau: Mapping[str, float]) -> PETSc.Mat:
+    """The stiffness with the part of each cell group times its tau. Collective."""
+    u, v = fem.Function(model.space), ufl.TestFunction(model.space)
+    terms = [
+        fem.Constant(model.mesh.mesh, float(tau[str(group.name)])) * form
+        for group in model.groups
+        for form in assembly.internal_work([group], u, v)
+    ]
+    forms = {"viscosity": assembly.derivatives_at_rest(terms, u)}
+    return assembly.assemble(forms, model.groups, model.space)[0]
+
+
+def _numbers(what: str, value: object) -> FloatArray:
+    """The value as numbers (k,), each finite and not negative."""
+    try:
+        numbers = np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        numbers = np.array([np.nan])
+    # written so that NaN fails
+    if numbers.ndim != 1 or not ((numbers >= 0.0) & np.isfinite(numbers)).all():
+        raise ReductionError(f"{what} must be a finite number from 0 on, got {value!r}")
+    return numbers

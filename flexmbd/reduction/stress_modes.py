@@ -1,0 +1,52 @@
+"""The record's stress modes: stress at the nodes per unit of each modal coordinate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.stress import StressRecovery
+from flexmbd.errors import FormulationError
+from flexmbd.reduced import StressModes
+
+# Rows and columns of the components xx yy zz xy xz yz.
+_ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+# Largest deviation from linearity, relative to the largest stress.
+_LINEAR = 1e-9
+
+
+def stress_group(model: ContinuumModel, modes: FloatArray, *, R: FloatArray) -> StressModes:
+    """The group, as `ContinuumModel.stress_picture` averages each mode. Collective.
+
+    Args:
+        model: the body.
+        modes: (local dofs including ghosts, n), in the mesh's axes.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+
+    Returns:
+        The group, the same to the bit on every rank.
+
+    Raises:
+        FormulationError: on all ranks: the formulation's stress is not linear in the displacement.
+    """
+    recovery = StressRecovery(model)
+    sigma = np.empty((len(recovery.node), 6, modes.shape[1]))
+    for i, mode in enumerate(modes.T):
+        sigma[:, :, i] = _components(recovery.nodal(mode), R)
+    # one field in which all modes take part
+    weights = np.cos(np.arange(modes.shape[1]))
+    error = abs(_components(recovery.nodal(modes @ weights), R) - sigma @ weights).max(initial=0.0)
+    if not error <= _LINEAR * abs(sigma).max(initial=0.0):
+        raise FormulationError(
+            f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
+            "modes; keep the modes (keep_modes=True) and have stresses from the model"
+        )
+    return StressModes(recovery.node, sigma)
+
+
+def _components(sigma: FloatArray, R: FloatArray) -> FloatArray:
+    """(k, 6) in B's axes of tensors (k, 3, 3) in the mesh's."""
+    turned = R.T @ sigma @ R
+    six: FloatArray = turned[:, _ROWS, _COLUMNS]
+    return six

@@ -1,0 +1,336 @@
+"""Spatial beam with shear and rotary inertia, geometrically exact; at rest it is Timoshenko's beam.
+
+Unknowns on a line in space, straight or curved: displacement u (m) of the axis, and rotation theta of
+the sections: the vector 2 tan(phi/2) e of a rotation by phi about e, for small ones phi e (rad). With
+Lambda(theta) the rotation, r the axis, ' the derivative along it and f, c force and moment per length:
+
+    rho A d2u/dt2 = (Lambda n)' + f,   d(spin)/dt = (Lambda m)' + r' x Lambda n + c,
+    gamma = Lambda^T r' - r_0',   kappa = axial(Lambda^T Lambda'),
+    W = E A gamma_t^2 / 2 + G A (ky gamma_y^2 + kz gamma_z^2) / 2
+      + G J kappa_t^2 / 2 + E (Iy kappa_y^2 + Iz kappa_z^2) / 2,   n = dW/dgamma,  m = dW/dkappa
+
+per length of the initial axis, in the section's axes t, y, z: tangent, the part of `orientation` normal
+to it, and t x y. The energy is that of finite rotations on purpose: its third derivative at rest, from
+which the geometric stiffness follows, is not zero. Assumes small strain, plane sections whose y and z
+are principal axes through the centroid, which is the centre of shear as well, and free warping.
+
+Lagrange elements of equal degree for u and theta. Stretch and shear are integrated by as many Gauss
+points as the element has degree, which removes locking on straight and curved axes alike: that is
+the mixed method of Arnold, and every element keeps its six rigid motions and no other.
+
+References: Timoshenko 1921, doi:10.1080/14786442108636264; Reissner 1981, On finite deformations of
+space-curved beams, doi:10.1007/BF00946983; Arnold 1981, doi:10.1007/BF01396318 (integration).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import basix.ufl
+import ufl
+
+CELLS = ("interval",)
+
+# L2 order of the displacement by element degree.
+ORDER = {1: 2, 2: 3}
+
+# Gradients and integrals refer to the initial configuration.
+REFERENCE = "INITIAL"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An isotropic elastic material and a section that is the same along the beam.
+
+    `rectangle` and `circle` give those of plain sections.
+
+    Attributes:
+        E: Young's modulus, Pa, E > 0.
+        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5; G = E / (2 (1 + nu)).
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+        A: area, m^2, A > 0.
+        Iy, Iz: second moments of area about y, integral of z^2, and about z, of y^2; m^4, positive.
+        J: torsion constant, m^4, J > 0.
+        ky, kz: shear factors for forces along y and z, dimensionless, positive.
+        orientation: a vector, in the mesh's axes, that is nowhere along the axis; its part normal to
+            the axis is y.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range, or the orientation is zero.
+    """
+
+    E: float
+    nu: float
+    rho: float
+    A: float
+    Iy: float
+    Iz: float
+    J: float
+    ky: float
+    kz: float
+    orientation: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "orientation":
+                vector = tuple(_number("each part of orientation", part) for part in value)
+                if len(vector) != 3 or not 0.0 < sum(part * part for part in vector) < float("inf"):
+                    raise ValueError(f"orientation must be a vector of length above zero, got {value!r}")
+                object.__setattr__(self, field.name, vector)
+                continue
+            number = _number(field.name, value)
+            # written so that NaN fails
+            if field.name != "nu" and not 0.0 < number < float("inf"):
+                raise ValueError(f"{field.name} must be positive and finite, got {value}")
+            object.__setattr__(self, field.name, number)
+        if not -1.0 < self.nu < 0.5:
+            raise ValueError(
+                f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
+            )
+
+    @classmethod
+    def rectangle(
+        cls,
+        E: float,
+        nu: float,
+        rho: float,
+        *,
+        width: float,
+        height: float,
+        orientation: tuple[float, float, float],
+    ) -> Parameters:
+        """A rectangle of `width` (m) along y and `height` (m) along z.
+
+        The torsion constant is Saint-Venant's series (Timoshenko & Goodier 1970, article 109), the
+        shear factors are Cowper's (1966, doi:10.1115/1.3625046).
+        """
+        long, short = max(width, height), min(width, height)
+        series = sum(float(ufl.tanh(n * ufl.pi * long / (2 * short))) / n**5 for n in range(1, 20, 2))
+        shear = 10 * (1 + nu) / (12 + 11 * nu)
+        return cls(
+            E,
+            nu,
+            rho,
+            A=width * height,
+            Iy=width * height**3 / 12,
+            Iz=height * width**3 / 12,
+            J=long * short**3 * (1 / 3 - 64 / ufl.pi**5 * short / long * series),
+            ky=shear,
+            kz=shear,
+            orientation=orientation,
+        )
+
+    @classmethod
+    def circle(
+        cls, E: float, nu: float, rho: float, *, radius: float, orientation: tuple[float, float, float]
+    ) -> Parameters:
+        """A full circle of `radius` (m); the shear factors are Cowper's (1966, doi:10.1115/1.3625046)."""
+        second, shear = ufl.pi * radius**4 / 4, 6 * (1 + nu) / (7 + 6 * nu)
+        return cls(
+            E,
+            nu,
+            rho,
+            A=ufl.pi * radius**2,
+            Iy=second,
+            Iz=second,
+            J=2 * second,
+            ky=shear,
+            kz=shear,
+            orientation=orientation,
+        )
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
+
+    degree: int
+    scheme: str = "default"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A static problem on the unit interval of the x axis whose exact solution is known.
+
+    Attributes:
+        parameters: the material and section.
+    """
+
+    parameters: Parameters
+
+    def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Exact displacement (m) and rotation (rad) at the point x, (6,); both prescribed at the ends."""
+        return ufl.as_vector([*self._fields(x[0])])
+
+    def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Force, N/m, and moment, N, per length at the point x, (6,), in equilibrium at small strain."""
+        p, s = self.parameters, ufl.variable(x[0])
+        move, turn = self._fields(s)[:3], self._fields(s)[3:]
+        t = ufl.as_vector((1.0, 0.0, 0.0))
+        y = ufl.as_vector((0.0, 1.0, 0.0))
+        along = [ufl.diff(f, s) for f in (*move, *turn)]
+        gamma = ufl.as_vector(along[:3]) - ufl.cross(ufl.as_vector(turn), t)
+        force, moment = _resultants(gamma, ufl.as_vector(along[3:]), (t, y, ufl.cross(t, y)), p)
+        arm = ufl.cross(t, force)
+        return ufl.as_vector(
+            [*(-ufl.diff(force[i], s) for i in range(3)), *(-ufl.diff(moment[i], s) - arm[i] for i in range(3))]
+        )
+
+    def _fields(self, s: ufl.core.expr.Expr) -> list[ufl.core.expr.Expr]:
+        """The sections turn with the axis but for a shear of the size that thin beams have."""
+        k = ufl.pi
+        shear = 1e-4 * ufl.sin(k * s + 0.8), 1e-4 * ufl.cos(k * s + 0.1)
+        return [
+            1e-3 * ufl.sin(k * s / 2),
+            1e-2 * ufl.sin(k * s + 0.4),
+            1e-2 * ufl.cos(k * s - 0.3),
+            1e-2 * ufl.sin(k * s / 2 + 1.0),
+            1e-2 * k * ufl.sin(k * s - 0.3) + shear[0],
+            1e-2 * k * ufl.cos(k * s + 0.4) + shear[1],
+        ]
+
+
+def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
+    """Continuous Lagrange element on `cell` for displacement and rotation in `gdim` dimensions."""
+    return basix.ufl.element("Lagrange", cell, degree, shape=(2 * gdim,))
+
+
+def strain_energy(
+    u: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """Energy per initial length, J/m, of stretch and shear, and of twist and bending.
+
+    The first by n Gauss points, n the degree of the element: exactly integrated it would lock.
+    """
+    axes = _axes(u, p)
+    move, turn = _parts(u)
+    t = axes[0]
+    d_move, d_turn = _along(move, t), _along(turn, t)
+    factor = 1 / (1 + ufl.dot(turn, turn) / 4)
+
+    def back(v: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """(Lambda^T - 1) v, of a rotation vector 2 tan(phi/2) e."""
+        once = ufl.cross(turn, v)
+        return factor * (ufl.cross(turn, once) / 2 - once)
+
+    # from u' rather than r' - r_0': no cancellation at small strain
+    gamma = d_move + back(t + d_move)
+    kappa = factor * (d_turn - ufl.cross(turn, d_turn) / 2)
+    force, moment = _resultants(gamma, kappa, axes, p)
+    n, g = _degrees(u)
+    return [
+        (ufl.inner(force, gamma) / 2, Quadrature(2 * n - 2)),
+        (ufl.inner(moment, kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
+    ]
+
+
+def kinetic_energy(
+    v: ufl.core.expr.Expr, p: Parameters
+) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
+    """Kinetic energy per initial length, J/m, of the rates of u (m/s) and theta (rad/s)."""
+    t, y, z = _axes(v, p)
+    move, turn = _parts(v)
+    spin = [ufl.dot(turn, axis) ** 2 for axis in (t, y, z)]
+    rotary = (p.Iy + p.Iz) * spin[0] + p.Iy * spin[1] + p.Iz * spin[2]
+    n, g = _degrees(v)
+    rule = Quadrature(2 * n + 2 * (g - 1))
+    return [(p.rho * p.A / 2 * ufl.inner(move, move), rule), (p.rho / 2 * rotary, rule)]
+
+
+def rigid_motion(
+    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
+) -> ufl.core.expr.Expr:
+    """Displacement, m, and rotation, rad, at x of an infinitesimal rigid motion, (6,)."""
+    move = translation + ufl.cross(rotation, x)
+    return ufl.as_vector([*(move[i] for i in range(3)), *(rotation[i] for i in range(3))])
+
+
+def motion(
+    u: ufl.core.expr.Expr, xi: ufl.core.expr.Expr, p: Parameters
+) -> ufl.core.expr.Expr:
+    """Displacement, m, of the material point at xi = (y, z), m, in the section; linear in u."""
+    _, y, z = _axes(u, p)
+    move, turn = _parts(u)
+    return move + ufl.cross(turn, xi[0] * y + xi[1] * z)
+
+
+def section_inertia(p: Parameters) -> ufl.core.expr.Expr:
+    """Integral of rho {1, y, z} {1, y, z} dA: kg/m, kg, kg m."""
+    return p.rho * ufl.as_matrix(((p.A, 0, 0), (0, p.Iz, 0), (0, 0, p.Iy)))
+
+
+def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:
+    """Resultants in the section's axes, (6,): forces along t, y, z (N), moments about them (N m).
+
+    Of small strain and rotations; linear in u, so modes may be superposed. `state` is None.
+    """
+    axes = _axes(u, p)
+    move, turn = _parts(u)
+    gamma = _along(move, axes[0]) - ufl.cross(turn, axes[0])
+    force, moment = _resultants(gamma, _along(turn, axes[0]), axes, p)
+    return ufl.as_vector([ufl.dot(whole, axis) for whole in (force, moment) for axis in axes])
+
+
+def reference() -> Reference:
+    """A static problem with stretch, twist, and bending about both axes, for the order tests."""
+    return Reference(
+        Parameters.rectangle(2.1e11, 0.3, 7850.0, width=0.05, height=0.03, orientation=(0.0, 1.0, 0.0))
+    )
+
+
+Axes = tuple[ufl.core.expr.Expr, ufl.core.expr.Expr, ufl.core.expr.Expr]
+
+
+def _axes(u: ufl.core.expr.Expr, p: Parameters) -> Axes:
+    """Unit vectors t, y, z of the section, in the mesh's axes."""
+    jacobian = ufl.Jacobian(ufl.domain.extract_unique_domain(u))
+    t = _unit(ufl.as_vector([jacobian[i, 0] for i in range(3)]))
+    towards = ufl.as_vector(p.orientation)
+    y = _unit(towards - ufl.dot(towards, t) * t)
+    return t, y, ufl.cross(t, y)
+
+
+def _unit(v: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    return v / ufl.sqrt(ufl.dot(v, v))
+
+
+def _parts(u: ufl.core.expr.Expr) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+    """Displacement and rotation."""
+    return ufl.as_vector([u[i] for i in range(3)]), ufl.as_vector([u[i] for i in range(3, 6)])
+
+
+def _along(f: ufl.core.expr.Expr, t: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    """Derivative along the axis."""
+    return ufl.dot(ufl.grad(f), t)
+
+
+def _resultants(
+    gamma: ufl.core.expr.Expr, kappa: ufl.core.expr.Expr, axes: Axes, p: Parameters
+) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+    """Force and moment of the strains, all in the mesh's axes."""
+    shear = p.E / (2 * (1 + p.nu))
+    stretching = (p.E * p.A, shear * p.A * p.ky, shear * p.A * p.kz)
+    bending = (shear * p.J, p.E * p.Iy, p.E * p.Iz)
+    force, moment = (
+        sum(
+            (c * ufl.dot(strain, axis) * axis for c, axis in zip(stiffness, axes, strict=True)),
+            ufl.as_vector((0, 0, 0)),
+        )
+        for stiffness, strain in ((stretching, gamma), (bending, kappa))
+    )
+    return force, moment
+
+
+def _degrees(u: ufl.core.expr.Expr) -> tuple[int, int]:
+    """Polynomial degrees of the field u and of the geometry."""
+    space = u.ufl_function_space()
+    geometry = space.ufl_domain().ufl_coordinate_element()
+    return space.ufl_element().embedded_superdegree, geometry.embedded_superdegree
+
+
+def _number(name: str, value: object) -> float:
+    # float() would take a text, and trips over an array
+    if not hasattr(value, "__float__") or hasattr(value, "__len__") or isinstance(value, bool):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(value)
