@@ -56,7 +56,7 @@ class _Unknown:
 
         # a cell of unit size that lies askew
         axes = np.linalg.qr(np.array([[2.0, 1, 1], [1, 2, 1], [1, 1, 2]]))[0]
-        dim = self.domain.topological_dimension()
+        dim = topological_dimension(self.domain)
         constants = {
             ufl.classes.SpatialCoordinate: np.array(_POINT),
             ufl.classes.CellCoordinate: np.full(dim, 0.25),

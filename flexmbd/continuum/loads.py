@@ -15,6 +15,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum import compat
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import MeshError, ReductionError
 
@@ -146,7 +147,7 @@ def measure(model: ContinuumModel, load: Load) -> ufl.Measure:
     """Where a load is integrated; not collective."""
     mesh = model.mesh
     # exact on straight cells, and for pressures on curved simplices as well
-    degree = model.space.ufl_element().embedded_superdegree + 2 * mesh.mesh.geometry.cmap.degree
+    degree = model.space.ufl_element().embedded_superdegree + 2 * compat.geometry_degree(mesh.mesh)
     metadata = {"quadrature_degree": degree}
     if isinstance(load, BodyForce):
         return ufl.Measure("dx", domain=mesh.mesh, metadata=metadata)
