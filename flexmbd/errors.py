@@ -15,6 +15,10 @@ class FlexmbdError(Exception):
     """Base class of all errors raised on purpose by flexmbd."""
 
 
+class VersionError(FlexmbdError, ImportError):
+    """DOLFINx is older or newer than flexmbd knows."""
+
+
 class FormulationError(FlexmbdError):
     """A form file breaks the contract; the message lists every violation."""
 

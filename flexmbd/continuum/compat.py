@@ -5,10 +5,30 @@ Tested with 0.9 and 0.11; the branches for 0.10 alone follow its published sourc
 
 from __future__ import annotations
 
+import re
+
+import dolfinx
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
+
+from flexmbd.errors import VersionError
+
+
+def check_version(version: str) -> None:
+    """Refuse a DOLFINx that flexmbd was not tested with; called as this module is loaded, not collective.
+
+    Raises:
+        VersionError: it is older than 0.9 or newer than 0.11.
+    """
+    if not (0, 9) <= tuple(int(n) for n in re.findall(r"\d+", version)[:2]) <= (0, 11):
+        raise VersionError(
+            f"flexmbd runs with DOLFINx 0.9 to 0.11, and this is {version}: see environment.yml, or use ./run"
+        )
+
+
+check_version(dolfinx.__version__)
 
 
 def cell_nodes(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
