@@ -42,7 +42,7 @@ REFERENCE = "INITIAL"
 class Parameters:
     """An isotropic elastic material and a section that is the same along the beam.
 
-    `rectangle` and `circle` give those of plain sections.
+    `rectangle` gives those of a plain section.
 
     Attributes:
         E: Young's modulus, Pa, E > 0.
@@ -71,23 +71,22 @@ class Parameters:
     orientation: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "orientation":
-                vector = tuple(_number("each part of orientation", part) for part in value)
-                if len(vector) != 3 or not 0.0 < sum(part * part for part in vector) < float("inf"):
-                    raise ValueError(f"orientation must be a vector of length above zero, got {value!r}")
-                object.__setattr__(self, field.name, vector)
-                continue
-            number = _number(field.name, value)
+        *scalars, _ = (field.name for field in fields(self))
+        for name in scalars:
+            number = _number(name, getattr(self, name))
             # written so that NaN fails
-            if field.name != "nu" and not 0.0 < number < float("inf"):
-                raise ValueError(f"{field.name} must be positive and finite, got {value}")
-            object.__setattr__(self, field.name, number)
+            if name != "nu" and not 0.0 < number < float("inf"):
+                raise ValueError(f"{name} must be positive and finite, got {number}")
+            object.__setattr__(self, name, number)
         if not -1.0 < self.nu < 0.5:
             raise ValueError(
                 f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
             )
+        parts = self.orientation if hasattr(self.orientation, "__iter__") else ()
+        vector = tuple(_number("each part of orientation", part) for part in parts)
+        if len(vector) != 3 or not 0.0 < sum(part * part for part in vector) < float("inf"):
+            raise ValueError(f"orientation must be a vector of length above zero, got {self.orientation!r}")
+        object.__setattr__(self, "orientation", vector)
 
     @classmethod
     def rectangle(
@@ -108,37 +107,9 @@ class Parameters:
         long, short = max(width, height), min(width, height)
         series = sum(float(ufl.tanh(n * ufl.pi * long / (2 * short))) / n**5 for n in range(1, 20, 2))
         shear = 10 * (1 + nu) / (12 + 11 * nu)
-        return cls(
-            E,
-            nu,
-            rho,
-            A=width * height,
-            Iy=width * height**3 / 12,
-            Iz=height * width**3 / 12,
-            J=long * short**3 * (1 / 3 - 64 / ufl.pi**5 * short / long * series),
-            ky=shear,
-            kz=shear,
-            orientation=orientation,
-        )
-
-    @classmethod
-    def circle(
-        cls, E: float, nu: float, rho: float, *, radius: float, orientation: tuple[float, float, float]
-    ) -> Parameters:
-        """A full circle of `radius` (m); the shear factors are Cowper's (1966, doi:10.1115/1.3625046)."""
-        second, shear = ufl.pi * radius**4 / 4, 6 * (1 + nu) / (7 + 6 * nu)
-        return cls(
-            E,
-            nu,
-            rho,
-            A=ufl.pi * radius**2,
-            Iy=second,
-            Iz=second,
-            J=2 * second,
-            ky=shear,
-            kz=shear,
-            orientation=orientation,
-        )
+        torsion = long * short**3 * (1 / 3 - 64 / ufl.pi**5 * short / long * series)
+        Iy, Iz = width * height**3 / 12, height * width**3 / 12
+        return cls(E, nu, rho, width * height, Iy, Iz, torsion, shear, shear, orientation)
 
 
 @dataclass(frozen=True)
@@ -161,33 +132,31 @@ class Reference:
 
     def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """Exact displacement (m) and rotation (rad) at the point x, (6,); both prescribed at the ends."""
-        return ufl.as_vector([*self._fields(x[0])])
+        return ufl.as_vector(self._fields(x[0]))
 
     def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """Force, N/m, and moment, N, per length at the point x, (6,), in equilibrium at small strain."""
-        p, s = self.parameters, ufl.variable(x[0])
-        move, turn = self._fields(s)[:3], self._fields(s)[3:]
-        t = ufl.as_vector((1.0, 0.0, 0.0))
-        y = ufl.as_vector((0.0, 1.0, 0.0))
-        along = [ufl.diff(f, s) for f in (*move, *turn)]
-        gamma = ufl.as_vector(along[:3]) - ufl.cross(ufl.as_vector(turn), t)
-        force, moment = _resultants(gamma, ufl.as_vector(along[3:]), (t, y, ufl.cross(t, y)), p)
-        arm = ufl.cross(t, force)
-        return ufl.as_vector(
-            [*(-ufl.diff(force[i], s) for i in range(3)), *(-ufl.diff(moment[i], s) - arm[i] for i in range(3))]
-        )
+        s = ufl.variable(x[0])
+
+        def d(f: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+            return ufl.diff(f, s)
+
+        u, v, w, twist, about_y, about_z = self._fields(s)
+        strains = d(u), d(v) - about_z, d(w) + about_y, d(twist), d(about_y), d(about_z)
+        stiffness = (*_stretching(self.parameters), *_bending(self.parameters))
+        n, qy, qz, mt, my, mz = (c * strain for c, strain in zip(stiffness, strains, strict=True))
+        return -ufl.as_vector([d(n), d(qy), d(qz), d(mt), d(my) - qz, d(mz) + qy])
 
     def _fields(self, s: ufl.core.expr.Expr) -> list[ufl.core.expr.Expr]:
         """The sections turn with the axis but for a shear of the size that thin beams have."""
         k = ufl.pi
-        shear = 1e-4 * ufl.sin(k * s + 0.8), 1e-4 * ufl.cos(k * s + 0.1)
         return [
             1e-3 * ufl.sin(k * s / 2),
             1e-2 * ufl.sin(k * s + 0.4),
             1e-2 * ufl.cos(k * s - 0.3),
             1e-2 * ufl.sin(k * s / 2 + 1.0),
-            1e-2 * k * ufl.sin(k * s - 0.3) + shear[0],
-            1e-2 * k * ufl.cos(k * s + 0.4) + shear[1],
+            1e-2 * k * ufl.sin(k * s - 0.3) + 1e-4 * ufl.sin(k * s + 0.8),
+            1e-2 * k * ufl.cos(k * s + 0.4) + 1e-4 * ufl.cos(k * s + 0.1),
         ]
 
 
@@ -201,27 +170,25 @@ def strain_energy(
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
     """Energy per initial length, J/m, of stretch and shear, and of twist and bending.
 
-    The first by n Gauss points, n the degree of the element: exactly integrated it would lock.
+    The first by n Gauss points, n the degree of the element: exactly integrated it would lock. The
+    strains are marked as variables: their second-order parts make the geometric stiffness.
     """
     axes = _axes(u, p)
     move, turn = _parts(u)
-    t = axes[0]
-    d_move, d_turn = _along(move, t), _along(turn, t)
+    d_move, d_turn = _along(move, axes[0]), _along(turn, axes[0])
+    # Lambda^T v = v + back(v); from u' rather than r' - r_0': no cancellation at small strain
     factor = 1 / (1 + ufl.dot(turn, turn) / 4)
 
     def back(v: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """(Lambda^T - 1) v, of a rotation vector 2 tan(phi/2) e."""
         once = ufl.cross(turn, v)
         return factor * (ufl.cross(turn, once) / 2 - once)
 
-    # from u' rather than r' - r_0': no cancellation at small strain
-    gamma = d_move + back(t + d_move)
-    kappa = factor * (d_turn - ufl.cross(turn, d_turn) / 2)
-    force, moment = _resultants(gamma, kappa, axes, p)
+    gamma = ufl.variable(_components(d_move + back(axes[0] + d_move), axes))
+    kappa = ufl.variable(_components(factor * (d_turn - ufl.cross(turn, d_turn) / 2), axes))
     n, g = _degrees(u)
     return [
-        (ufl.inner(force, gamma) / 2, Quadrature(2 * n - 2)),
-        (ufl.inner(moment, kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
+        (ufl.inner(_times(_stretching(p), gamma), gamma) / 2, Quadrature(2 * n - 2)),
+        (ufl.inner(_times(_bending(p), kappa), kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
     ]
 
 
@@ -268,8 +235,9 @@ def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.E
     axes = _axes(u, p)
     move, turn = _parts(u)
     gamma = _along(move, axes[0]) - ufl.cross(turn, axes[0])
-    force, moment = _resultants(gamma, _along(turn, axes[0]), axes, p)
-    return ufl.as_vector([ufl.dot(whole, axis) for whole in (force, moment) for axis in axes])
+    force = _times(_stretching(p), _components(gamma, axes))
+    moment = _times(_bending(p), _components(_along(turn, axes[0]), axes))
+    return ufl.as_vector([*(force[i] for i in range(3)), *(moment[i] for i in range(3))])
 
 
 def reference() -> Reference:
@@ -305,21 +273,23 @@ def _along(f: ufl.core.expr.Expr, t: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
     return ufl.dot(ufl.grad(f), t)
 
 
-def _resultants(
-    gamma: ufl.core.expr.Expr, kappa: ufl.core.expr.Expr, axes: Axes, p: Parameters
-) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
-    """Force and moment of the strains, all in the mesh's axes."""
-    shear = p.E / (2 * (1 + p.nu))
-    stretching = (p.E * p.A, shear * p.A * p.ky, shear * p.A * p.kz)
-    bending = (shear * p.J, p.E * p.Iy, p.E * p.Iz)
-    force, moment = (
-        sum(
-            (c * ufl.dot(strain, axis) * axis for c, axis in zip(stiffness, axes, strict=True)),
-            ufl.as_vector((0, 0, 0)),
-        )
-        for stiffness, strain in ((stretching, gamma), (bending, kappa))
-    )
-    return force, moment
+def _components(v: ufl.core.expr.Expr, axes: Axes) -> ufl.core.expr.Expr:
+    return ufl.as_vector([ufl.dot(v, axis) for axis in axes])
+
+
+def _stretching(p: Parameters) -> tuple[float, float, float]:
+    """Stiffness, N, of stretch and of shear along y and z."""
+    shear = p.E / (2 * (1 + p.nu)) * p.A
+    return p.E * p.A, shear * p.ky, shear * p.kz
+
+
+def _bending(p: Parameters) -> tuple[float, float, float]:
+    """Stiffness, N m^2, of twist and of bending about y and z."""
+    return p.E / (2 * (1 + p.nu)) * p.J, p.E * p.Iy, p.E * p.Iz
+
+
+def _times(stiffness: tuple[float, float, float], strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    return ufl.as_vector([stiffness[i] * strain[i] for i in range(3)])
 
 
 def _degrees(u: ufl.core.expr.Expr) -> tuple[int, int]:

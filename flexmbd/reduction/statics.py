@@ -370,6 +370,7 @@ def _check_rigid_motions(model: ContinuumModel, found: FloatArray, expected: Flo
         raise ReductionError(
             f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound "
             f"{_RIGID:.0e}: a part of the body is connected to no interface or not to the rest, or the "
-            "formulation's rigid_motion costs energy"
+            "formulation's rigid_motion costs energy, or the body is so slender that double precision does "
+            "not tell its bending from its other strains: take fewer cells along it"
         )
     return error

@@ -9,14 +9,15 @@ import pytest
 import scipy.linalg
 import ufl
 from dof_keys import everywhere, keys, matrix
-from dolfinx import fem, la
+from dolfinx import fem
 from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.inertia import gram_matrix
+from flexmbd.continuum.recovery import nodal_modes
 from flexmbd.continuum.tagged_mesh import from_arrays
-from flexmbd.errors import FormulationError, RecordError
+from flexmbd.errors import FormulationError, RecordError, ReductionError
 from flexmbd.forms import beam_timoshenko as beam
 from flexmbd.reduction import craig_bampton
 
@@ -45,6 +46,10 @@ def helix(a):
     return np.stack([np.cos(3 * a), np.sin(3 * a), 0.4 * a], axis=1)
 
 
+def helix_slope(a):
+    return np.stack([-3 * np.sin(3 * a), 3 * np.cos(3 * a), 0.4 + 0 * a], axis=1)
+
+
 def model(mesh, p, degree=2, interfaces=()):
     return ContinuumModel(mesh, beam, p, degree=degree, interfaces=[Interface(name) for name in interfaces])
 
@@ -60,21 +65,25 @@ def at(body, place, components=range(6)):
     return np.array([np.flatnonzero(there & (every[:, 4] == c)).item() for c in components])
 
 
-def angular_frequencies(body, fixed, count=200):
+def angular_frequencies(body, fixed, count=200, shift=0.0):
+    """The lowest ones; a shift, of squares, for a body that can move."""
     free = np.setdiff1d(np.arange(len(everywhere(body, keys(body)))), fixed)
     k, m = (matrix(body, which)[np.ix_(free, free)] for which in (body.K, body.M))
+    k = k + shift * m
     d = 1 / np.sqrt(np.diag(k))
     # mass by stiffness: the lowest come out to the last digits
     values = scipy.linalg.eigh(d[:, None] * m * d, d[:, None] * k * d, eigvals_only=True)
-    return 1 / np.sqrt(values[::-1][:count])
+    return np.sqrt(np.maximum(1 / values[::-1][:count] - shift, 0.0))
 
 
 def test_simply_supported_beam_has_timoshenkos_frequencies():
     """Bending in both planes, first and second branch, torsion and stretch, by closed forms."""
     p, length = STOUT, 2.0
-    body = model(line(length, 40), p)
-    ends = [at(body, (0, 0, 0), (0, 1, 2, 3)), at(body, (length, 0, 0), (1, 2))]
-    found = angular_frequencies(body, np.concatenate(ends))
+    by_cells = {}
+    for cells in (20, 40):
+        body = model(line(length, cells), p)
+        ends = [at(body, (0, 0, 0), (0, 1, 2, 3)), at(body, (length, 0, 0), (1, 2))]
+        by_cells[cells] = angular_frequencies(body, np.concatenate(ends))
     shear = p.E / (2 * (1 + p.nu)) * p.ky
     bending = []
     for n in range(1, 7):
@@ -98,7 +107,11 @@ def test_simply_supported_beam_has_timoshenkos_frequencies():
     thickness = np.sqrt(shear * p.A / (p.rho * p.Iy))
     exact = np.sort([*bending, *bending, thickness, thickness, *twist, *stretch])
     exact = exact[exact < 1500]
-    assert found[: len(exact)] == pytest.approx(exact, rel=2e-5)
+    errors = {cells: found[: len(exact)] / exact - 1 for cells, found in by_cells.items()}
+    assert abs(errors[40]).max() < 3e-5
+    # order four, from above
+    assert (errors[40] > 0).all()
+    assert errors[20] / errors[40] == pytest.approx(16, rel=0.05)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -131,25 +144,55 @@ def test_quarter_arch_in_and_out_of_its_plane():
     assert found == pytest.approx([in_plane, out_of_plane], rel=2e-6)
 
 
-def test_tangent_under_a_load_buckles_the_column():
-    """Euler's load of a cantilever, softened by shear as Haringx has it: P (1 + P / (k G A)) = P_E."""
-    p = beam.Parameters.rectangle(2e9, 0.3, 1000.0, width=0.05, height=0.02, orientation=(0, 1, 0))
-    body = model(line(1.0, 16), p)
-    clamp, tip = at(body, (0, 0, 0)), at(body, (1, 0, 0))
-    k = matrix(body, body.K)
-    free = np.setdiff1d(np.arange(len(k)), clamp)
-    load = np.zeros(len(k))
-    load[tip[0]] = -1e-2
-    u = np.zeros(len(k))
-    u[free] = np.linalg.solve(k[np.ix_(free, free)], load[free])
-    tangent = body.tangent(u[np.argsort(order(body))])
-    geometric = (matrix(body, tangent) - k)[np.ix_(free, free)] / 1e-2
-    tangent.destroy()
-    values = scipy.linalg.eigh(-geometric, k[np.ix_(free, free)], eigvals_only=True)
-    euler = np.pi**2 * p.E * p.Iy / 4
-    stiff = p.kz * p.A * p.E / (2 * (1 + p.nu))
-    exact = stiff / 2 * (np.sqrt(1 + 4 * euler / stiff) - 1)
+SOFT = beam.Parameters.rectangle(2e9, 0.3, 1000.0, width=0.05, height=0.02, orientation=(0, 1, 0))
+
+
+def column():
+    """Euler's load of a cantilever of SOFT, and the stiffness of shear in the direction it gives way."""
+    return np.pi**2 * SOFT.E * SOFT.Iy / 4, SOFT.kz * SOFT.A * SOFT.E / (2 * (1 + SOFT.nu))
+
+
+def test_tangent_of_a_compressed_column_is_singular_at_its_critical_load():
+    """With shear and the shortening before it: P (1 + P / (k G A) - P / (E A)) = P_E (Reissner 1972)."""
+    body = model(line(1.0, 32), SOFT)
+    free = np.setdiff1d(np.arange(body.n_owned), at(body, (0, 0, 0)))
+    along_x, stretching = at_all(body, 0), SOFT.E * SOFT.A
+    euler, shear = column()
+    softer = 1 / shear - 1 / stretching
+    exact = (np.sqrt(1 + 4 * euler * softer) - 1) / (2 * softer)
+    for load, negative in ((exact * (1 - 2e-6), 0), (exact * (1 + 2e-6), 1)):
+        u = np.zeros(body.n_owned)
+        u[along_x] = -load / stretching * everywhere(body, keys(body))[along_x, 1]
+        tangent = body.tangent(u[np.argsort(order(body))])
+        values = scipy.linalg.eigvalsh(matrix(body, tangent)[np.ix_(free, free)])
+        tangent.destroy()
+        assert np.count_nonzero(values < 0) == negative
+
+
+def at_all(body, component):
+    """Rows of one component of the displacement, in the order of `everywhere`."""
+    every = everywhere(body, keys(body))
+    return np.flatnonzero((every[:, 4] == component) & (every[:, 0] == 0))
+
+
+def test_geometric_stiffness_buckles_the_column():
+    """Linear in the load: Haringx' P (1 + P / (k G A)) = P_E, by the record of a reduced beam."""
+    body = craig_bampton(model(line(1.0, 16), SOFT, interfaces=("start", "end")), modes=40, frame="start")
+    of_load = body.geometric.K[body.geometric.loads.index("end.x")]
+    euler, shear = column()
+    exact = shear / 2 * (np.sqrt(1 + 4 * euler / shear) - 1)
+    values = scipy.linalg.eigh(of_load, np.diag(body.stiffness), eigvals_only=True)
     assert 1 / values[-1] == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize(("speed", "frequency"), [(1, 3.6816), (5, 6.4495), (10, 11.2023)])
+def test_a_spinning_beam_stiffens(slender, speed, frequency):
+    """Flapping of a cantilever at its axis of rotation, by E I / (rho A L^4) (Wright & others 1982)."""
+    body = craig_bampton(slender, modes=12, frame="start")
+    # bends along y: spins about z with it in the plane, about y with it normal to the plane
+    of_spin = body.geometric.K[body.geometric.loads.index("angular velocity yy")]
+    squared = np.linalg.eigvalsh(np.diag(body.stiffness) + (speed * 1e-3) ** 2 * of_spin)
+    assert np.sqrt(squared[0]) * 1e3 == pytest.approx(frequency, rel=1e-4)
 
 
 def order(body):
@@ -159,7 +202,7 @@ def order(body):
 
 def test_moment_bends_a_cantilever_to_a_quarter_of_a_circle():
     """Newton's method with the model's own tangent, the rotation of the tip prescribed."""
-    p = beam.Parameters.rectangle(2e9, 0.3, 1000.0, width=0.05, height=0.02, orientation=(0, 1, 0))
+    p = SOFT
     body = model(line(1.0, 24), p)
     own = order(body)
     fixed = own[np.concatenate([at(body, (0, 0, 0)), at(body, (1, 0, 0), (4,))])]
@@ -209,7 +252,7 @@ def test_resultants_of_a_cantilever():
     assert abs(found - exact).max() < 1e-8
 
 
-def test_sections_of_rectangles_and_circles():
+def test_sections_of_rectangles():
     square = STOUT
     # B. A. Boley's and others' table: 0.1406 of the side's fourth power
     assert square.J == pytest.approx(0.140577 * 0.4**4, rel=1e-5)
@@ -219,8 +262,6 @@ def test_sections_of_rectangles_and_circles():
     assert (thin.Iy, thin.Iz) == pytest.approx((1e-4 / 12, 1e-12 / 12))
     turned = beam.Parameters.rectangle(1, 0.3, 1, width=1.0, height=1e-4, orientation=(0, 1, 0))
     assert (turned.J, turned.Iy, turned.Iz) == pytest.approx((thin.J, thin.Iz, thin.Iy))
-    round_one = beam.Parameters.circle(1, 0.3, 1, radius=2.0, orientation=(0, 1, 0))
-    assert (round_one.A, round_one.J) == pytest.approx((4 * np.pi, 8 * np.pi))
 
 
 @pytest.mark.parametrize(
@@ -247,22 +288,22 @@ def test_orientation_along_the_beam_is_refused():
         model(line(1.0, 4, MPI.COMM_WORLD), p)
 
 
-def placed_sections(curve, p, ends, count=400):
-    """Places, measures and section axes on a curve, at Gauss points, by finite differences."""
+def placed_sections(curve, slope, p, count=400):
+    """Places, measures and section axes at Gauss points of a curve, by parameters from 0 to 1."""
     points, weights = np.polynomial.legendre.leggauss(count)
-    s = (points + 1) / 2 * (ends[1] - ends[0]) + ends[0]
-    slope = (curve(s + 1e-6) - curve(s - 1e-6)) / 2e-6
-    speed = np.linalg.norm(slope, axis=1)
-    t = slope / speed[:, None]
+    s = (points + 1) / 2
+    speed = np.linalg.norm(slope(s), axis=1)
+    t = slope(s) / speed[:, None]
     y = p.orientation - (t @ p.orientation)[:, None] * t
     y /= np.linalg.norm(y, axis=1)[:, None]
-    return curve(s), weights / 2 * (ends[1] - ends[0]) * speed, y, np.cross(t, y)
+    return curve(s), weights / 2 * speed, y, np.cross(t, y)
 
 
+STRAIGHT = np.array([0.6, -0.3, 0.5])
 SHAPES = {
-    "straight": (lambda s: np.outer(s, [0.6, -0.3, 0.5]) + [0.1, 0.2, 0.3], 5, 1, 1e-12),
+    "straight": (lambda s: np.outer(s + 0.2, STRAIGHT), lambda s: np.outer(1 + 0 * s, STRAIGHT), 5, 1, 1e-12),
     # as far as parabolas follow a helix
-    "helix": (helix, 40, 2, 1e-5),
+    "helix": (helix, helix_slope, 40, 2, 1e-5),
 }
 
 
@@ -270,7 +311,7 @@ SHAPES = {
 @pytest.mark.parametrize("shape", SHAPES)
 def test_gram_matrix_is_that_of_the_volume(shape):
     """Of {1, x, two fields} by direct quadrature over the box of material points."""
-    curve, divisions, degree, tolerance = SHAPES[shape]
+    curve, slope, divisions, degree, tolerance = SHAPES[shape]
     p = PLATE
     body = model(along(curve, divisions=divisions, degree=degree), p)
     x = body.node_x[: body.n_owned_nodes]
@@ -278,7 +319,7 @@ def test_gram_matrix_is_that_of_the_volume(shape):
     origin, axes = np.array([-0.4, 1.3, 0.2]), Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     gram = gram_matrix(body, modes, p=origin, R=axes)
 
-    places, measure, y, z = placed_sections(curve, p, (0.0, 1.0))
+    places, measure, y, z = placed_sections(curve, slope, p)
     gauss, weight = np.array([-1, 1]) / np.sqrt(3), np.ones(2)
     expected = np.zeros((10, 10))
     for a, wa in zip(gauss, weight, strict=True):
@@ -353,13 +394,14 @@ def test_matrices_and_interfaces_do_not_depend_on_the_number_of_ranks(degree):
         assert world.interface(name).p == pytest.approx(alone.interface(name).p, abs=1e-12)
 
 
-# Bending in one plane alone below the frequencies that count: the axis stiff, and so the other plane.
+# A thousand times as long as the radius of gyration, and bending in one plane alone below the
+# frequencies that count: the other plane is stiff.
 EULER = beam.Parameters(
-    E=1.0, nu=0.0, rho=1.0, A=1.0, Iy=1e-2, Iz=1e-6, J=1.0, ky=1e3, kz=1e3, orientation=(0.0, 1.0, 0.0)
+    E=1.0, nu=0.0, rho=1.0, A=1.0, Iy=1e-2, Iz=1e-6, J=1.0, ky=1.0, kz=1.0, orientation=(0.0, 1.0, 0.0)
 )
 
-# Relative errors of the frequencies of a cantilever, its tip the interface, by number of
-# fixed-interface modes; and of a free beam, both ends interfaces.
+# Relative errors of the frequencies of the reduced Euler-Bernoulli beam, of its full model's: of a
+# cantilever, its tip the interface, by number of fixed-interface modes; of a free one, both ends interfaces.
 CANTILEVER = {
     0: (4.754e-3, 5.797e-1),
     1: (3.470e-4, 4.175e-3, 8.971e-1),
@@ -373,38 +415,45 @@ FREE = {
     2: (3.600e-3, 4.388e-3, 6.852e-1, 8.355e-1),
     4: (4.105e-4, 9.188e-4, 4.273e-3, 3.889e-3, 9.499e-1),
     6: (8.635e-5, 2.645e-4, 1.294e-3, 1.505e-3, 3.485e-3),
+    10: (9.748e-6, 4.081e-5, 1.941e-4, 2.974e-4, 7.655e-4),
 }
 
 
 @pytest.fixture(scope="module")
 def slender():
-    return model(line(1.0, 60), EULER, interfaces=("start", "end"))
+    return model(line(1.0, 30), EULER, interfaces=("start", "end"))
 
 
-@pytest.mark.parametrize("modes", CANTILEVER)
-def test_craig_bampton_of_a_slender_beam(slender, modes):
-    body = craig_bampton(slender, modes=modes, frame="start")
-    exact = angular_frequencies(slender, at(slender, (0, 0, 0)))
-    found = body.frequencies(clamped=["start"]) * 2 * np.pi
-    # in its plane, of Euler and Bernoulli's frequencies, and so told from the others
+@pytest.fixture(scope="module")
+def slender_frequencies(slender):
+    """The five lowest of the full model, clamped at its start, and free."""
+    clamped = angular_frequencies(slender, at(slender, (0, 0, 0)), 5)
+    free = angular_frequencies(slender, [], 11, shift=1e-4)
+    return clamped, free[6:]
+
+
+def test_a_slender_beam_is_eulers_and_bernoullis(slender_frequencies):
+    clamped, free = slender_frequencies
     beta = np.array([1.87510406871, 4.69409113297, 7.85475743824, 10.9955407349, 14.1371683910])
-    assert exact[:5] == pytest.approx(beta**2 * 1e-3, rel=1e-3)
-    errors = np.array(CANTILEVER[modes])
-    count = np.count_nonzero(errors < 0.1)
-    assert found[:count] / exact[:count] - 1 == pytest.approx(errors[:count], rel=0.02)
+    assert clamped == pytest.approx(beta**2 * 1e-3, rel=3e-4)
+    beta = np.array([4.73004074486, 7.85320462410, 10.9956078380, 14.1371654913, 17.2787596574])
+    assert free == pytest.approx(beta**2 * 1e-3, rel=3e-4)
 
 
 @pytest.mark.parametrize("modes", FREE)
-def test_craig_bampton_of_a_free_slender_beam(slender, modes):
-    body = craig_bampton(slender, modes=modes, frame="start")
-    exact = angular_frequencies(slender, [], count=11)
-    beta = np.array([4.73004074486, 7.85320462410, 10.9956078380, 14.1371654913, 17.2787596574])
-    exact = exact[exact > 1e-3][:5]
-    assert exact == pytest.approx(beta**2 * 1e-3, rel=2e-3)
-    found = body.frequencies() * 2 * np.pi
-    errors = np.array(FREE[modes])
-    count = np.count_nonzero(errors < 0.1)
-    assert found[:count] / exact[:count] - 1 == pytest.approx(errors[:count], rel=0.02)
+def test_craig_bampton_of_a_slender_beam(slender, slender_frequencies, modes):
+    body = craig_bampton(slender, modes=modes, frame="start", geometric_stiffness=False)
+    for clamped, exact, table in zip((["start"], []), slender_frequencies, (CANTILEVER, FREE), strict=True):
+        errors = np.array(table.get(modes, ()))
+        found = body.frequencies(clamped)[: len(errors)] * 2 * np.pi
+        assert found / exact[: len(errors)] - 1 == pytest.approx(errors, rel=0.01)
+
+
+def test_a_beam_too_stiff_in_shear_for_double_precision():
+    """Rounding of the stiffness alone, amplified by its condition, moves what should move rigidly."""
+    p = dataclasses.replace(EULER, ky=1e5, kz=1e5)
+    with pytest.raises(ReductionError, match="so slender that double precision"):
+        craig_bampton(model(line(1.0, 60), p, interfaces=("start", "end")), modes=0, frame="start")
 
 
 def test_what_a_picture_of_stress_cannot_show(slender):
@@ -412,13 +461,6 @@ def test_what_a_picture_of_stress_cannot_show(slender):
     with pytest.raises(FormulationError, match=r"stress has the shape \(6,\)"):
         slender.stress_picture(body, np.zeros(body.n_modes))
     kept = craig_bampton(slender, modes=1, frame="start", keep_modes=True)
-    again = model(line(1.0, 60), EULER, interfaces=("start", "end"))
-    from flexmbd.continuum.recovery import nodal_modes
-
+    again = model(line(1.0, 30), EULER, interfaces=("start", "end"))
     with pytest.raises(RecordError, match="displacements alone"):
         nodal_modes(kept, again)
-
-
-def summed(vector):
-    vector.scatter_reverse(la.InsertMode.add)
-    return vector.array
