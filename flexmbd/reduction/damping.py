@@ -43,6 +43,9 @@ class ModalDamping:
             raise ReductionError(
                 f"a damping ratio must lie between 0 and 1 (0.02 is two per cent), got {self.ratio!r}"
             )
+        if np.ndim(self.ratio) > 0:
+            # immutable, and readable in a record's provenance
+            object.__setattr__(self, "ratio", tuple(ratios.tolist()))
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,8 @@ def check_damping(model: ContinuumModel, damping: Damping | None) -> None:
             f"{damping!r}; for a damping ratio write ModalDamping({damping!r})"
         )
     if isinstance(damping, KelvinVoigtDamping) and isinstance(damping.tau, Mapping):
-        names = {group.name for group in model.groups}
-        if set(damping.tau) != names:
+        names = [group.name for group in model.groups]
+        if set(damping.tau) != set(names):
             known = ", ".join(repr(name) for name in names if name is not None)
             raise ReductionError(
                 f"tau is given for {', '.join(map(repr, damping.tau))}; give one number, or one for "
