@@ -42,6 +42,15 @@ def cell_nodes(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     return geometry.dofmaps(0) if callable(geometry.dofmaps) else geometry.dofmaps[0]
 
 
+def collapse(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.int32]]:
+    """A part of a mixed space as a space of its own, and the dof of the whole for each of its dofs, (n,); collective.
+
+    Up to 0.10 the dofs are one list; later ones have a list of arrays, one by cell type.
+    """
+    own, dofs = space.collapse()
+    return own, np.asarray(dofs, dtype=np.int32).reshape(-1)
+
+
 def geometry_degree(domain: mesh.Mesh) -> int:
     """Degree of the map from the reference cell; not collective.
 

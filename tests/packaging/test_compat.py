@@ -26,6 +26,7 @@ DIFFERENT = {
     "cmaps": "compat.geometry_degree",
     "geometry.dofmap": "compat.cell_nodes",
     "dofmaps": "compat.cell_nodes",
+    "collapse": "compat.collapse",
     "interpolation_points": "compat.interpolation_points",
     "topological_dimension": "compat.topological_dimension",
     "create_petsc_vector": "a PETSc.Vec",
@@ -47,6 +48,7 @@ def test_compat_alone_tells_versions_apart() -> None:
     [
         ("d = mesh.geometry.cmap.degree", 1),
         ("x = geometry.x[mesh.geometry.dofmap]", 1),
+        ("own, dofs = space.sub(0).collapse()", 1),
         ("d = domain.topological_dimension()", 1),
         ("p = space.element.interpolation_points()", 1),
         ("from dolfinx.io import gmshio", 1),
