@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +10,6 @@ from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import AveragedInterface
 from flexmbd.continuum.loads import Load
 from flexmbd.continuum.model import ContinuumModel
-from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
 from flexmbd.reduction.damping import Damping
@@ -19,15 +17,15 @@ from flexmbd.reduction.optional_groups import Contents, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
-
-# Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
-_GUARD = 2
+from flexmbd.reduction.truncation import Truncation, agreed_truncation, fixed_interface_modes
 
 
 def craig_bampton(
     model: ContinuumModel,
     *,
-    modes: int,
+    modes: int | None = None,
+    below_hz: float | None = None,
+    tol: float | None = None,
     frame: str | None,
     geometric_stiffness: bool = True,
     loads: Sequence[Load] = (),
@@ -46,10 +44,16 @@ def craig_bampton(
     interfaces is exact in statics; frequencies converge from above.  Signs follow
     `flexmbd.reduction.signs`.
 
+    How many modes is said by exactly one of `modes`, `below_hz` and `tol`.
+
     Args:
         model: with at least the interface `frame`.
         modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0
             gives Guyan's reduction.
+        below_hz: Hz; all fixed-interface modes below it. Beside `tol`: the range that this is for.
+        tol: as few modes as bring the relative error of the eigenvalues (2 pi f)^2 down to it, by an
+            estimate that is not below the true error (`flexmbd.reduction.spectrum_error`): those of the
+            free body, and of the body held at its frame, below `below_hz`, by default the lowest six.
         frame: name of the interface that carries the body frame; None: it floats on the mean axis.
         geometric_stiffness: whether the record says how loads change the stiffness
             (`GeometricStiffness`), without which a spinning body comes out too soft; left out where
@@ -66,13 +70,14 @@ def craig_bampton(
 
     Raises:
         InterfaceError: the model has no interface `frame`.
-        ReductionError: more modes than interior dofs; a singular stiffness; a failed accuracy check;
-            loads or a damping that are not well formed.
+        ReductionError: more modes than interior dofs; no frequency below `below_hz`; a tolerance that
+            no number of modes reaches (the message says what they do reach); a singular stiffness; a
+            failed accuracy check; loads or a damping that are not well formed.
         MeshError: a load's facet group is not there, or not on the boundary.
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver did not converge.
     """
-    modes = _checked(modes)
+    truncation = agreed_truncation(model.comm, modes=modes, below_hz=below_hz, tol=tol)
     contents = Contents(
         geometric_stiffness=geometric_stiffness,
         loads=tuple(loads),
@@ -82,12 +87,13 @@ def craig_bampton(
         stress=keep_stress,
     )
     contents.check(model)
-    basis, rigid_error = _basis(model, frame, modes=modes, contents=contents)
+    basis, notes = _basis(model, frame, truncation=truncation, contents=contents)
+    count = len(basis.eigenvalues)
     provenance = {
-        "reduction": _name(model, modes),
-        "fixed-interface modes": str(modes),
+        "reduction": _name(model, count),
+        "fixed-interface modes": str(count),
         "eigenvalue tolerance": f"{eigen.TOLERANCE:.0e}",
-        "rigid motion error": f"{rigid_error:.1e}",
+        **notes,
         "form": model.form_name,
         "parameters": repr(model.parameters),
         "degree": str(model.degree),
@@ -106,19 +112,14 @@ def _name(model: ContinuumModel, modes: int) -> str:
 
 
 def _basis(
-    model: ContinuumModel, frame: str | None, *, modes: int, contents: Contents
-) -> tuple[Basis, float]:
-    """The basis, and the error of the rigid motions among its static shapes. Collective."""
+    model: ContinuumModel, frame: str | None, *, truncation: Truncation, contents: Contents
+) -> tuple[Basis, dict[str, str]]:
+    """The basis and its provenance. Collective."""
     with body_statics(model, frame=frame) as statics:
-        if modes > statics.size:
-            raise ReductionError(
-                f"{modes} fixed-interface modes were asked for, and the interior has {statics.size} "
-                "dofs; ask for fewer modes or refine the mesh"
-            )
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
-        fixed = _fixed_interface_modes(statics, fields, images, count=modes)
+        fixed, notes = _signed_modes(statics, truncation, fields, images)
         found = responses(statics, contents)
     # the shapes of the first interface were only for the check
     shapes: FloatArray = np.hstack([static.shapes[:, 6:], fixed.shapes])
@@ -138,7 +139,7 @@ def _basis(
         R=statics.R,
         interfaces=interfaces,
         rows=np.eye(6 * len(interfaces), n, -6) - moved,
-        names=_names(statics, modes),
+        names=_names(statics, len(fixed.eigenvalues)),
         shapes=shapes,
         forces=forces,
         eigenvalues=fixed.eigenvalues,
@@ -146,7 +147,7 @@ def _basis(
         projections=inner(model.comm, shapes, images),
         responses=found,
     )
-    return basis, static.rigid_error
+    return basis, {**notes, "rigid motion error": f"{static.rigid_error:.1e}"}
 
 
 def _names(statics: Statics, modes: int) -> tuple[str, ...]:
@@ -158,26 +159,15 @@ def _names(statics: Statics, modes: int) -> tuple[str, ...]:
     return (*static, *(f"{kind} {i + 1}" for i in range(modes)))
 
 
-def _checked(modes: int) -> int:
-    try:
-        number = operator.index(modes)
-    except TypeError:
-        number = -1
-    if number < 0 or isinstance(modes, bool):
-        raise ReductionError(f"modes must be a whole number from 0 on, got {modes!r}")
-    return number
-
-
-def _fixed_interface_modes(
-    statics: Statics, fields: FloatArray, images: FloatArray, *, count: int
-) -> eigen.Modes:
-    """The lowest modes with all interfaces fixed, signs by the rule, on all owned dofs."""
+def _signed_modes(
+    statics: Statics, truncation: Truncation, fields: FloatArray, images: FloatArray
+) -> tuple[eigen.Modes, dict[str, str]]:
+    """The fixed-interface modes, signs by the rule, on all owned dofs, and their provenance."""
     comm, mask = statics.model.comm, statics.mask
-    start = np.asfortranarray(fields[mask])
-    computed = min(count + _GUARD, statics.size) if count > 0 else 0
-    found = eigen.lowest_modes(statics.solve, statics.M, start=start, count=computed)
-    projections = inner(comm, found.shapes, images[mask])
-    rotation = comm.bcast(determined_rotation(found.eigenvalues, projections)[:, :count])
+    found = fixed_interface_modes(statics, truncation, start=np.asfortranarray(fields[mask]))
+    eigenvalues, count = found.modes.eigenvalues, found.count
+    projections = inner(comm, found.modes.shapes, images[mask])
+    rotation = comm.bcast(determined_rotation(eigenvalues, projections)[:, :count])
     shapes = np.zeros((len(mask), count), order="F")
-    shapes[mask] = found.shapes @ rotation
-    return eigen.Modes(found.eigenvalues[:count], shapes)
+    shapes[mask] = found.modes.shapes @ rotation
+    return eigen.Modes(eigenvalues[:count], shapes), found.provenance

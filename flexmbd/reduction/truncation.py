@@ -1,0 +1,357 @@
+"""How many fixed-interface modes a reduction keeps: a number, all below a frequency, or enough for a tolerance."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from numbers import Real
+
+from mpi4py import MPI
+
+import numpy as np
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.model import ContinuumModel
+from flexmbd.errors import ReductionError
+from flexmbd.reduction import eigen
+from flexmbd.reduction.signs import asymmetric_fields
+from flexmbd.reduction.spectrum_error import FLOOR, Spectrum, StaticPart, spectrum, static_part
+from flexmbd.reduction.statics import Statics, body_statics
+
+#: Number of elastic frequencies that a tolerance is for where no range is named.
+LOWEST = 6
+#: Most modes that are looked for where their number is not given.
+MOST = 500
+
+# Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
+_GUARD = 2
+# An estimate needs all modes up to this multiple of the highest eigenvalue it is for, and is then at most about twice
+# the error.
+_REACH = 2.0
+# Where more modes are needed, so many at least, and that share of those there are.
+_MORE, _GROWTH = 8, 0.25
+# Basis vectors, enough for MOST modes.
+_LIMIT = 10 * MOST + 100
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """What was asked for: a number, a frequency, or a tolerance, alone or up to a frequency.
+
+    Attributes:
+        modes: number of modes.
+        below_hz: Hz, all modes below it; with a tolerance the range that this is for.
+        tol: largest relative error of the body's eigenvalues (2 pi f)^2, about twice that of its frequencies.
+    """
+
+    modes: int | None = None
+    below_hz: float | None = None
+    tol: float | None = None
+
+    @property
+    def range(self) -> str:
+        """Which frequencies a tolerance is for, in words."""
+        if self.below_hz is None:
+            return f"the {LOWEST} lowest frequencies"
+        return f"the frequencies below {self.below_hz:g} Hz"
+
+    @property
+    def eigenvalue(self) -> float:
+        """(2 pi below_hz)^2, 1/s^2; infinite without a frequency."""
+        return math.inf if self.below_hz is None else (2.0 * math.pi * self.below_hz) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class FoundModes:
+    """The modes that a reduction keeps.
+
+    Attributes:
+        count: number of modes that are kept.
+        modes: these and up to two more, which show whether the last one is one of a pair; of any sign.
+        provenance: how their number was found.
+    """
+
+    count: int
+    modes: eigen.Modes
+    provenance: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class TruncationErrors:
+    """Estimated errors of a body's eigenvalues (2 pi f)^2 by its number of fixed-interface modes.
+
+    Attributes:
+        modes: (r,) the numbers of modes.
+        frequencies: (f,) Hz, lower bounds of the unreduced body's elastic frequencies, ascending.
+        errors: (r, f) relative, about twice those of the frequencies; infinite where the reduced body has
+            no such frequency.
+    """
+
+    modes: tuple[int, ...]
+    frequencies: FloatArray
+    errors: FloatArray
+
+
+def agreed_truncation(comm: MPI.Comm, *, modes: object, below_hz: object, tol: object) -> Truncation:
+    """What was asked for, checked, the same on all ranks. Collective.
+
+    Raises:
+        ReductionError: on all ranks: not exactly one of them, apart from a frequency beside a tolerance; a value out
+            of range; or not the same on all ranks.
+    """
+    choice: Truncation | None = None
+    error: ReductionError | None = None
+    try:
+        choice = _checked(modes, below_hz, tol)
+    except ReductionError as caught:
+        error = caught
+    parallel.raise_collectively(comm, error)
+    choices = comm.allgather(choice)
+    for rank, other in enumerate(choices):
+        if other != choices[0]:
+            raise ReductionError(f"{choices[0]} on rank 0 and {other} on rank {rank}; give the same on all ranks")
+    agreed: Truncation = choices[0]
+    return agreed
+
+
+def fixed_interface_modes(statics: Statics, truncation: Truncation, *, start: FloatArray) -> FoundModes:
+    """The lowest modes with all interfaces fixed, as many as were asked for. Collective.
+
+    Args:
+        statics: of the body.
+        truncation: what was asked for.
+        start: (rows of `statics.mask`, b) start block of the eigensolver.
+
+    Raises:
+        ReductionError: on all ranks: there are fewer modes; no frequency lies in the range; or no number of modes up
+            to `MOST` is enough.
+        ConvergenceError: on all ranks: the eigensolver did not converge.
+    """
+    if truncation.modes is not None:
+        count = truncation.modes
+        _check_number(statics, count)
+        computed = min(count + _GUARD, statics.size) if count > 0 else 0
+        found = eigen.lowest_modes(statics.solve, statics.M, start=start, count=computed)
+        return FoundModes(count, found, {})
+    process = _process(statics, start)
+    if truncation.tol is None:
+        count, provenance = _count_below(process, truncation), {"modes below": f"{truncation.below_hz:g} Hz"}
+    else:
+        count, error = _count_for_tolerance(statics, process, truncation, tol=truncation.tol)
+        provenance = {
+            "tolerance of eigenvalues": f"{truncation.tol:g} of {truncation.range}",
+            "estimated error of eigenvalues": f"{error:.2e}",
+        }
+    process.find(count, spare=_GUARD)
+    found = process.modes(min(count + _GUARD, len(process.eigenvalues)))
+    return FoundModes(count, found, provenance)
+
+
+def truncation_errors(
+    model: ContinuumModel, modes: Sequence[int], *, frame: str | None, count: int = LOWEST, held: bool = False
+) -> TruncationErrors:
+    """Estimate what several numbers of modes do to a body's frequencies. Collective.
+
+    Costs about as much as one reduction to the largest of them. An estimate is not below the true error against the
+    unreduced body, and at most about twice that (`flexmbd.reduction.spectrum_error`).
+
+    Args:
+        model: the body.
+        modes: numbers of fixed-interface modes.
+        frame: as for `craig_bampton`.
+        count: number of elastic frequencies, from the lowest on.
+        held: of the body held at its frame, rather than free.
+
+    Raises:
+        ReductionError: on all ranks: a number that is none, or of more modes than there are; a floating body that is
+            to be held; or more than `MOST` modes needed for the estimate.
+        InterfaceError: on all ranks: no interface `frame`.
+        ConvergenceError: on all ranks: the eigensolver did not converge.
+    """
+    numbers = [agreed_truncation(model.comm, modes=n, below_hz=None, tol=None).modes or 0 for n in modes]
+    if held and frame is None:
+        raise ReductionError("a body whose frame floats cannot be held there; name an interface as its frame")
+    with body_statics(model, frame=frame) as statics:
+        largest = max(numbers, default=0)
+        _check_number(statics, largest)
+        process = _process(statics, asymmetric_fields(model)[statics.mask])
+        process.find(largest, spare=1)
+        wanted = _Wanted((held,), count, math.inf)
+        known = _resolved(static_part(statics), process, wanted, comm=model.comm)
+
+    def estimate() -> TruncationErrors:
+        number = wanted.number(known, held=held)
+        below = known.lower_bounds(held=held)[:number]
+        errors = [known.errors(n, number, held=held) for n in numbers]
+        return TruncationErrors(tuple(numbers), np.sqrt(below) / (2.0 * np.pi), np.reshape(errors, (-1, number)))
+
+    return parallel.on_root(model.comm, estimate)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """The eigenvalues that an estimate is for: those up to a number and below a bound, 1/s^2.
+
+    Of the free body (False), of the body held at its frame (True), or both.
+    """
+
+    supports: tuple[bool, ...]
+    count: int
+    below: float
+
+    def number(self, known: Spectrum, *, held: bool) -> int:
+        return min(self.count, int(np.sum(known.lower_bounds(held=held) < self.below)))
+
+    def highest(self, known: Spectrum) -> float:
+        if math.isfinite(self.below):
+            return self.below
+        return max(float(known.lower_bounds(held=held)[: self.count].max(initial=0.0)) for held in self.supports)
+
+    def error(self, known: Spectrum, modes: int) -> float:
+        """The largest of the errors with so many modes."""
+        numbers = {held: self.number(known, held=held) for held in self.supports}
+        return max(float(known.errors(modes, n, held=held).max(initial=0.0)) for held, n in numbers.items())
+
+
+def _process(statics: Statics, start: FloatArray) -> eigen.BlockLanczos:
+    if statics.size == 0:
+        raise ReductionError("with its interfaces fixed the body has no modes; ask for modes=0 or refine the mesh")
+    return eigen.BlockLanczos(statics.solve, statics.M, start=np.asfortranarray(start), limit=_LIMIT)
+
+
+def _check_number(statics: Statics, count: int) -> None:
+    if count > statics.size:
+        raise ReductionError(
+            f"{count} fixed-interface modes were asked for, and the interior has {statics.size} dofs; ask for fewer "
+            "modes or refine the mesh"
+        )
+
+
+def _count_below(process: eigen.BlockLanczos, truncation: Truncation) -> int:
+    """Number of modes below a frequency. Collective."""
+    _find_beyond(process, truncation.eigenvalue)
+    count = int(np.sum(process.eigenvalues < truncation.eigenvalue))
+    if count == 0:
+        raise ReductionError(
+            f"no mode with all interfaces fixed lies below {truncation.below_hz:g} Hz: the first has "
+            f"{_hertz(process.eigenvalues[0]):.6g} Hz; raise below_hz, or ask for modes=0"
+        )
+    return count
+
+
+def _count_for_tolerance(
+    statics: Statics, process: eigen.BlockLanczos, truncation: Truncation, *, tol: float
+) -> tuple[int, float]:
+    """The smallest number of modes that fulfils a tolerance, and the estimated error then. Collective."""
+    comm = statics.model.comm
+    static = static_part(statics)
+    # of a body without a frame on it there is nothing to hold
+    supports = (False,) if statics.floating else (False, True)
+    by_number = truncation.below_hz is None
+    wanted = _Wanted(supports, LOWEST if by_number else MOST, truncation.eigenvalue)
+    known = _resolved(static, process, wanted, comm=comm)
+    parallel.on_root(comm, lambda: _check_range(known, wanted, truncation))
+    while True:
+        count, error = parallel.on_root(comm, partial(_fewest_modes, known, wanted, tol))
+        if error <= tol:
+            return count, error
+        if process.exhausted or count >= MOST:
+            raise ReductionError(
+                f"no number of modes up to {count} brings the error of {truncation.range} down to {tol:g}: the "
+                f"relative error of their eigenvalues (2 pi f)^2 is then still up to {error:.2e}; take a larger tol, "
+                f"or modes={count}"
+            )
+        more = max(_MORE, int(_GROWTH * count))
+        process.find(0, spare=min(count + more, MOST) + 1)
+        known = spectrum(static, process)
+
+
+def _resolved(static: StaticPart, process: eigen.BlockLanczos, wanted: _Wanted, *, comm: MPI.Comm) -> Spectrum:
+    """Compute modes until an estimate is close to the error. Collective."""
+    process.find(0, spare=_MORE)
+    while True:
+        known = spectrum(static, process)
+        needed = _REACH * parallel.on_root(comm, partial(wanted.highest, known))
+        if known.next >= needed:
+            return known
+        _find_beyond(process, needed)
+
+
+def _find_beyond(process: eigen.BlockLanczos, eigenvalue: float) -> None:
+    """Find all modes up to an eigenvalue, and one above it, if there are not too many. Collective."""
+    process.find_beyond(eigenvalue, most=MOST)
+    if process.count_below(eigenvalue) > MOST:
+        raise ReductionError(
+            f"with its interfaces fixed the body has more than {MOST} modes below {_hertz(eigenvalue):.6g} Hz, which "
+            "would all be needed; take a lower below_hz, or a number of modes"
+        )
+
+
+def _fewest_modes(known: Spectrum, wanted: _Wanted, tol: float) -> tuple[int, float]:
+    """The smallest number of modes with an error up to the tolerance, and that error; or all and theirs."""
+    enough = len(known.eigenvalues)
+    error = wanted.error(known, enough)
+    # by bisection: more modes are never worse
+    few = -1
+    while error <= tol and enough - few > 1:
+        middle = (few + enough) // 2
+        found = wanted.error(known, middle)
+        if found <= tol:
+            enough, error = middle, found
+        else:
+            few = middle
+    return enough, error
+
+
+def _check_range(known: Spectrum, wanted: _Wanted, truncation: Truncation) -> None:
+    if all(wanted.number(known, held=held) == 0 for held in wanted.supports):
+        first = min(float(known.lower_bounds(held=held)[0]) for held in wanted.supports)
+        raise ReductionError(
+            f"the body has no elastic frequency below {truncation.below_hz:g} Hz, for which tol would be: the first "
+            f"has {_hertz(first):.6g} Hz; raise below_hz"
+        )
+
+
+def _hertz(eigenvalue: float) -> float:
+    return math.sqrt(eigenvalue) / (2.0 * math.pi)
+
+
+def _checked(modes: object, below_hz: object, tol: object) -> Truncation:
+    given = [name for name, value in (("modes", modes), ("below_hz", below_hz), ("tol", tol)) if value is not None]
+    if given not in (["modes"], ["below_hz"], ["tol"], ["below_hz", "tol"]):
+        raise ReductionError(
+            "say how many modes by exactly one of modes (a number), below_hz (all below a frequency) and tol (as many "
+            f"as it takes; below_hz beside it is its range), got {' and '.join(given) or 'none of them'}"
+        )
+    if modes is not None:
+        return Truncation(modes=_whole(modes))
+    frequency = accuracy = None
+    if below_hz is not None:
+        frequency = _real(below_hz)
+        if not 0.0 < frequency < math.inf:
+            raise ReductionError(f"below_hz must be a positive frequency in Hz, got {below_hz!r}")
+    if tol is not None:
+        accuracy = _real(tol)
+        if not FLOOR < accuracy < 1.0:
+            raise ReductionError(
+                f"tol must be a relative error between {FLOOR:.0e}, to which modes are computed, and 1, got {tol!r}"
+            )
+    return Truncation(below_hz=frequency, tol=accuracy)
+
+
+def _whole(modes: object) -> int:
+    try:
+        number = operator.index(modes)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if number < 0 or isinstance(modes, bool):
+        raise ReductionError(f"modes must be a whole number from 0 on, got {modes!r}")
+    return number
+
+
+def _real(value: object) -> float:
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
