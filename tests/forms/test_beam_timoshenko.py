@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.assembly import integral
 from flexmbd.continuum.inertia import gram_matrix
 from flexmbd.continuum.recovery import nodal_modes
 from flexmbd.continuum.tagged_mesh import from_arrays
@@ -227,6 +228,34 @@ def test_moment_bends_a_cantilever_to_a_quarter_of_a_circle():
     moment = -sum(fem.assemble_vector(form).array for form in forms)[end[4]]
     # the unknown's conjugate: moment times d(angle) / d(2 tan(angle / 2))
     assert moment * (1 + np.tan(np.pi / 4) ** 2) == pytest.approx(p.E * p.Iy * np.pi / 2, rel=1e-5)
+
+
+def test_energy_of_a_large_bend_does_not_change_when_the_bent_beam_is_turned():
+    """As the mesh is refined: components of the rotation are interpolated, and not in the same way turned."""
+    turn = Rotation.from_rotvec([0.4, -0.3, 0.5])
+    gibbs = np.array([[0.3, 0.8, -0.5], [0.4, -0.2, 0.6], [-0.7, 0.3, 0.2]])
+    differences = []
+    for divisions in (8, 16):
+        body = model(along(arch, divisions=divisions, degree=2, comm=MPI.COMM_SELF), SOFT)
+        x, u = body.node_x, fem.Function(body.space)
+        bent = Rotation.from_mrp((x + [0.0, 0.2, 0.0]) @ gibbs.T / 4)
+        moved = x + 0.1 * (x @ gibbs)
+        energies = []
+        for position, rotation in ((moved, bent), (turn.apply(moved), turn * bent)):
+            angle = rotation.magnitude()[:, None]
+            vector = 2 * np.tan(angle / 2) * rotation.as_rotvec() / angle
+            u.x.array[body.layout.displacement_dofs] = position - x
+            u.x.array[body.layout.displacement_dofs + 3] = vector
+            energies.append(
+                [
+                    fem.assemble_scalar(fem.form(integral(term, body.groups[0], body.mesh.mesh)))
+                    for term in beam.strain_energy(u, body.groups[0].symbols)
+                ]
+            )
+        differences.append(abs(np.divide(*energies) - 1))
+    coarse, fine = differences
+    assert fine.max() < 1e-4
+    assert (coarse / fine).min() > 7
 
 
 def test_resultants_of_a_cantilever():
