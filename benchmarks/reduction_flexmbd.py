@@ -27,7 +27,7 @@ STAGES = {
     "modes": ("flexmbd.reduction.eigen", "lowest_modes"),
 }
 GEOMETRIC = (
-    ("flexmbd.reduction.geometric_stiffness", "unit_responses"),
+    ("flexmbd.reduction.optional_groups", "responses"),
     ("flexmbd.reduction.geometric_stiffness", "geometric_group"),
 )
 

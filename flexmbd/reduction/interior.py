@@ -1,4 +1,4 @@
-"""The interior's stiffness, factorised once, and how displacements of the boundary continue in it.
+"""The interior's stiffness, whose inverse continues displacements of the boundary.
 
 The dofs are split into boundary dofs B, which a reduction keeps or binds to a frame, and interior
 dofs I.  A displacement given on B is continued by K_II u_I = -K_IB u_B (seed 3 eq. 3.10).
@@ -7,8 +7,10 @@ dofs I.  A displacement given on B is continued by K_II u_I = -K_IB u_B (seed 3 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,113 +18,120 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, from_dense, multiply, to_dense
+from flexmbd.continuum.blocks import FloatArray, multiply
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
+from flexmbd.reduction.conjugate_gradients import conjugate_gradients
+from flexmbd.reduction.factor import SINGULAR, Factor, TooLargeError, memory_limit
 
 # Bound on what is out of equilibrium: a healthy part is five orders and more below it.
 _EQUILIBRIUM = 1e-8
 
 
+class Solver(Enum):
+    """How the interior's stiffness is inverted.
+
+    A factor is many times quicker; its memory grows with the power 4/3 of the dofs of a bulky body. Conjugate
+    gradients with multigrid need memory in proportion to the dofs, and a positive definite stiffness.
+    """
+
+    DIRECT = "direct"
+    ITERATIVE = "iterative"
+
+
+class Inverse(Protocol):
+    """K_II^-1."""
+
+    name: str
+
+    def solve(self, block: FloatArray) -> FloatArray:
+        """K_II^-1 times a block (interior dofs of this rank, k), N or what K_II is to be solved for. Collective."""
+
+
 @dataclass(frozen=True, eq=False)
 class Interior:
-    """The interior dofs of a model and the factor of their stiffness.
+    """The interior dofs of a model and the inverse of their stiffness.
 
     Attributes:
         mask: (owned dofs,) whether a dof of this rank is in the interior.
-        K: K_II.
         M: M_II.
-        factor: MUMPS' Cholesky factor of K_II; None where there is no interior at all.
+        inverse: of K_II.
     """
 
     mask: NDArray[np.bool_]
-    K: PETSc.Mat
     M: PETSc.Mat
-    factor: PETSc.KSP | None
-
-    @property
-    def size(self) -> int:
-        """Number of interior dofs on all ranks."""
-        return int(self.K.getSize()[0])
+    inverse: Inverse
 
     def solve(self, block: FloatArray) -> FloatArray:
-        """K_II^-1 times a block, all columns at once. Collective.
-
-        Args:
-            block: (interior dofs of this rank, k), N or what K_II is to be solved for.
-
-        Returns:
-            The same shape.
-        """
-        if self.factor is None or block.shape[1] == 0:
-            return np.zeros_like(block)
-        right = to_dense(self.K.comm, block)
-        left = to_dense(self.K.comm, np.zeros(block.shape, order="F"))
-        self.factor.matSolve(right, left)
-        solution = from_dense(left)
-        left.destroy()
-        right.destroy()
-        return solution
+        """`Inverse.solve`."""
+        return self.inverse.solve(block)
 
 
 @contextmanager
-def factorised(model: ContinuumModel, boundary: NDArray[np.bool_]) -> Iterator[Interior]:
-    """Split the dofs and factorise the interior's stiffness, for a `with` block. Collective.
+def factorised(
+    model: ContinuumModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None
+) -> Iterator[Interior]:
+    """Split the dofs and make the inverse of the interior's stiffness, for a `with` block. Collective.
 
     Args:
         model: with K and M.
         boundary: (owned dofs,) whether a dof of this rank is on the boundary.
+        solver: None: a factor, or where that would not fit in memory conjugate gradients.
 
     Yields:
         The interior; its memory is given back at the end of the block.
 
     Raises:
-        ReductionError: on all ranks: K_II is singular, or there is not enough memory.
+        ReductionError: on all ranks: K_II is singular, is not definite and the solver iterative, or there is not
+            enough memory.
     """
     mask = ~boundary
     first = model.K.getOwnershipRange()[0]
     dofs = np.flatnonzero(mask).astype(PETSc.IntType) + first
     rows = PETSc.IS().createGeneral(dofs, comm=model.comm)
-    stiffness = model.K.createSubMatrix(rows, rows)
     mass = model.M.createSubMatrix(rows, rows)
-    solver = PETSc.KSP().create(model.comm)
     try:
-        if stiffness.getSize()[0] > 0:
-            _factorise(solver, stiffness)
-            yield Interior(mask, stiffness, mass, solver)
-        else:
-            yield Interior(mask, stiffness, mass, None)
+        with ExitStack() as stack:
+            inverse = None
+            if solver is not Solver.ITERATIVE:
+                inverse = _factor(model, rows, stack, needed=solver is Solver.DIRECT or not model.is_definite)
+            if inverse is None:
+                inverse = _iteration(model, mask, stack)
+            yield Interior(mask, mass, inverse)
     finally:
         # on several ranks nothing else does, since it takes all of them
-        for item in (solver, mass, stiffness, rows):
+        for item in (mass, rows):
             item.destroy()
 
 
-def _factorise(solver: PETSc.KSP, stiffness: PETSc.Mat) -> None:
-    # without this PETSc asks for an unsymmetric or indefinite factor, of twice the work
-    stiffness.setOption(PETSc.Mat.Option.SPD, True)
-    solver.setOperators(stiffness)
-    solver.setType(PETSc.KSP.Type.PREONLY)
-    solver.getPC().setType(PETSc.PC.Type.CHOLESKY)
-    solver.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+def _factor(
+    model: ContinuumModel, rows: PETSc.IS, stack: ExitStack, *, needed: bool
+) -> Inverse | None:
+    """A factor, or None where it would not fit in memory and is not needed. Collective."""
+    stiffness = model.K.createSubMatrix(rows, rows)
     try:
-        solver.setUp()
-        failed = solver.getPC().getFailedReason()
-    except PETSc.Error as error:
+        factor = Factor(stiffness, definite=model.is_definite, limit=memory_limit(model.comm))
+    except TooLargeError:
+        if needed:
+            raise
+        return None
+    finally:
+        # the factor does not need it any more
+        stiffness.destroy()
+    stack.callback(factor.destroy)
+    return factor
+
+
+def _iteration(model: ContinuumModel, mask: NDArray[np.bool_], stack: ExitStack) -> Inverse:
+    """Collective."""
+    if not model.is_definite:
         raise ReductionError(
-            f"the stiffness of the interior could not be factorised (PETSc error {error.ierr}); "
-            "take a coarser mesh or more memory"
-        ) from error
-    if failed != PETSc.PC.FailedReason.NOERROR:
-        memory = failed == PETSc.PC.FailedReason.OUTMEMORY
-        remedy = "take a coarser mesh or more memory" if memory else _SINGULAR
-        raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
-
-
-_SINGULAR = (
-    "it is singular: a part of the body is connected to no interface or not to the rest, or the nodes "
-    "that are kept leave it free to move"
-)
+            f"the stiffness of {model.form_name} is not positive definite, as it has unknowns like pressures, so that "
+            "conjugate gradients cannot solve with it; take solver=Solver.DIRECT"
+        )
+    motions = model.rigid_motions(np.zeros(3), np.eye(3))
+    size = model.space.dofmap.index_map_bs
+    return stack.enter_context(conjugate_gradients(model.K, mask, motions=motions, block_size=size))
 
 
 def continued(
@@ -164,7 +173,7 @@ def check_equilibrium(comm: MPI.Comm, *, load: FloatArray, residual: FloatArray)
     if not after <= _EQUILIBRIUM * before:
         raise ReductionError(
             f"the static shapes leave a residual of {after:.1e} of a load of {before:.1e} in the "
-            f"interior, bound {_EQUILIBRIUM:.0e}; its stiffness is singular or nearly so: {_SINGULAR}"
+            f"interior, bound {_EQUILIBRIUM:.0e}; its stiffness is singular or nearly so: {SINGULAR}"
         )
 
 

@@ -27,7 +27,7 @@ from flexmbd.continuum.interface import AveragedInterface, FoundInterface, Rigid
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
-from flexmbd.reduction.interior import Interior, check_equilibrium, continued, factorised
+from flexmbd.reduction.interior import Interior, Solver, check_equilibrium, continued, factorised
 from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
 
 # Bound of the check of rigid motions: a healthy part is five orders and more below it.
@@ -75,6 +75,11 @@ class Statics:
     M: PETSc.Mat
     _interior: Interior
     _constraint: Constraint | None
+
+    @property
+    def solver(self) -> str:
+        """How the stiffness is inverted, for the record's provenance."""
+        return self._interior.inverse.name
 
     @property
     def size(self) -> int:
@@ -193,12 +198,15 @@ class Statics:
 
 
 @contextmanager
-def body_statics(model: ContinuumModel, *, frame: str | None) -> Iterator[Statics]:
-    """Factorise the stiffness of a body for a `with` block. Collective.
+def body_statics(
+    model: ContinuumModel, *, frame: str | None, solver: Solver | None = None
+) -> Iterator[Statics]:
+    """Factorise the stiffness of a body for a `with` block, or make another inverse. Collective.
 
     Args:
         model: the body.
         frame: the interface that carries the body frame; None: it floats on the mean axis.
+        solver: None: a factor, or where that would not fit in memory conjugate gradients.
 
     Yields:
         The statics; its memory is given back at the end of the block.
@@ -206,7 +214,8 @@ def body_statics(model: ContinuumModel, *, frame: str | None) -> Iterator[Static
     Raises:
         InterfaceError: on all ranks: the model has no interface `frame`.
         ReductionError: on all ranks: the stiffness is singular, averages depend on each other, or
-            there is not enough memory.
+            there is not enough memory; or the solver does not fit the formulation.
+        ConvergenceError: on all ranks, where the statics are used: an iterative solver does not converge.
     """
     interfaces = model.interfaces
     if frame is not None:
@@ -222,7 +231,7 @@ def body_statics(model: ContinuumModel, *, frame: str | None) -> Iterator[Static
         boundary = _support(model, rigid)
     else:
         boundary = _bound(model, interfaces)
-    with factorised(model, boundary) as interior:
+    with factorised(model, boundary, solver=solver) as interior:
         mask = np.ones_like(interior.mask) if supported else interior.mask
         constraint = None
         averaged = _averaged(interfaces)

@@ -1,0 +1,195 @@
+"""A multigrid cycle for elastic bodies, by algebraic coarsening that knows the rigid motions.
+
+PETSc's smoothed aggregation (GAMG; Vanek, Mandel & Brezina 1996, doi:10.1007/BF02238511) makes the coarser
+levels.  The cycle itself is here, because PETSc's takes right-hand sides one by one, and many at once are three
+times cheaper.  Smoothing is by Chebyshev polynomials in the scaled matrix (Adams, Brezina, Hu & Tuminaro 2003),
+before and after the coarser levels' correction, so that the cycle is a symmetric positive definite operator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import scipy.linalg
+
+from flexmbd.continuum.blocks import FloatArray, inner, multiply
+from flexmbd.errors import ReductionError
+from flexmbd.reduction.factor import Factor
+
+# Couplings weaker than this, relative to the diagonal, do not join two nodes to one aggregate: fewer iterations
+# than without, and a hierarchy that is a little larger.
+_THRESHOLD = 0.05
+_PREFIX = "flexmbd_coarsen_"
+# Degree of the smoother, and the part of the spectrum that it damps.
+_DEGREE, _DAMPED = 2, 0.1
+# Steps of the estimate of the largest eigenvalue, and what is added to that.
+_STEPS, _MARGIN = 12, 1.1
+# Size of a direction, beside the eigenvalue, that is round-off.
+_NOISE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A level of the hierarchy but the coarsest.
+
+    Attributes:
+        matrix: of this level.
+        inverse_diagonal: (rows of this rank, 1) of the matrix.
+        largest: upper estimate of the largest eigenvalue of the scaled matrix.
+        interpolation: from the next coarser level.
+        restriction: its transpose.
+    """
+
+    matrix: PETSc.Mat
+    inverse_diagonal: FloatArray
+    largest: float
+    interpolation: PETSc.Mat
+    restriction: PETSc.Mat
+
+    def smoothed(self, block: FloatArray) -> FloatArray:
+        """A polynomial in the scaled matrix times a block of loads, an approximate inverse. Collective."""
+        centre = 0.5 * (1.0 + _DAMPED) * self.largest
+        radius = 0.5 * (1.0 - _DAMPED) * self.largest
+        sigma = centre / radius
+        rho = 1.0 / sigma
+        step = block * (self.inverse_diagonal / centre)
+        result, rest = step.copy(order="F"), block
+        for _ in range(_DEGREE - 1):
+            rest = rest - multiply(self.matrix, step)
+            last, rho = rho, 1.0 / (2.0 * sigma - rho)
+            step *= rho * last
+            step += rest * (2.0 * rho / radius * self.inverse_diagonal)
+            result += step
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Multigrid:
+    """A hierarchy of levels.
+
+    Attributes:
+        levels: the finest first, without the coarsest.
+        coarsest: its factor.
+    """
+
+    levels: tuple[Level, ...]
+    coarsest: Factor
+
+    def cycle(self, block: FloatArray, *, start: int = 0) -> FloatArray:
+        """One V-cycle for a block of loads (rows of this rank, k), from a level on. Collective."""
+        if start == len(self.levels):
+            return self.coarsest.solve(block)
+        level = self.levels[start]
+        result = level.smoothed(block)
+        rest = block - multiply(level.matrix, result)
+        correction = self.cycle(multiply(level.restriction, rest), start=start + 1)
+        result += multiply(level.interpolation, correction)
+        result += level.smoothed(block - multiply(level.matrix, result))
+        return result
+
+
+@contextmanager
+def multigrid(matrix: PETSc.Mat, motions: FloatArray) -> Iterator[Multigrid]:
+    """Coarsen a matrix for a `with` block. Collective.
+
+    Args:
+        matrix: positive definite, of the block size of its nodes.
+        motions: (rows of this rank, k) rigid motions, what costs next to no energy.
+
+    Raises:
+        ReductionError: on all ranks: it cannot be coarsened, or the coarsest level is singular.
+    """
+    solver = PETSc.KSP().create(matrix.comm)
+    vectors = _orthonormal(matrix, motions)
+    near = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+    matrix.setNearNullSpace(near)
+    solver.setOperators(matrix)
+    transposed: list[PETSc.Mat] = []
+    coarsest = None
+    try:
+        _coarsen(solver)
+        levels = []
+        pc = solver.getPC()
+        for i in reversed(range(1, pc.getMGLevels())):
+            operator = pc.getMGSmoother(i).getOperators()[0]
+            interpolation = pc.getMGInterpolation(i)
+            transposed.append(interpolation.transpose(PETSc.Mat()))
+            inverse = 1.0 / operator.getDiagonal().getArray()[:, None]
+            largest = _MARGIN * _largest_eigenvalue(operator, inverse)
+            levels.append(Level(operator, inverse, largest, interpolation, transposed[-1]))
+        coarsest = Factor(pc.getMGCoarseSolve().getOperators()[0], definite=True)
+        yield Multigrid(tuple(levels), coarsest)
+    finally:
+        if coarsest is not None:
+            coarsest.destroy()
+        matrix.setNearNullSpace(PETSc.NullSpace())
+        for item in (*transposed, solver, near, *vectors):
+            item.destroy()
+
+
+def _coarsen(solver: PETSc.KSP) -> None:
+    """Make the hierarchy. Collective."""
+    # not to be had but by PETSc's options
+    options = PETSc.Options(_PREFIX)
+    options["pc_gamg_threshold"] = _THRESHOLD
+    solver.setOptionsPrefix(_PREFIX)
+    solver.setType(PETSc.KSP.Type.CG)
+    solver.getPC().setType(PETSc.PC.Type.GAMG)
+    solver.setFromOptions()
+    options.delValue("pc_gamg_threshold")
+    try:
+        solver.setUp()
+    except PETSc.Error as error:
+        raise ReductionError(
+            f"the stiffness could not be coarsened for multigrid (PETSc error {error.ierr}); take solver=Solver.DIRECT"
+        ) from error
+
+
+def _orthonormal(matrix: PETSc.Mat, motions: FloatArray) -> list[PETSc.Vec]:
+    """An orthonormal basis of the motions, scaled first since some are m and some m per rad. Collective."""
+    comm = matrix.comm.tompi4py()
+    gram = inner(comm, motions, motions)
+    scale = 1.0 / np.sqrt(np.diag(gram))
+    basis = motions * scale
+    for _ in range(2):
+        # the second time takes off what round-off left
+        lower = np.linalg.cholesky(inner(comm, basis, basis))
+        basis = scipy.linalg.solve_triangular(lower, basis.T, lower=True).T
+    vectors = []
+    for column in basis.T:
+        vector = matrix.createVecLeft()
+        vector.setArray(column)
+        vectors.append(vector)
+    return vectors
+
+
+def _largest_eigenvalue(matrix: PETSc.Mat, inverse_diagonal: FloatArray) -> float:
+    """Estimate of the largest eigenvalue of the matrix scaled by its diagonal, by Lanczos' process. Collective."""
+    comm = matrix.comm.tompi4py()
+    root = np.sqrt(inverse_diagonal)
+    rest: FloatArray = np.random.default_rng(comm.rank).normal(size=root.shape)
+    vector: FloatArray = np.zeros_like(root)
+    diagonal: list[float] = []
+    beside = [_norm(comm, rest)]
+    for _ in range(min(_STEPS, matrix.getSize()[0])):
+        before, vector = vector, rest
+        vector /= beside[-1]
+        rest = root * multiply(matrix, root * vector)
+        if diagonal:
+            rest -= beside[-1] * before
+        diagonal.append(float(inner(comm, vector, rest)[0, 0]))
+        rest -= diagonal[-1] * vector
+        beside.append(_norm(comm, rest))
+        if not beside[-1] > _NOISE * max(diagonal):
+            break
+    return float(scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[1:-1])[-1])
+
+
+def _norm(comm: MPI.Comm, vector: FloatArray) -> float:
+    return float(np.sqrt(inner(comm, vector, vector)[0, 0]))
