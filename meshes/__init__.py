@@ -8,8 +8,9 @@ from flexmbd.meshes.beam import beam as beam
 from flexmbd.meshes.block import block as block
 from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
 from flexmbd.meshes.crank import crank as crank
+from flexmbd.meshes.h5_file import write as write
 from flexmbd.meshes.line import line as line
-from flexmbd.meshes.msh_file import read as read
+from flexmbd.meshes.mesh_file import read as read
 from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.sheet import sheet as sheet
 from flexmbd.meshes.step_file import BRACKET as BRACKET

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 
 from mpi4py import MPI
@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.mesh_input import MeshInput, from_root
-from flexmbd.continuum.parallel import on_root
 from flexmbd.continuum.tagged_mesh import NodeOrder, TaggedMesh, node_permutation, spread
 from flexmbd.errors import MeshError
+from flexmbd.meshes.group_choice import chosen
 
 IntArray = npt.NDArray[np.int64]
 Tags = npt.NDArray[np.int32]
@@ -117,15 +117,11 @@ def built_mesh(comm: MPI.Comm, build: Callable[[], MeshInput]) -> TaggedMesh:
         MeshError: on all ranks; as `flexmbd.continuum.tagged_mesh.spread`.
         Exception: whatever `build` raised, on all ranks.
     """
-    share: MeshInput | None = None
-
-    def run() -> None:
-        nonlocal share
+    def run() -> MeshInput:
         with model():
-            share = build()
+            return build()
 
-    on_root(comm, run)
-    return spread(comm, from_root(comm, share))
+    return spread(comm, from_root(comm, run))
 
 
 def generate(*, h: float, degree: int, dim: int = 3) -> None:
@@ -195,14 +191,26 @@ def model() -> Iterator[None]:
             gmsh.option.setString(_UNIT, unit)
 
 
-def model_input(dim: int) -> MeshInput:
+def model_input(
+    dim: int,
+    *,
+    cell_groups: Collection[str] | None = None,
+    facet_groups: Collection[str] | None = None,
+) -> MeshInput:
     """All of the current model, whose nodes are renumbered if they have gaps; rank 0, in a session.
 
+    Args:
+        dim: dimension of the cells.
+        cell_groups: names of the physical groups of cells to take; None for all.
+        facet_groups: of those of facets.
+
     Raises:
-        MeshError: as `tagged_mesh` says.
+        MeshError: as `tagged_mesh` says, or a name is not there.
     """
     kind = _cell_kind(dim)
     names = [_names(below) for below in range(dim + 1)]
+    names[dim] = chosen("cell", names[dim], cell_groups)
+    names[dim - 1] = chosen("facet", names[dim - 1], facet_groups)
     if not any(names[:dim]):
         below = _ENTITIES[dim - 1]
         raise MeshError(
@@ -212,8 +220,9 @@ def model_input(dim: int) -> MeshInput:
     _number_nodes_without_gaps()
     cell, degree, _, _ = _CELLS[kind]
     nodes, x, _ = gmsh.model.mesh.getNodes()
-    cells, cell_tags = _cells(dim)
-    facets, facet_tags = _facets(dim - 1, width=len(basix.topology(basix.CellType[cell])[-2][0]))
+    cells, cell_tags, numbers = _cells(dim, _taken(names[dim], cell_groups))
+    width = len(basix.topology(basix.CellType[cell])[-2][0])
+    facets, facet_tags = _facets(dim - 1, _taken(names[dim - 1], facet_groups), width=width)
     edges, vertices = (
         {name: _group(below, tag) for name, tag in names[below].items()} if below < dim - 1 else {}
         for below in (1, 0)
@@ -230,7 +239,13 @@ def model_input(dim: int) -> MeshInput:
         facet_groups=names[dim - 1],
         edge_groups=edges,
         vertex_groups=vertices,
+        cell_numbers=numbers,
     )
+
+
+def _taken(groups: Mapping[str, int], names: Collection[str] | None) -> set[int] | None:
+    """Their tags, or None for all groups, those without a name too."""
+    return None if names is None else set(groups.values())
 
 
 def _cell_kind(dim: int) -> int:
@@ -247,37 +262,46 @@ def _cell_kind(dim: int) -> int:
     return kinds[0]
 
 
-def _cells(dim: int) -> tuple[IntArray, Tags]:
-    """Cells, as rows of points in gmsh's order, and their tags."""
-    grouped = len(gmsh.model.getPhysicalGroups(dim)) > 0
-    rows, tags = [], []
+def _cells(dim: int, taken: set[int] | None) -> tuple[IntArray, Tags, IntArray]:
+    """Cells, as rows of points in gmsh's order, their tags and gmsh's numbers of them."""
+    grouped = len(gmsh.model.getPhysicalGroups(dim)) > 0 and taken is None
+    rows, tags, numbers = [], [], []
     for _, entity in gmsh.model.getEntities(dim):
         cells = nodes_of(dim, entity)
         if len(cells) == 0:
             continue
-        groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity)
-        if grouped and len(groups) != 1:
+        groups = _groups_of(dim, entity, taken)
+        if len(groups) > 1 or (grouped and len(groups) == 0):
             kind = _ENTITIES[dim]
             raise MeshError(
                 f"{kind} {entity} is in {len(groups)} physical groups; each with cells must be in "
-                f"one, or there must be no physical group of {kind}s at all"
+                f"one, or there must be no physical group of {kind}s at all; read can be told which "
+                "groups to take: cell_groups=(...)"
             )
         rows.append(cells)
-        tags.append(np.full(len(cells), groups[0] if grouped else 0, dtype=np.int32))
-    return np.concatenate(rows), np.concatenate(tags)
+        tags.append(np.full(len(cells), groups[0] if groups else 0, dtype=np.int32))
+        numbers.append(gmsh.model.mesh.getElements(dim, entity)[1][0].astype(np.int64))
+    return np.concatenate(rows), np.concatenate(tags), np.concatenate(numbers)
 
 
-def _facets(dim: int, *, width: int) -> tuple[IntArray, Tags]:
+def _groups_of(dim: int, entity: int, taken: set[int] | None) -> list[int]:
+    """The physical groups of an entity that are taken."""
+    groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity).tolist()
+    return [tag for tag in groups if taken is None or tag in taken]
+
+
+def _facets(dim: int, taken: set[int] | None, *, width: int) -> tuple[IntArray, Tags]:
     """Vertices of the facets in physical groups, as rows of points, and their tags."""
     rows, tags = [np.empty((0, width), dtype=np.int64)], [np.empty(0, dtype=np.int32)]
     for _, entity in gmsh.model.getEntities(dim):
-        groups = gmsh.model.getPhysicalGroupsForEntity(dim, entity)
+        groups = _groups_of(dim, entity, taken)
         if len(groups) == 0:
             continue
         if len(groups) > 1:
             names = ", ".join(gmsh.model.getPhysicalName(dim, tag) or str(tag) for tag in groups)
             raise MeshError(
-                f"{_ENTITIES[dim]} {entity} is in several physical groups ({names}), keep one"
+                f"{_ENTITIES[dim]} {entity} is in several physical groups ({names}), keep one, or "
+                "tell read which to take: facet_groups=(...)"
             )
         facets = nodes_of(dim, entity, vertices_only=True)
         if len(facets) > 0 and facets.shape[1] != width:

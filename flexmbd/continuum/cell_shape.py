@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.row_exchange import fetch
 from flexmbd.errors import MeshError
 
 Array = npt.NDArray[np.float64]
@@ -19,7 +20,9 @@ _FLAT = 1e-6
 _BATCH = 10_000
 
 
-def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
+def check_cells(
+    mesh: dolfinx.mesh.Mesh, *, numbers: npt.NDArray[np.int64] | None = None
+) -> None:
     """Refuse a mesh with inverted or flat cells. Collective.
 
     The Jacobian determinant is looked at in the nodes and in the points of a quadrature rule that
@@ -29,26 +32,32 @@ def check_cells(mesh: dolfinx.mesh.Mesh) -> None:
 
     Args:
         mesh: of dimension 1, 2 or 3 in space.
+        numbers: this rank's share of what the cells of the input are called; None for their rows.
 
     Raises:
-        MeshError: on all ranks; says how many cells are bad, and where the worst is.
+        MeshError: on all ranks; says how many cells are bad, which is the worst, and where it is.
     """
     x, nodes = mesh.geometry.x, cell_nodes(mesh)
     element = mesh.ufl_domain().ufl_coordinate_element().basix_element
-    bad, worst, where = 0, np.inf, [0.0, 0.0, 0.0]
+    bad, worst, cell, where = 0, np.inf, 0, [0.0, 0.0, 0.0]
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     for start in range(0, owned, _BATCH):
         points = x[nodes[start : min(start + _BATCH, owned)]]
         lowest = cell_quality(points, element)
         bad += int(np.count_nonzero(lowest <= _FLAT))
         if lowest.min() < worst:
-            worst, where = lowest.min(), points[lowest.argmin()].mean(axis=0).tolist()
+            worst, cell = lowest.min(), start + int(lowest.argmin())
+            where = points[lowest.argmin()].mean(axis=0).tolist()
     total = mesh.comm.allreduce(bad)
     if total > 0:
-        worst, where = min(mesh.comm.allgather((worst, where)))
+        mine = np.asarray(mesh.topology.original_cell_index)[cell : cell + 1]
+        names = mine if numbers is None else fetch(mesh.comm, numbers, mine)
+        called = int(names[0]) if len(names) > 0 else -1
+        worst, called, where = min(mesh.comm.allgather((worst, called, where)))
+        what = f"row {called} of the input" if numbers is None else f"number {called}"
         raise MeshError(
             f"{total} cells are inverted or flat (Jacobian determinant down to {worst:.2g} of a "
-            f"right-angled cell's), the worst near {[round(x, 6) for x in where]} m; "
+            f"right-angled cell's), the worst, {what}, near {[float(f'{x:.6g}') for x in where]} m; "
             "use smaller cells, or a geometry of degree 1"
         )
 

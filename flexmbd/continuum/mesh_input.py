@@ -6,7 +6,7 @@ input, which no partition changes; every rank then finds those it holds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from mpi4py import MPI
@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.parallel import on_root
+from flexmbd.continuum.row_exchange import fetch
 from flexmbd.continuum.sharing import check_sharing
 from flexmbd.errors import MeshError
 
@@ -40,6 +42,8 @@ class MeshInput:
         facet_groups: tag of each named group.
         edge_groups: by name, (e, 2) vertices of edges.
         vertex_groups: by name, (p, 1) vertices.
+        cell_numbers: (m,) what the file or program that the input is from calls each cell, for
+            messages; None for rows of all ranks' cells together.
     """
 
     cell: str
@@ -53,6 +57,7 @@ class MeshInput:
     facet_groups: Mapping[str, int]
     edge_groups: Mapping[str, IntArray] = field(default_factory=dict)
     vertex_groups: Mapping[str, IntArray] = field(default_factory=dict)
+    cell_numbers: IntArray | None = None
 
     def nothing(self) -> MeshInput:
         """The share of a rank that holds nothing of the same input."""
@@ -68,18 +73,29 @@ class MeshInput:
             self.facet_groups,
             {name: rows[:0] for name, rows in self.edge_groups.items()},
             {name: rows[:0] for name, rows in self.vertex_groups.items()},
+            None if self.cell_numbers is None else self.cell_numbers[:0],
         )
 
 
-def from_root(comm: MPI.Comm, share: MeshInput | None) -> MeshInput:
+def from_root(comm: MPI.Comm, build: Callable[[], MeshInput]) -> MeshInput:
     """This rank's share of an input that rank 0 holds alone. Collective.
 
     Args:
         comm: the ranks.
-        share: on rank 0 the input; ignored on the others.
+        build: makes the input; called on rank 0.
+
+    Raises:
+        Exception: whatever `build` raised, on all ranks.
     """
-    nothing = comm.bcast(share.nothing() if comm.rank == 0 and share is not None else None, root=0)
-    return share if comm.rank == 0 and share is not None else nothing
+    share: MeshInput | None = None
+
+    def run() -> MeshInput:
+        nonlocal share
+        share = build()
+        return share.nothing()
+
+    nothing = on_root(comm, run)
+    return nothing if share is None else share
 
 
 def untagged(
@@ -95,8 +111,10 @@ def create_mesh(comm: MPI.Comm, share: MeshInput) -> dolfinx.mesh.Mesh:
     """The DOLFINx mesh of the shares of all ranks. Collective.
 
     Raises:
-        MeshError: on all ranks; cells overlap, or lines or surfaces branch on several ranks.
+        MeshError: on all ranks; coordinates are not finite, cells overlap, or lines or surfaces branch
+            on several ranks.
     """
+    _check_finite(comm, share.points)
     check_sharing(comm, share.cell, share.cells)
     element = basix.ufl.element(
         "Lagrange",
@@ -111,9 +129,19 @@ def create_mesh(comm: MPI.Comm, share: MeshInput) -> dolfinx.mesh.Mesh:
     )
 
 
+def _check_finite(comm: MPI.Comm, points: npt.NDArray[np.float64]) -> None:
+    """Refuse coordinates that are not finite. Collective."""
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    heard = comm.allgather((len(points), len(bad), int(bad[0]) if len(bad) > 0 else 0))
+    if total := sum(count for _, count, _ in heard):
+        rank = next(i for i, (_, count, _) in enumerate(heard) if count > 0)
+        row = sum(held for held, _, _ in heard[:rank]) + heard[rank][2]
+        raise MeshError(f"{total} nodes have coordinates that are not finite, the first in row {row}")
+
+
 def tag_cells(mesh: dolfinx.mesh.Mesh, share: MeshInput) -> dolfinx.mesh.MeshTags:
     """Tags of the cells on the ranks that hold them. Collective."""
-    tags = _fetch(mesh.comm, share.cell_tags, np.asarray(mesh.topology.original_cell_index))
+    tags = fetch(mesh.comm, share.cell_tags, np.asarray(mesh.topology.original_cell_index))
     tagged = np.flatnonzero(tags).astype(np.int32)
     return dolfinx.mesh.meshtags(mesh, mesh.topology.dim, tagged, tags[tagged])
 
@@ -250,16 +278,3 @@ def _unique_rows(
         np.sort(rows, axis=1), axis=0, return_index=True, return_inverse=True
     )
     return unique, first, inverse.reshape(-1)
-
-
-def _fetch(comm: MPI.Comm, block: Rows, numbers: IntArray) -> Rows:
-    """Entries, by their numbers, of an array of which each rank holds a block. Collective."""
-    starts = np.concatenate(([0], np.cumsum(comm.allgather(len(block)))))
-    owner = np.searchsorted(starts, numbers, side="right") - 1
-    order = np.argsort(owner, kind="stable")
-    ends = np.cumsum(np.bincount(owner, minlength=comm.size))[:-1]
-    wanted = comm.alltoall(np.split(numbers[order], ends))
-    answers = comm.alltoall([block[which - starts[comm.rank]] for which in wanted])
-    values = np.empty(len(numbers), dtype=block.dtype)
-    values[order] = np.concatenate(answers)
-    return values

@@ -28,6 +28,7 @@ from flexmbd.continuum.mesh_input import (
     untagged,
 )
 from flexmbd.continuum.pieces import check_connected
+from flexmbd.continuum.row_exchange import blocks_on_root, send
 from flexmbd.errors import MeshError
 
 Points = npt.NDArray[np.float64]
@@ -159,15 +160,22 @@ class TaggedMesh:
 
         Nodes are taken in the order of the input; cells as rows of input node numbers, sorted.
         """
-        geometry = self.mesh.geometry
+        geometry, comm = self.mesh.geometry, self.comm
         n_nodes = geometry.index_map().size_local
         n_cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         numbers = geometry.input_global_indices
-        nodes = parallel.gather_rows(self.comm, numbers[:n_nodes])
-        points = parallel.gather_rows(self.comm, geometry.x[:n_nodes])
-        cells = parallel.gather_rows(self.comm, numbers[cell_nodes(self.mesh)[:n_cells]])
-
-        return parallel.on_root(self.comm, lambda: _digest(nodes, points, cells))
+        total = comm.allreduce(int(numbers.max(initial=-1)), op=MPI.MAX) + 1
+        # rank 0 holds no more than one rank's share at a time
+        nodes, points = send(comm, numbers[:n_nodes], geometry.x[:n_nodes], total=total)
+        order = np.argsort(nodes)
+        rows = numbers[cell_nodes(self.mesh)[:n_cells]]
+        cells = send(comm, rows[:, 0], rows, total=total)[1]
+        cells = cells[np.lexsort(cells.T[::-1])]
+        digest = hashlib.sha256()
+        for part in (nodes[order].astype("<i8"), points[order].astype("<f8"), cells.astype("<i8")):
+            for block in blocks_on_root(comm, part):
+                digest.update(block.tobytes())
+        return parallel.on_root(comm, digest.hexdigest)
 
 
 def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
@@ -182,7 +190,7 @@ def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
             is empty, not in the mesh, or shares facets with another.
     """
     mesh = create_mesh(comm, share)
-    check_cells(mesh)
+    check_cells(mesh, numbers=share.cell_numbers)
     check_connected(mesh)
     return TaggedMesh(
         mesh,
@@ -285,13 +293,6 @@ def _known(kind: str, groups: Mapping[str, T], name: str) -> T:
     return groups[name]
 
 
-def _digest(nodes: Any, points: Any, cells: Any) -> str:
-    order = np.argsort(nodes)
-    rows = cells[np.lexsort(cells.T[::-1])]
-    parts = (nodes[order].astype("<i8"), points[order].astype("<f8"), rows.astype("<i8"))
-    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
-
-
 _NODES = {
     ("tetrahedron", 1): 4,
     ("tetrahedron", 2): 10,
@@ -347,16 +348,12 @@ def _spread(
     columns: int,
 ) -> dolfinx.mesh.Mesh:
     """The DOLFINx mesh of rank 0's arrays."""
-    share: MeshInput | None = None
-    error: Exception | None = None
-    if comm.rank == 0:
-        try:
-            x, rows = _checked(points, cells, columns=columns)
-            share = untagged(x, rows[:, node_permutation(cell, degree, order)], cell, degree)
-        except MeshError as caught:
-            error = caught
-    parallel.raise_collectively(comm, error)
-    return create_mesh(comm, from_root(comm, share))
+
+    def build() -> MeshInput:
+        x, rows = _checked(points, cells, columns=columns)
+        return untagged(x, rows[:, node_permutation(cell, degree, order)], cell, degree)
+
+    return create_mesh(comm, from_root(comm, build))
 
 
 def _checked(points: Any, cells: Any, *, columns: int) -> tuple[Points, npt.NDArray[np.int64]]:

@@ -10,6 +10,7 @@ from dolfinx import fem
 from measures import n_owned, nodes_of_entities
 
 from flexmbd import meshes
+from flexmbd.continuum.parallel import on_root
 from flexmbd.continuum.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
@@ -137,7 +138,7 @@ def test_from_a_file(shared_path):
         session.generate(h=0.5, degree=2)
         gmsh.write(str(path))
 
-    session.on_root(COMM, lambda: _in_session(save))
+    on_root(COMM, lambda: _in_session(save))
     part = meshes.read(path)
     assert part.facet_groups == {}
     assert n_owned(part, 0, part.vertices("corner")) == 1

@@ -1,0 +1,105 @@
+"""Meshes read from files, each by what its name ends in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+from flexmbd.continuum.mesh_input import MeshInput, from_root
+from flexmbd.continuum.parallel import on_root
+from flexmbd.continuum.tagged_mesh import TaggedMesh, spread
+from flexmbd.errors import MeshError
+from flexmbd.meshes import session
+from flexmbd.meshes.abaqus_file import read_abaqus
+from flexmbd.meshes.dimension import check_arguments, require_positive
+from flexmbd.meshes.h5_file import h5_input
+from flexmbd.meshes.listing import Listing, solid_input
+from flexmbd.meshes.msh_file import merge
+from flexmbd.meshes.nastran_file import read_nastran
+
+_LISTINGS: dict[str, Callable[[Path], Listing]] = {
+    ".inp": read_abaqus,
+    ".bdf": read_nastran,
+    ".nas": read_nastran,
+}
+
+
+def read(
+    path: str | Path,
+    *,
+    cell_groups: Sequence[str] | None = None,
+    facet_groups: Sequence[str] | None = None,
+    scale: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> TaggedMesh:
+    """Read a three-dimensional mesh. Collective.
+
+    | ends in | what | read by | groups |
+    |---|---|---|---|
+    | .msh | gmsh, format 4.1 or 2.2 | rank 0 | the named physical groups |
+    | .h5 | what `write` has written | each rank its share | those that were written |
+    | .inp | Abaqus, CalculiX | rank 0 | sets of elements and nodes, surfaces |
+    | .bdf, .nas | Nastran, by meshio | rank 0 | "property 7" of solids and of shells on them |
+
+    Args:
+        path: of the file; for .h5 on all ranks, else on rank 0.
+        cell_groups: names of the groups of cells to take, for a file in which some overlap; None for
+            all.
+        facet_groups: of those of facets.
+        scale: metres in the file's unit of length: 1e-3 for a file in millimetres. No file says its
+            unit.
+        comm: the communicator of the mesh.
+
+    Raises:
+        MeshError: on all ranks; there is no such file, it is of no known kind or cannot be read; the
+            mesh has no three-dimensional cells, or of several kinds, or bad ones, or falls into pieces;
+            a name is not there; no named group below the cells, or two that overlap; an argument is
+            out of range or not the same on all ranks.
+    """
+    arguments = dict(locals())
+
+    def check() -> None:
+        require_positive(scale=scale)
+        for name, groups in (("cell_groups", cell_groups), ("facet_groups", facet_groups)):
+            if groups is not None and (
+                isinstance(groups, str) or not all(isinstance(group, str) for group in groups)
+            ):
+                raise MeshError(f'{name} must be a list of names, as ["foot", "pin"], got {groups!r}')
+
+    check_arguments(comm, arguments, check)
+    file = Path(path)
+    on_root(comm, lambda: _check_file(file))
+    suffix = file.suffix.lower()
+    if suffix == ".h5":
+        share = h5_input(file, comm, cell_groups=cell_groups, facet_groups=facet_groups)
+        return spread(comm, replace(share, points=share.points * scale))
+
+    def build() -> MeshInput:
+        if suffix != ".msh":
+            listing = _LISTINGS[suffix](file)
+            whole = solid_input(listing, cell_groups=cell_groups, facet_groups=facet_groups)
+        else:
+            with session.model():
+                merge(file)
+                whole = session.model_input(3, cell_groups=cell_groups, facet_groups=facet_groups)
+        return replace(whole, points=whole.points * scale)
+
+    return spread(comm, from_root(comm, build))
+
+
+def _check_file(path: Path) -> None:
+    """Refuse a file that cannot be opened, or is of no known kind."""
+    try:
+        with path.open("rb") as file:
+            file.read(1)
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be opened: {error.strerror}") from error
+    known = (".msh", ".h5", *_LISTINGS)
+    if path.suffix.lower() not in known:
+        raise MeshError(
+            f"{path}: files that end in {path.suffix or 'nothing'} are not known, only those in "
+            f"{', '.join(known)}; for a STEP file use from_step"
+        )
