@@ -10,5 +10,6 @@ from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping
 from flexmbd.reduction.damping import ModalDamping as ModalDamping
 from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
 from flexmbd.reduction.guyan import guyan as guyan
+from flexmbd.reduction.interior import Solver as Solver
 from flexmbd.reduction.truncation import TruncationErrors as TruncationErrors
 from flexmbd.reduction.truncation import truncation_errors as truncation_errors

@@ -13,6 +13,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
 from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.interior import Solver
 from flexmbd.reduction.optional_groups import Contents, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
@@ -33,6 +34,7 @@ def craig_bampton(
     keep_modes: bool = False,
     keep_surface: bool = False,
     keep_stress: bool = False,
+    solver: Solver | None = None,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -64,6 +66,8 @@ def craig_bampton(
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
         keep_stress: whether the record holds the stress at all nodes (`StressModes`).
+        solver: by what the stiffness is inverted; None: by a factor, or where that would not fit in the
+            memory there is by conjugate gradients.
 
     Returns:
         The record, the same to the bit on every rank.
@@ -75,7 +79,7 @@ def craig_bampton(
             failed accuracy check; loads or a damping that are not well formed.
         MeshError: a load's facet group is not there, or not on the boundary.
         FormulationError: stress modes of a stress that is not linear in the displacement.
-        ConvergenceError: the eigensolver did not converge.
+        ConvergenceError: the eigensolver or conjugate gradients did not converge.
     """
     truncation = agreed_truncation(model.comm, modes=modes, below_hz=below_hz, tol=tol)
     contents = Contents(
@@ -87,7 +91,7 @@ def craig_bampton(
         stress=keep_stress,
     )
     contents.check(model)
-    basis, notes = _basis(model, frame, truncation=truncation, contents=contents)
+    basis, notes = _basis(model, frame, truncation=truncation, contents=contents, solver=solver)
     count = len(basis.eigenvalues)
     provenance = {
         "reduction": _name(model, count),
@@ -112,10 +116,15 @@ def _name(model: ContinuumModel, modes: int) -> str:
 
 
 def _basis(
-    model: ContinuumModel, frame: str | None, *, truncation: Truncation, contents: Contents
+    model: ContinuumModel,
+    frame: str | None,
+    *,
+    truncation: Truncation,
+    contents: Contents,
+    solver: Solver | None,
 ) -> tuple[Basis, dict[str, str]]:
     """The basis and its provenance. Collective."""
-    with body_statics(model, frame=frame) as statics:
+    with body_statics(model, frame=frame, solver=solver) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
@@ -147,7 +156,7 @@ def _basis(
         projections=inner(model.comm, shapes, images),
         responses=found,
     )
-    return basis, {**notes, "rigid motion error": f"{static.rigid_error:.1e}"}
+    return basis, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
 
 
 def _names(statics: Statics, modes: int) -> tuple[str, ...]:

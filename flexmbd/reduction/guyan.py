@@ -9,6 +9,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.reduced import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.interior import Solver
 
 
 def guyan(
@@ -21,6 +22,7 @@ def guyan(
     keep_modes: bool = False,
     keep_surface: bool = False,
     keep_stress: bool = False,
+    solver: Solver | None = None,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -37,6 +39,7 @@ def guyan(
         keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
         keep_surface: whether the record holds the boundary's triangles (`Surface`).
         keep_stress: whether the record holds the stress at all nodes (`StressModes`).
+        solver: by what the stiffness is inverted.
 
     Returns:
         The record, the same to the bit on every rank; n is six times the interfaces but one.
@@ -56,4 +59,5 @@ def guyan(
         keep_modes=keep_modes,
         keep_surface=keep_surface,
         keep_stress=keep_stress,
+        solver=solver,
     )

@@ -104,6 +104,21 @@ def factorised(
             item.destroy()
 
 
+def agreed_solver(comm: MPI.Comm, solver: object) -> Solver | None:
+    """The solver, once it is one and the same on all ranks. Collective.
+
+    Raises:
+        ReductionError: on all ranks: it is not.
+    """
+    given = comm.allgather(solver if solver is None or isinstance(solver, Solver) else repr(solver))
+    for rank, one in enumerate(given):
+        if isinstance(one, str):
+            raise ReductionError(f"solver must be Solver.DIRECT, Solver.ITERATIVE or None, got {one}")
+        if one is not given[0]:
+            raise ReductionError(f"solver is {given[0]} on rank 0 and {one} on rank {rank}; give the same on all ranks")
+    return solver if isinstance(solver, Solver) else None
+
+
 def _factor(
     model: ContinuumModel, rows: PETSc.IS, stack: ExitStack, *, needed: bool
 ) -> Inverse | None:

@@ -25,9 +25,17 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
-from flexmbd.reduction.interior import Interior, Solver, check_equilibrium, continued, factorised
+from flexmbd.reduction.interior import (
+    Interior,
+    Solver,
+    agreed_solver,
+    check_equilibrium,
+    continued,
+    factorised,
+)
 from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
 
 # Bound of the check of rigid motions: a healthy part is five orders and more below it.
@@ -155,6 +163,10 @@ class Statics:
             small = self._constraint.multipliers(lacks)
             shapes[self.mask] += self._constraint.responses @ small
             forces = self._checked_forces(self._constraint, shapes, small)
+        if isinstance(self.model, PrestressedModel):
+            # loads that stay with the body frame work on its rigid rotations
+            turning = self.model.turning_forces(self.interfaces, self.R)
+            return StaticShapes(shapes, forces + turning, self.model.state.rigid_error)
         origin = self.interfaces[0].p
         error = _check_rigid_motions(
             self.model,
@@ -217,7 +229,13 @@ def body_statics(
             there is not enough memory; or the solver does not fit the formulation.
         ConvergenceError: on all ranks, where the statics are used: an iterative solver does not converge.
     """
+    solver = agreed_solver(model.comm, solver)
     interfaces = model.interfaces
+    if isinstance(model, PrestressedModel) and frame != model.state.frame:
+        raise ReductionError(
+            f"the loaded state is that of a body held at {model.state.frame!r}, and so must its reduction be: "
+            f"give frame={model.state.frame!r}, not {frame!r}"
+        )
     if frame is not None:
         carrier = model.interface(frame)
         interfaces = (carrier, *(other for other in model.interfaces if other is not carrier))
