@@ -33,8 +33,16 @@ class StressRecovery:
     each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
     """
 
-    def __init__(self, model: ContinuumModel) -> None:
+    def __init__(self, model: ContinuumModel, *, rest: FloatArray | None = None) -> None:
+        """Compile the stress.
+
+        Args:
+            model: the body.
+            rest: (local dofs including ghosts,) a displacement that is there at q = 0; its stress is added,
+                but the picture's displacement and places start from it.
+        """
         self._model = model
+        self._rest = np.zeros(model.layout.n_local) if rest is None else rest
         self._u = fem.Function(model.space)
         points = compat.interpolation_points(model.layout.node_space)
         self._sigma = [
@@ -60,10 +68,11 @@ class StressRecovery:
         if modal.shape != (body.n_modes,):
             raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
         nodes, model = self._nodes, self._model
-        self._u.x.array[:] = nodal_modes(body, model) @ modal
+        displacement = nodal_modes(body, model) @ modal
+        self._u.x.array[:] = displacement + self._rest
         sigma = self._stresses()
         largest, at_largest = nodes.largest(_von_mises(sigma))
-        u = self._u.x.array[model.displacement_dofs[nodes.places]]
+        u = displacement[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
         p, R = body.p_MB_M, body.R_MB
         stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R

@@ -11,5 +11,6 @@ from flexmbd.reduction.damping import ModalDamping as ModalDamping
 from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
 from flexmbd.reduction.guyan import guyan as guyan
 from flexmbd.reduction.interior import Solver as Solver
+from flexmbd.reduction.prestress import prestressed as prestressed
 from flexmbd.reduction.truncation import TruncationErrors as TruncationErrors
 from flexmbd.reduction.truncation import truncation_errors as truncation_errors

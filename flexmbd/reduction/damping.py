@@ -18,6 +18,7 @@ from dolfinx import fem
 from flexmbd.continuum import assembly
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 
 
@@ -45,7 +46,7 @@ class ModalDamping:
             )
         if np.ndim(self.ratio) > 0:
             # immutable, and readable in a record's provenance
-            object.__setattr__(self, "ratio", tuple(ratios.tolist()))
+            object.__setattr__(self, "ratio", tuple(float(ratio) for ratio in ratios))
 
 
 @dataclass(frozen=True)
@@ -144,19 +145,20 @@ def modal_damping(
         return np.diag(2.0 * np.broadcast_to(ratios, n) * np.sqrt(stiffness))
     if isinstance(damping, RayleighDamping):
         return np.diag(damping.alpha + damping.beta * stiffness)
-    if not isinstance(damping.tau, Mapping):
+    if not isinstance(damping.tau, Mapping) and not isinstance(model, PrestressedModel):
         return np.diag(damping.tau * stiffness)
+    # of a loaded body the stiffness has a part that is no stress times a strain
     matrix = _viscosity(model, damping.tau)
     viscous = symmetric(inner(model.comm, modes, multiply(matrix, modes)))
     matrix.destroy()
     return viscous
 
 
-def _viscosity(model: ContinuumModel, tau: Mapping[str, float]) -> PETSc.Mat:
-    """The stiffness with the part of each cell group times its tau. Collective."""
+def _viscosity(model: ContinuumModel, tau: float | Mapping[str, float]) -> PETSc.Mat:
+    """The stiffness at rest with the part of each cell group times its tau. Collective."""
     u, v = fem.Function(model.space), ufl.TestFunction(model.space)
     terms = [
-        fem.Constant(model.mesh.mesh, float(tau[str(group.name)])) * form
+        fem.Constant(model.mesh.mesh, float(tau[str(group.name)] if isinstance(tau, Mapping) else tau)) * form
         for group in model.groups
         for form in assembly.internal_work([group], u, v)
     ]

@@ -23,6 +23,8 @@ from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.loads import Load, check_loads, load_vectors
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.prestressed import PrestressedModel
+from flexmbd.errors import ReductionError
 from flexmbd.reduced import NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
 from flexmbd.reduction.geometric_stiffness import UnitLoads, geometric_group, joined, note, unit_loads
@@ -55,9 +57,15 @@ class Contents:
         """Refuse what does not fit the model. Collective.
 
         Raises:
-            ReductionError: on all ranks: loads or damping that are not well formed.
+            ReductionError: on all ranks: loads or damping that are not well formed, or stress modes of a
+                prestressed body.
             MeshError: on all ranks: a load's facet group.
         """
+        if self.stress and isinstance(model, PrestressedModel):
+            raise ReductionError(
+                "stress modes have no place for the stress of the loaded state; leave keep_stress out, and have "
+                "stresses from the prestressed model (stress_picture)"
+            )
         check_loads(model, self.loads)
         check_damping(model, self.damping)
 
@@ -121,6 +129,8 @@ def optional_parts(
         "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
     }
     provenance = {}
+    if isinstance(model, PrestressedModel):
+        provenance["prestress"] = model.state.note
     if contents.damping is not None:
         provenance["damping"] = repr(contents.damping)
     if contents.geometric_stiffness:
