@@ -74,7 +74,9 @@ class GeometricStiffness:
     """Optional group ``geometric/``: what each load adds to the modal stiffness.
 
     With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
-    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  The loads and their c:
+    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  That is exact for loads
+    at rest.  The bodies of a machine move: there only the part counts whose stress follows the motion
+    of the modes at once (`flexmbd.reduction.quasi_static`).  The loads and their c:
 
     - ``acceleration x`` .. ``z``: acceleration of B's origin minus gravity, in B (m/s^2); the load
       is the inertia force -rho c.
@@ -87,10 +89,12 @@ class GeometricStiffness:
     Attributes:
         loads: (l,) names; a load that is not among them stiffens nothing.
         K: (l, n, n) symmetric, 1/s^2 per unit of each load.
+        following: (l, n, n) the part of K that a machine uses.
     """
 
     loads: tuple[str, ...]
     K: FloatArray
+    following: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +194,8 @@ def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
             k, t = len(group.x), len(group.triangle)
             return {"x": (k, 3), "triangle": (t, 3), "phi": (k, 3, n)}
         case GeometricStiffness():
-            return {"K": (len(group.loads), n, n)}
+            shape = (len(group.loads), n, n)
+            return {"K": shape, "following": shape}
         case DistributedLoads():
             k = len(group.names)
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}

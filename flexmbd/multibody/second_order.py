@@ -4,7 +4,8 @@ A mode shape displaces points along straight lines; a bending beam would grow lo
 is g(x) = q^T G(x) q / 2, and the work of a load c f on it, c (integral of f . g), is -q^T (c K) q / 2 with
 the load's geometric stiffness K.  So K gives the weighted integrals of G that the equations of motion
 need, and using them for motion and forces alike keeps the energy, which adding K to the modal stiffness
-alone does not.
+alone does not.  Such a displacement is there only if the stress follows the motion at once; the record
+says which part of K that is (`following`).
 """
 
 from __future__ import annotations
@@ -53,4 +54,4 @@ def _stiffness(record: ReducedBody, load: str) -> FloatArray:
     geometric = record.geometric
     if geometric is None or load not in geometric.loads:
         return np.zeros((record.n_modes, record.n_modes))
-    return geometric.K[geometric.loads.index(load)]
+    return geometric.following[geometric.loads.index(load)]

@@ -143,5 +143,5 @@ def geometric_group(
     if stiffness is None:
         return None
     by_load, by_mode = np.split(stiffness, [len(names)])
-    K = following_part(model, displacements=displacements, modes=modes, by_load=by_load, by_mode=by_mode)
-    return GeometricStiffness(tuple(names), K)
+    following = following_part(model, displacements=displacements, modes=modes, by_load=by_load, by_mode=by_mode)
+    return GeometricStiffness(tuple(names), by_load, following)

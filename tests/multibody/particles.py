@@ -89,4 +89,5 @@ def geometric(mass: np.ndarray, x: np.ndarray, bend: np.ndarray, *, tip_bend: np
                 fields[f"angular velocity {a}{b}"] = -both
     matrices = {name: -np.einsum("k,ka,kaij->ij", mass, f, bend) for name, f in fields.items()}
     matrices |= {f"tip.{dof}": -tip_bend[i] for i, dof in enumerate(FRAME_DOFS)}
-    return GeometricStiffness(tuple(matrices), np.array(list(matrices.values())))
+    K = np.array(list(matrices.values()))
+    return GeometricStiffness(tuple(matrices), K, following=K)
