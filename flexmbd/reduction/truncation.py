@@ -292,8 +292,8 @@ def _find_beyond(process: eigen.BlockLanczos, eigenvalue: float) -> None:
 
 
 def _fewest_modes(known: Spectrum, wanted: _Wanted, tol: float) -> tuple[int, float]:
-    """The smallest number of modes with an error up to the tolerance, and that error; or all and theirs."""
-    enough = len(known.eigenvalues)
+    """The smallest number of modes with an error up to the tolerance, and that error; or the most and theirs."""
+    enough = min(len(known.eigenvalues), MOST)
     error = wanted.error(known, enough)
     # by bisection: more modes are never worse
     few = -1
