@@ -51,7 +51,9 @@ def import_violations(origin: str | Path | None) -> list[str]:
         return []
     try:
         tree = ast.parse(Path(origin).read_bytes(), filename=str(origin))
-    except (OSError, SyntaxError, ValueError) as error:
+    except OSError as error:
+        raise FormulationError(f"{origin}: cannot be read: {error.strerror or error}") from error
+    except (SyntaxError, ValueError) as error:
         raise FormulationError(f"{origin}: cannot be read as Python: {error}") from error
     found = []
     for node in ast.walk(tree):
@@ -63,6 +65,8 @@ def import_violations(origin: str | Path | None) -> list[str]:
             # `from basix import ufl` brings basix.ufl
             module = node.module or ""
             found += [f"basix.{a.name}" for a in node.names] if module == "basix" else [module]
+        elif isinstance(node, ast.Name) and node.id == "__import__":
+            found.append(node.id)
     return [
         f"imports {name!r}; a form file imports only ufl, basix.ufl and dataclasses"
         for name in found
@@ -169,7 +173,7 @@ def _signature_fault(module: ModuleType, name: str, arguments: int) -> Iterator[
 def _takes(function: Callable[..., Any], arguments: int) -> bool:
     try:
         inspect.signature(function).bind(*range(arguments))
-    except TypeError:
+    except (TypeError, ValueError):  # ValueError: a function of C without a signature
         return False
     return True
 

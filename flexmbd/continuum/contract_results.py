@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Iterator
 from types import ModuleType
@@ -37,6 +39,20 @@ _ONE_RULE = (
     "(integrand, Quadrature) and is assembled by itself"
 )
 
+_NOT_IN_CELLS = {
+    ufl.classes.CellAvg: (
+        "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is no plain UFL form; give the "
+        "volumetric part a term with a lower rule of its own, or make the pressure an unknown"
+    ),
+    ufl.classes.FacetAvg: "averages over a facet: the terms are integrals over cells",
+    ufl.classes.Restricted: "has sides of a facet, as jump and avg do: the terms are integrals over cells",
+}
+
+_ARITHMETIC = (
+    "the parameters may be symbols, whose values are not known yet: use them in UFL arithmetic only, not in `if`, "
+    "float(), min() and the like, and check their ranges in Parameters"
+)
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -44,6 +60,7 @@ class _Unknown:
     """The symbols a form file's functions are called with, on one cell and degree."""
 
     def __init__(self, module: ModuleType, cell: str, degree: int) -> None:
+        self.cell = cell
         self.domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(_GDIM,)))
         element = module.element(cell, _GDIM, degree)
         if not isinstance(element, basix.ufl._ElementBase):
@@ -66,6 +83,9 @@ class _Unknown:
             **dict.fromkeys(_SIZES, np.array(1.0)),
         }
         self.geometry = {kind: _constant(value) for kind, value in constants.items()}
+
+        self.parameters, values = _symbols(module.reference().parameters, self.domain)
+        self.geometry.update({symbol: _constant(value) for symbol, value in values.items()})
 
     def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
         """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""
@@ -103,23 +123,35 @@ def result_faults(
             faults = list(_CHECKS[name](module, unknown))
         except Exception as error:
             faults = [f"{type(error).__name__}: {error}"]
+            if _runs_with_numbers(name, module, unknown):
+                faults = [f"{faults[0]}; {_ARITHMETIC}"]
         yield from (f"{name}: {fault}" for fault in faults)
 
 
+def _runs_with_numbers(name: str, module: ModuleType, unknown: _Unknown) -> bool:
+    numbers = copy.copy(unknown)
+    numbers.parameters = module.reference().parameters
+    try:
+        list(_CHECKS[name](module, numbers))
+    except Exception:  # the first error stands
+        return False
+    return True
+
+
 def _strain_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    terms = module.strain_energy(unknown.u, _parameters(module))
+    terms = module.strain_energy(unknown.u, unknown.parameters)
     # the second derivative is the stiffness, the third the geometric stiffness
-    yield from _term_faults(terms, lambda integrand: _rest_faults(integrand, unknown, derivatives=3))
+    yield from _term_faults(terms, unknown.cell, lambda integrand: _rest_faults(integrand, unknown, derivatives=3))
 
 
 def _kinetic_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    terms = module.kinetic_energy(unknown.u, _parameters(module))
-    yield from _term_faults(terms, lambda integrand: _rest_faults(integrand, unknown, derivatives=2))
+    terms = module.kinetic_energy(unknown.u, unknown.parameters)
+    yield from _term_faults(terms, unknown.cell, lambda integrand: _rest_faults(integrand, unknown, derivatives=2))
 
 
 def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    p = _parameters(module)
-    terms = module.residual(unknown.u, unknown.v, _initial_state(module), p)
+    p = unknown.parameters
+    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p)
 
     def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
         try:
@@ -132,7 +164,7 @@ def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
         else:
             yield "the integrand must be linear in v"
 
-    yield from _term_faults(terms, look)
+    yield from _term_faults(terms, unknown.cell, look)
 
 
 def _rigid_motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
@@ -147,7 +179,7 @@ def _rigid_motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
 
 
 def _stress(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    stress = module.stress(unknown.u, _initial_state(module), _parameters(module))
+    stress = module.stress(unknown.u, _initial_state(module, unknown), unknown.parameters)
     yield from _expression_faults(stress, None, "")
 
 
@@ -167,12 +199,12 @@ def _motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
         yield "is for lines and surfaces: a solid has no section"
         return
     xi = ufl.as_vector([0.1, 0.2][:sections])
-    moved = module.motion(unknown.u, xi, _parameters(module))
+    moved = module.motion(unknown.u, xi, unknown.parameters)
     yield from _expression_faults(moved, (_GDIM,), "the shape of a displacement")
 
 
 def _section_inertia(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    inertia = ufl.as_matrix(module.section_inertia(_parameters(module)))
+    inertia = ufl.as_matrix(module.section_inertia(unknown.parameters))
     size = 1 + _section_dimension(unknown)
     yield from _expression_faults(inertia, (size, size), "the shape of {1, xi} by {1, xi}")
 
@@ -182,15 +214,15 @@ def _section_dimension(unknown: _Unknown) -> int:
 
 
 def _update(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    state = _initial_state(module)
-    new = module.update(unknown.u, state, _parameters(module))
+    state = _initial_state(module, unknown)
+    new = module.update(unknown.u, state, unknown.parameters)
     yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
 
 
 def _local_residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    p = _parameters(module)
+    p = unknown.parameters
     z = ufl.as_ufl(module.local_unknowns(p))
-    result = module.local_residual(z, unknown.u, _initial_state(module), p)
+    result = module.local_residual(z, unknown.u, _initial_state(module, unknown), p)
     yield from _expression_faults(result, z.ufl_shape, "the shape of local_unknowns(p)")
 
 
@@ -208,12 +240,29 @@ _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
 }
 
 
-def _parameters(module: ModuleType) -> Any:
-    return module.reference().parameters
+class _Symbol(ufl.Constant):
+    """A parameter whose value is not known yet."""
+
+    def __float__(self) -> float:
+        # UFL's own looks for a value without end
+        raise TypeError("a symbol is no number")
 
 
-def _initial_state(module: ModuleType) -> Any:
-    return ufl.as_ufl(module.state(_parameters(module))) if hasattr(module, "state") else None
+def _symbols(parameters: Any, domain: ufl.Mesh) -> tuple[Any, dict[Any, FloatArray]]:
+    """The parameters as `formulation.symbols` makes them in use, without a mesh; and the symbols' values."""
+    twin, values = object.__new__(type(parameters)), {}
+    for field in dataclasses.fields(parameters):
+        value = getattr(parameters, field.name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if numbers and all(isinstance(number, float) for number in numbers):
+            symbol = _Symbol(domain, shape=np.shape(value))
+            values[symbol], value = np.array(value), symbol
+        object.__setattr__(twin, field.name, value)
+    return twin, values
+
+
+def _initial_state(module: ModuleType, unknown: _Unknown) -> Any:
+    return ufl.as_ufl(module.state(unknown.parameters)) if hasattr(module, "state") else None
 
 
 def _expression_faults(value: Any, shape: tuple[int, ...] | None, what: str) -> Iterator[str]:
@@ -224,7 +273,7 @@ def _expression_faults(value: Any, shape: tuple[int, ...] | None, what: str) -> 
 
 
 def _term_faults(
-    terms: Any, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
+    terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
 ) -> Iterator[str]:
     """What is wrong with a list of terms; `look` goes into an integrand that is in order."""
     if isinstance(terms, ufl.BaseForm):
@@ -242,26 +291,42 @@ def _term_faults(
             yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
             continue
         integrand, rule = term
-        if not _is_rule(rule):
-            yield f"{label} must state a quadrature degree (int >= 0) and scheme (of basix), got {rule!r}"
+        if not _is_rule(rule, cell):
+            wanted = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
+            yield f"{label} must state {wanted}, got {rule!r}"
         if isinstance(integrand, ufl.BaseForm):
             yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
         elif not isinstance(integrand, ufl.core.expr.Expr):
             yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
         elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
             yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
+        elif misplaced := _misplaced(integrand):
+            yield f"{label}: the integrand {misplaced}"
         else:
             yield from (f"{label}: {fault}" for fault in look(integrand))
 
 
-def _is_rule(rule: Any) -> bool:
+def _misplaced(integrand: ufl.core.expr.Expr) -> str | None:
+    """What the integrand has that no integral over cells can have."""
+    for part in ufl.corealg.traversal.unique_pre_traversal(integrand):
+        for kind, why in _NOT_IN_CELLS.items():
+            if isinstance(part, kind):
+                return why
+    return None
+
+
+def _is_rule(rule: Any, cell: str) -> bool:
     degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
     if type(degree) is not int or degree < 0 or not isinstance(scheme, str):
         return False
     try:
-        basix.quadrature.string_to_type(scheme)
-    except ValueError:
+        kind = basix.quadrature.string_to_type(scheme)
+    except (KeyError, ValueError):
         return scheme == "vertex"  # the form compiler's own
+    try:
+        basix.make_quadrature(basix.CellType[cell], min(degree, 30), rule=kind)
+    except RuntimeError:  # a rule for other cells
+        return False
     return True
 
 

@@ -182,7 +182,7 @@ def load(source: str | Path | ModuleType) -> Formulation:
         if source not in known:
             raise FormulationError(
                 f"flexmbd.forms has no {source!r}, only {', '.join(known)}; "
-                "for a form file of your own pass a pathlib.Path"
+                "for a form file of your own pass a pathlib.Path, and on the command line a path that ends in .py"
             )
         name = f"flexmbd.forms.{source}"
         spec = importlib.util.find_spec(name)
@@ -231,8 +231,9 @@ def _import(name: str, *, path: Path | None, faults: list[str]) -> ModuleType:
         # dataclasses looks its module up by name
         sys.modules[name] = module
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # noqa: BLE001  (a form file is foreign code, and may call exit())
         sys.modules.pop(name, None)
-        reason = f"it cannot be imported: {type(error).__name__}: {error}"
-        raise FormulationError(_listed(str(path or name), [*faults, reason])) from error
+        if not (faults and isinstance(error, ImportError)):  # else a forbidden import, already in the list
+            faults = [*faults, f"it cannot be imported: {type(error).__name__}: {error}"]
+        raise FormulationError(_listed(str(path or name), faults)) from error
     return module

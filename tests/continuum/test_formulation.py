@@ -18,6 +18,7 @@ from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
 
 GOOD = Path(solid_linear.__file__).read_text()
+SYMBOLS = r"strain_energy: .*the parameters may be symbols.*not in `if`, float\(\)"
 RETURN = "return [(energy, Quadrature(degree))]"
 
 
@@ -71,12 +72,20 @@ def test_unknown_name_lists_the_forms():
 
 
 def test_missing_file_and_bad_python_name_the_file(tmp_path, load_text):
-    with pytest.raises(FormulationError, match=r"nowhere\.py: cannot be read"):
+    with pytest.raises(FormulationError, match=r"nowhere\.py: cannot be read: No such file"):
         formulation.load(tmp_path / "nowhere.py")
-    with pytest.raises(FormulationError, match=r"my_form\.py: cannot be read as Python: invalid"):
+    with pytest.raises(FormulationError, match="cannot be read: Is a directory"):
+        formulation.load(tmp_path)
+    with pytest.raises(FormulationError, match=r"my_form\.py: cannot be read as Python: invalid.*line 1"):
         load_text("def element(:")
-    with pytest.raises(FormulationError, match="cannot be imported: ZeroDivisionError"):
-        load_text("import ufl\n1 / 0")
+    with pytest.raises(FormulationError, match=r"cannot be read as Python: .*null bytes"):
+        load_text("import ufl\0")
+    for line, error in (("1 / 0", "ZeroDivisionError"), ("raise SystemExit(3)", "SystemExit: 3")):
+        with pytest.raises(FormulationError, match=f"cannot be imported: {error}"):
+            load_text(f"import ufl\n{line}")
+    (tmp_path / "my_form.txt").write_text(GOOD)
+    with pytest.raises(FormulationError, match=r"my_form\.txt breaks(.|\n)*not a Python file \(\.py\)"):
+        formulation.load(tmp_path / "my_form.txt")
     assert "form_file.my_form" not in sys.modules
 
 
@@ -102,6 +111,9 @@ def test_all_missing_names_are_listed_at_once(load_text):
         ("from basix import CellType", "basix.CellType"),
         ("from flexmbd import rotation", "flexmbd"),
         ("def late():\n    import math", "math"),
+        ("from . import solid_linear", "."),
+        ("import a_module_that_is_not_there", "a_module_that_is_not_there"),
+        ('def hidden():\n    return __import__("numpy")', "__import__"),
     ],
 )
 def test_forbidden_imports_are_named(load_text, line, named):
@@ -132,12 +144,28 @@ def test_allowed_imports_pass(load_text, line):
         ([(RETURN, "return [energy]")], r"term 0 must be a pair \(integrand, Quadrature\)"),
         ([(RETURN, "return [(energy, None)]")], "term 0 must state a quadrature degree.*None"),
         ([(RETURN, "return [(energy, Quadrature(-1))]")], "must state a quadrature degree"),
+        ([(RETURN, "return [(energy, Quadrature(None))]")], "must state a quadrature degree.*degree=None"),
+        ([(RETURN, "return [(energy, Quadrature(2.0))]")], r"must state a quadrature degree.*degree=2\.0"),
+        ([(RETURN, 'return [(energy, Quadrature(2, "Gauss"))]')], "scheme.*for these cells.*'Gauss'"),
+        (
+            [(RETURN, 'return [(energy, Quadrature(2, "GLL"))]')],
+            r"scheme.*for these cells.*\(tetrahedron 1, tetrahedron 2\)",
+        ),
         ([(RETURN, "return [(strain, Quadrature(2))]")], r"must be scalar, has shape \(3, 3\)"),
         ([(RETURN, "return [(1.0, Quadrature(2))]")], "must be a UFL expression, got float"),
         (
             [(RETURN, "return [energy * ufl.dx(degree=0) + energy * ufl.dx(degree=2)]")],
             "term 0 is a form with 2 rules",
         ),
+        (
+            [(RETURN, "return energy * ufl.dx(degree=0) + energy * ufl.dx(degree=2)")],
+            "returns a form with 2 rules; return a list",
+        ),
+        ([(RETURN, "return [(energy * ufl.dx, Quadrature(2))]")], "already holds a measure with 1 rule:"),
+        ([(RETURN, RETURN.replace("energy", "ufl.cell_avg(energy)"))], "cell_avg.*F-bar is no plain UFL form"),
+        ([(RETURN, RETURN.replace("energy", 'energy("+")'))], "has sides of a facet"),
+        ([("    energy = lam", "    lam = lam if p.nu > 0 else 0\n    energy = lam")], SYMBOLS),
+        ([("return [(p.rho / 2", "return [(float(p.rho) / 2")], "kinetic_energy: .*in UFL arithmetic only"),
         ([(RETURN, "return undefined")], "strain_energy: NameError"),
         ([("return translation +", "return translation[0] +")], "rigid_motion: .*shape"),
         ([("    return _small_strain_stress(u, p)\n", "    return None\n")], "stress: must return"),
@@ -156,6 +184,7 @@ def test_each_violation_is_reported_alone(load_text, changes, pattern):
         ("ufl.sqrt(energy)", "first derivative"),
         ("ufl.sqrt(ufl.inner(strain, strain)) * ufl.tr(strain)", "first derivative"),
         ("ufl.max_value(ufl.tr(strain), 0) ** 1.5", "second derivative"),
+        ("ufl.max_value(ufl.tr(strain), 0) ** 2.5", "third derivative"),
     ],
 )
 def test_energy_that_is_not_finite_at_rest_is_refused(load_text, energy, what):
@@ -164,8 +193,12 @@ def test_energy_that_is_not_finite_at_rest_is_refused(load_text, energy, what):
 
 
 def test_energy_that_only_a_mesh_can_evaluate_is_let_through(load_text):
-    volume = "energy * ufl.CellVolume(u.ufl_function_space().ufl_domain())"
-    load_text(GOOD.replace(RETURN, RETURN.replace("energy", volume)))
+    load_text(GOOD.replace(RETURN, RETURN.replace("energy", "energy * (1 + ufl.bessel_J(1, ufl.tr(strain)))")))
+
+
+def test_functions_of_c_are_refused(load_text):
+    (fault,) = faults(load_text, ("def stress(", "stress = max\n\n\ndef _stress("))
+    assert fault == "stress must take 3 positional arguments"
 
 
 def test_symbols_take_the_place_of_numbers():

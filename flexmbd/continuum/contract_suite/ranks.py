@@ -56,6 +56,8 @@ def _spectra(
 
 def _eigenvalues(matrix: FloatArray) -> FloatArray:
     d = equilibration(matrix)
+    # the unit of the whole stays, so that a factor common to all entries is seen
+    d /= np.exp(np.log(d).mean())
     return np.asarray(np.linalg.eigvalsh(d[:, None] * matrix * d))
 
 

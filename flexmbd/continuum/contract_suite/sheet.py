@@ -130,11 +130,21 @@ def places(form: Formulation) -> list[Place]:
 
 
 def _try_all(form: Formulation) -> list[Line]:
-    trials = {place: Trial(form, *place) for place in places(form)}
+    outcomes = {place: _try_place(form, *place) for place in places(form)}
     return [
-        Line(check.name, {place: attempt(check, trial) for place, trial in trials.items()})
-        for check in CHECKS
+        Line(check.name, {place: found[check.name] for place, found in outcomes.items()}) for check in CHECKS
     ]
+
+
+def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
+    """The outcome of each check; where the form has no values at rest, only that."""
+    trial = Trial(form, cell, degree)
+    first, *others = CHECKS
+    outcomes = {first.name: attempt(first, trial)}
+    if isinstance(outcomes[first.name], Remark):
+        why = Remark(Verdict.SKIP, f"not run: see '{first.name}'")
+        return {**outcomes, **dict.fromkeys([check.name for check in others], why)}
+    return {**outcomes, **{check.name: attempt(check, trial) for check in others}}
 
 
 def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:

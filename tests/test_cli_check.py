@@ -1,0 +1,119 @@
+"""`flexmbd check`: what it prints and its exit codes, on any number of ranks."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+
+from flexmbd.cli import main
+from flexmbd.forms import solid_linear
+
+COMM = MPI.COMM_WORLD
+GOOD = (
+    Path(solid_linear.__file__)
+    .read_text()
+    .replace('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)')
+    .replace("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}")
+)
+ENERGY = "return [(energy, Quadrature(degree))]"
+
+
+@pytest.fixture
+def check(shared_path, capfd):
+    """Runs the command on a text as a form file; the exit code, and what is printed on all ranks. Collective."""
+
+    def run(text, *, there=True):
+        path = shared_path / "my_form.py"
+        if COMM.rank == 0 and there:
+            path.write_text(text)
+        COMM.barrier()
+        code = main(["check", str(path)])
+        out, err = capfd.readouterr()
+        codes = COMM.allgather(code)
+        assert codes == [code] * COMM.size
+        return code, "".join(COMM.allgather(out)), "".join(COMM.allgather(err))
+
+    return run
+
+
+@pytest.mark.mpi
+def test_a_sound_form(check):
+    code, out, err = check(GOOD)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0] == "my_form: tetrahedron 1"
+    assert lines[1].startswith("PASS  names, signatures and results")
+    assert len(lines) == 16
+    ranks = "needs two ranks: mpirun -n 2 flexmbd check ..." if COMM.size == 1 else "K, off by"
+    assert ranks in lines[-2]
+    assert lines[-1] == f"my_form: {13 if COMM.size == 1 else 14} passed, 0 failed"
+
+
+@pytest.mark.mpi
+def test_a_check_that_fails(check):
+    code, out, err = check(GOOD.replace("return _small_strain_stress(u, p)", "return 2 * _small_strain_stress(u, p)"))
+    assert (code, err) == (1, "")
+    assert re.search(r"^FAIL  stress does the energy's work  failed\n +tetrahedron 1: work off by 1, at", out, re.M)
+    assert out.endswith(" 1 failed\n")
+
+
+BROKEN = {
+    "two rules": ((ENERGY, "return [energy * ufl.dx(degree=0) + energy * ufl.dx(degree=2)]"), "a form with 2 rules"),
+    "no degree": ((ENERGY, "return [(energy, None)]"), "must state a quadrature degree"),
+    "not finite": ((ENERGY, "return [(ufl.sqrt(energy), Quadrature(2))]"), "first derivative at u = 0 is not finite"),
+    "import": (("import ufl\n", "import ufl\nimport numpy\n"), "imports 'numpy'"),
+    "import inside": (("    lam, mu", "    import dolfinx\n    lam, mu"), "imports 'dolfinx'"),
+    "syntax": (("def element(", "def def element("), r"my_form\.py: cannot be read as Python: .*line \d+"),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_broken_form_is_one_message(check, fault):
+    (old, new), message = BROKEN[fault]
+    assert old in GOOD
+    code, out, err = check(GOOD.replace(old, new))
+    assert (code, out) == (2, "")
+    assert err.startswith("flexmbd: ")
+    assert err.count("flexmbd: ") == 1
+    assert re.search(message, err)
+    assert "Traceback" not in err
+
+
+@pytest.mark.mpi
+def test_a_file_that_is_not_there(check):
+    code, out, err = check("", there=False)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"flexmbd: .*my_form\.py: cannot be read: No such file or directory.*\n", err)
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(COMM.size == 1, reason="needs two ranks")
+def test_a_file_that_one_rank_alone_cannot_read(shared_path, tmp_path, capfd):
+    """A folder that the ranks do not share: each has a file, the last one's is broken."""
+    path = shared_path / f"{COMM.rank}.py"
+    path.write_text(GOOD if COMM.rank < COMM.size - 1 else "def element(:")
+    assert main(["check", str(path)]) == 2
+    err = COMM.gather(capfd.readouterr().err)
+    if err is not None:
+        assert re.search(rf"{COMM.size - 1}\.py: cannot be read as Python.*on rank {COMM.size - 1} of", "".join(err))
+
+
+def test_a_name_that_is_no_form_of_flexmbd(capsys):
+    assert main(["check", "my_form"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.search("no 'my_form', only .*solid_linear.*a path that ends in .py", err)
+
+
+def test_the_command_ends_with_the_code(tmp_path):
+    """In a process of its own, as a shell sees it."""
+    command = [sys.executable, "-m", "flexmbd", "check", str(tmp_path / "nowhere.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == f"flexmbd: {tmp_path}/nowhere.py: cannot be read: No such file or directory\n"
