@@ -43,7 +43,16 @@ def describe(parser: argparse.ArgumentParser) -> None:
     frame = parser.add_mutually_exclusive_group(required=True)
     frame.add_argument("--frame", metavar="NAME", help="the interface that carries the body frame")
     frame.add_argument("--floating", action="store_true", help="the body frame floats on the mean axis")
-    parser.add_argument("--modes", type=int, required=True, metavar="N", help="number of fixed-interface modes")
+    parser.add_argument("--modes", type=int, metavar="N", help="number of fixed-interface modes")
+    parser.add_argument(
+        "--below-hz", type=float, metavar="F", help="instead of a number: all of them below F Hz; with --tol its range"
+    )
+    parser.add_argument(
+        "--tol",
+        type=float,
+        metavar="E",
+        help="instead of a number: as many as bring the relative error of the eigenvalues (2 pi f)^2 down to E",
+    )
     parser.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
     parser.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
     parser.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
@@ -63,10 +72,12 @@ def reduce(arguments: argparse.Namespace) -> int:
     from flexmbd.continuum.formulation import load
     from flexmbd.meshes import read
     from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction.truncation import agreed_truncation
 
     comm = MPI.COMM_WORLD
     interfaces = [parse_interface(text) for text in arguments.interface]
     values = parse_parameters(arguments.parameter)
+    agreed_truncation(comm, modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
     parallel.on_root(comm, lambda: check_destination(arguments.output))
     name: str = arguments.form
     form: Any = load(Path(name) if name.endswith(".py") or "/" in name else name)
@@ -76,6 +87,8 @@ def reduce(arguments: argparse.Namespace) -> int:
     body = craig_bampton(
         model,
         modes=arguments.modes,
+        below_hz=arguments.below_hz,
+        tol=arguments.tol,
         frame=None if arguments.floating else arguments.frame,
         geometric_stiffness=not arguments.no_geometric_stiffness,
         keep_modes=arguments.keep_modes,

@@ -133,6 +133,27 @@ def test_reduce_with_a_floating_frame_a_form_file_and_fewer_groups(beam_file):
     assert written.provenance["degree"] == "1"
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("words", "keywords"),
+    [
+        (["--below-hz", "9e3"], {"below_hz": 9e3}),
+        (["--tol", "1e-2"], {"tol": 1e-2}),
+        (["--tol", "1e-2", "--below-hz", "1e4"], {"tol": 1e-2, "below_hz": 1e4}),
+    ],
+)
+def test_reduce_by_a_frequency_and_by_a_tolerance(beam_file, words, keywords):
+    output = beam_file.with_name("beam.h5")
+    arguments = ["reduce", str(beam_file), "--form", "solid_linear", *STEEL, *ENDS, "--frame", "start"]
+    assert main([*arguments, *words, "--no-geometric-stiffness", "-o", str(output)]) == 0
+    expected = by_hand(beam_file, frame="start", geometric_stiffness=False, **keywords)
+    written = ReducedBody.load(output)
+    assert written.n_modes > 6
+    assert written.stiffness == pytest.approx(expected.stiffness, rel=1e-9)
+    notes = ("fixed-interface modes", "modes below", "tolerance of eigenvalues", "estimated error of eigenvalues")
+    assert [written.provenance.get(note) for note in notes] == [expected.provenance.get(note) for note in notes]
+
+
 GOOD = {
     "--form": ["solid_linear"],
     "--parameter": ["E=2.1e11", "nu=0.3", "rho=7850"],
@@ -161,6 +182,10 @@ GOOD = {
         ({"--frame": ["end_"]}, "no interface 'end_'"),
         ({"--modes": ["-1"]}, "modes must be a whole number from 0 on, got -1"),
         ({"--modes": ["100000"]}, "100000 fixed-interface modes were asked for"),
+        ({"--modes": []}, "exactly one of modes"),
+        ({"--below-hz": ["100"]}, "got modes and below_hz"),
+        ({"--modes": [], "--below-hz": ["1"]}, "lies below 1 Hz: the first has"),
+        ({"--modes": [], "--tol": ["2"]}, "tol must be a relative error"),
         ({"--degree": ["7"]}, "degree"),
         ({"-o": ["nowhere/b.h5"]}, "there is no folder"),
         ({"-o": ["."]}, "it is no regular file"),
