@@ -1,0 +1,334 @@
+"""Abaqus's and Nastran's files: the same cells, bent as they should be, with their groups; and what is refused."""
+
+import re
+import sys
+
+from mpi4py import MPI
+
+import gmsh
+import lattice
+import numpy as np
+import pytest
+import ufl
+from measures import area, n_cells, n_owned, nodes_of, nodes_of_entities, total, volume
+
+from flexmbd import meshes
+from flexmbd.errors import MeshError
+
+pytestmark = pytest.mark.mpi
+
+COMM = MPI.COMM_WORLD
+KINDS = [("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)]
+
+
+@pytest.fixture
+def write(shared_path):
+    """Writes a text to a file on rank 0 and says where it is."""
+
+    def write_text(text, name):
+        path = shared_path / name
+        if COMM.rank == 0:
+            path.write_text(text)
+        COMM.barrier()
+        return path
+
+    return write_text
+
+
+def found_moments(part):
+    x = ufl.SpatialCoordinate(part.mesh)
+    fields = [1.0, *(x[i] for i in range(3))]
+    dx = ufl.dx(domain=part.mesh, degree=12)
+    return np.array([[total(part, a * b * dx) for a in fields] for b in fields])
+
+
+def bent(cell, degree, program):
+    """A lattice with all the terms that its cells have."""
+    map = lattice.shear
+    if degree == 2:
+        map = lattice.bend_cubically if cell == "hexahedron" else lattice.bend
+    return lattice.lattice(cell, degree, program=program, map=map)
+
+
+@pytest.mark.parametrize(("cell", "degree"), KINDS)
+@pytest.mark.parametrize("ending", ["inp", "bdf", "nas"])
+def test_volume_and_inertia(write, cell, degree, ending):
+    """Of cells bent by a known polynomial, which their nodes reproduce; a wrong order would not."""
+    program = "abaqus" if ending == "inp" else "nastran"
+    source = bent(cell, degree, program)
+    fields = {"bdf": "fixed", "nas": "free"}.get(ending)
+    text = lattice.inp(source, degree) if ending == "inp" else lattice.bdf(source, degree, fields=fields)
+    groups = {"facet_groups": ["foot"]} if ending == "inp" else {}
+    if ending != "inp" and degree == 2:
+        # this writer gives shells to straight cells only, and interfaces are asked for
+        text = text.replace("ENDDATA", shells_on_foot(source) + "ENDDATA")
+    part = meshes.read(write(text, f"part.{ending}"), **groups)
+    assert part.mesh.topology.cell_name() == cell
+    assert part.mesh.geometry.cmap.degree == degree
+    assert n_cells(part) == len(source.cells)
+    # fixed fields of 16 columns hold 10 digits
+    near = 1e-9 if ending == "bdf" else 1e-12
+    assert found_moments(part) == pytest.approx(lattice.moments(source.map), rel=near, abs=near)
+    # row i of the input is the file's i-th lowest number
+    ascending = source.points[np.argsort(lattice.node_numbers(len(source.points)))]
+    rows = part.mesh.geometry.input_global_indices
+    theirs = rows < len(ascending)  # hexahedra of 27 have nodes that the file has not
+    assert part.mesh.geometry.x[theirs] == pytest.approx(ascending[rows[theirs]], abs=1e-9)
+
+
+def shells_on_foot(source):
+    nodes = lattice.node_numbers(len(source.points))
+    card = {"tetrahedron": "CTRIA3", "hexahedron": "CQUAD4"}[source.cell]
+    lines = []
+    for k, (i, number) in enumerate(source.faces(0, 0.0)):
+        vertices = [source.cells[i][int(v) - 1] for v in lattice.FACES[source.cell][number - 1]]
+        lines.append(f"{card},{9000 + k},8,{','.join(map(str, nodes[vertices]))}\n")
+    return "".join(lines)
+
+
+CHOSEN = {"cell_groups": ["left", "Right"], "facet_groups": ["foot", "end", "skin"]}
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_groups_of_an_inp_file(write, cell):
+    source = lattice.lattice(cell, 1, map=lattice.shear)
+    part = meshes.read(write(lattice.inp(source, 1), "part.inp"), **CHOSEN)
+    assert part.cell_groups.keys() == {"left", "Right"}
+    assert part.facet_groups.keys() == {"foot", "end", "skin"}
+    sides = lattice.shear(np.eye(3))
+    face = np.linalg.norm(np.cross(sides[1], sides[2]))
+    assert area(part, "foot") == pytest.approx(face, rel=1e-13)
+    assert area(part, "end") == pytest.approx(face, rel=1e-13)
+    assert area(part, "skin") == pytest.approx(2 * np.linalg.norm(np.cross(sides[0], sides[2])), rel=1e-13)
+    back = np.linalg.inv(sides)
+    for name, axis, place in (("foot", 0, 0.0), ("end", 0, 2.0), ("skin", 1, 0.0)):
+        assert (nodes_of(part, name) @ back)[:, axis] == pytest.approx(place, abs=1e-12)
+    x = part.mesh.geometry.x[part.mesh.geometry.dofmap] @ back
+    assert x[part.cells("left"), :, 0].max(initial=0) < 1 + 1e-9
+    assert x[part.cells("Right"), :, 0].min(initial=2) > 1 - 1e-9
+    assert n_owned(part, 3, part.cells("left")) == n_owned(part, 3, part.cells("Right")) == n_cells(part) / 2
+    # sets of nodes without a whole facet, or not taken
+    assert part.vertex_groups.keys() >= {"corner", "all_nodes"}
+    assert n_owned(part, 0, part.vertices("corner")) == 1
+    tip = nodes_of_entities(part, 0, part.vertices("corner"))
+    assert tip @ back == pytest.approx(np.array([[2.0, 1, 1]] * len(tip)).reshape(-1, 3), abs=1e-12)
+    assert n_owned(part, 0, part.vertices("all_nodes")) == 6
+
+
+@pytest.mark.parametrize(("cell", "degree"), KINDS)
+def test_each_face_of_a_cell(write, cell, degree):
+    """S1, S2, ... by the vertices that the manual lists."""
+    source = bent(cell, degree, "abaqus")
+    number = lattice.element_numbers(len(source.cells))[0]
+    text = lattice.inp(source, degree)
+    labels = [f"S{i}" for i in range(1, len(lattice.FACES[cell]) + 1)]
+    text += "".join(f"*SURFACE, NAME=face {s}\n{number}, {s}\n" for s in labels)
+    part = meshes.read(write(text, "part.inp"), cell_groups=[], facet_groups=[f"face {s}" for s in labels])
+    for label, face in zip(labels, lattice.FACES[cell], strict=True):
+        expected = source.points[[source.cells[0][int(v) - 1] for v in face]]
+        nodes = nodes_of(part, f"face {label}")
+        every = np.concatenate(COMM.allgather(nodes))
+        missing = [x for x in expected if not (np.linalg.norm(every - x, axis=1) < 1e-12).any()]
+        assert missing == []
+        assert n_owned(part, 2, part.facets(f"face {label}")) == 1
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_groups_of_a_bdf_file(write, cell):
+    source = lattice.lattice(cell, 1, program="nastran", map=lattice.shear)
+    part = meshes.read(write(lattice.bdf(source, 1), "part.bdf"), scale=1e-3)
+    assert part.cell_groups.keys() == {"property 3", "property 4"}
+    assert part.facet_groups.keys() == {"property 8"}
+    sides = lattice.shear(np.eye(3)) * 1e-3
+    assert area(part, "property 8") == pytest.approx(np.linalg.norm(np.cross(sides[1], sides[2])), rel=1e-9)
+    assert volume(part) == pytest.approx(2 * np.linalg.det(sides), rel=1e-9)
+    x = part.mesh.geometry.x[part.mesh.geometry.dofmap] @ np.linalg.inv(sides)
+    assert x[part.cells("property 3"), :, 0].max(initial=0) < 1 + 1e-6
+    assert x[part.cells("property 4"), :, 0].min(initial=2) > 1 - 1e-6
+
+
+def test_a_part_of_an_assembly(write):
+    """As Abaqus/CAE writes it: sets of the instance, and a reference point that is node 1 of its own."""
+    source = lattice.lattice("hexahedron", 1, map=lattice.shear)
+    text = lattice.inp(source, 1)
+    head, sets = text.split("*NSET, NSET=half_end", 1)
+    text = (
+        head.replace("*NODE", "*Part, name=rod\n*NODE", 1)
+        + "*End Part\n*Assembly, name=Assembly\n*Instance, name=rod-1, part=rod\n*End Instance\n"
+        + "*Node\n986, 9., 9., 9.\n*Nset, nset=point\n986\n*NSET, INSTANCE=rod-1, NSET=half_end"
+        + sets.replace("*NSET, NSET", "*NSET, INSTANCE=rod-1, NSET").replace("*MATERIAL", "*End Assembly\n*MATERIAL")
+    )
+    part = meshes.read(write(text, "part.inp"), **CHOSEN)
+    plain = meshes.read(write(lattice.inp(source, 1), "plain.inp"), **CHOSEN)
+    assert part.fingerprint() == plain.fingerprint()
+    assert area(part, "end") == pytest.approx(area(plain, "end"), rel=1e-14)
+    assert "point" not in part.vertex_groups
+
+
+def test_an_include_goes_to_its_folder(write, shared_path):
+    text = lattice.inp(lattice.lattice("hexahedron", 1), 1)
+    head, rest = text.split("*Element", 1)
+    write(head, "nodes.inp")
+    whole = meshes.read(write(text, "whole.inp"), **CHOSEN)
+    split = meshes.read(write("*INCLUDE, INPUT=nodes.inp\n*Element" + rest, "part.inp"), **CHOSEN)
+    assert split.fingerprint() == whole.fingerprint()
+
+
+@pytest.mark.parametrize("ending", ["inp", "bdf"])
+def test_what_gmsh_writes(shared_path, ending):
+    """A bent part written by gmsh for the other program and for itself is the same mesh."""
+    path, own = shared_path / f"part.{ending}", shared_path / "part.msh"
+    if COMM.rank == 0:
+        gmsh.initialize([], readConfigFiles=False, interruptible=False)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 1, 0.5)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [1], name="wall")
+        gmsh.model.addPhysicalGroup(3, [1], name="part")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.4)
+        gmsh.option.setNumber("Mesh.SaveGroupsOfElements", 1)
+        gmsh.option.setNumber("Mesh.BdfFieldFormat", 2)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(path))
+        gmsh.write(str(own))
+        gmsh.finalize()
+    COMM.barrier()
+    name = {"inp": "wall", "bdf": "property 1"}[ending]
+    groups = {"cell_groups": ["part"], "facet_groups": [name]} if ending == "inp" else {}
+    part, same = meshes.read(path, **groups), meshes.read(own)
+    assert n_cells(part) == n_cells(same)
+    assert found_moments(part) == pytest.approx(found_moments(same), rel=1e-9, abs=1e-9)
+    assert area(part, name) == pytest.approx(area(same, "wall"), rel=1e-9)
+
+
+HEXAHEDRA = lattice.inp(lattice.lattice("hexahedron", 1, map=lattice.shear), 1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "pattern"),
+    [
+        (HEXAHEDRA, "nothing", r"part\.inp: not an Abaqus input file: it has no \*NODE"),
+        ("type=c3d8r", "type=c3d27", "elements of type C3D27 are not known; write C3D4, "),
+        ("type=c3d8r", "type=s4", "element of type S4 needs 4 nodes"),
+        ("type=c3d8r, ELSET=Right", "type=c3d6", "type C3D6 needs 6 nodes"),
+        ("*Element, type=c3d8r", "*ELEMENT, TYPE=MASS", "the mesh has no three-dimensional cells"),
+        ("1000, ", "4, ", "node 1000 is used and not given; the file is not complete"),
+        ("993, ", "1000, ", r"node 1000 is given more than once \(1 such numbers\)"),
+        ("\n8, ", "\n5, ", "element 5 is given more than once"),
+        ("\n1000, 0.0", "\n1000, nan", r"1 nodes have coordinates that are not finite, the first in row 11"),
+        ("\n1000, 0.0", "\n1000, zero", "could not convert string to float: 'ZERO'"),
+        ("\n1000, 0.0", "\n1000", "a node needs a number and three coordinates"),
+        ("\n1000, 0.0", "\n1000, 9.0", r"1 cells are inverted or flat .* the worst, number 5, near \["),
+        ("*NODE,", "*NODE, SYSTEM=C,", "SYSTEM is not read"),
+        ("*Heading", "*NGEN\n1, 5, 1", r"\*NGEN is not read; write out all nodes"),
+        ("*Heading", "*INCLUDE, INPUT=other.inp", r"other\.inp: cannot be opened: No such file"),
+        ("*Heading", "*INCLUDE, INPUT=part.inp", r"\*INCLUDE goes more than 10 files deep"),
+        ("*Heading", "*PART, NAME=a\n*PART, NAME=b", "there are 2 parts and 0 instances"),
+        ("*Heading", "*INSTANCE, NAME=a\n1., 0., 0.", "the instance is moved"),
+        ("HALF_END,", "other,", r"\*NSET 'end' names 'other', which is no set before it"),
+        ("*ELSET, ELSET=left, ", "*ELSET, ", r"\*ELSET without a name"),
+        ("_foot_S6, S6\n", "_foot_S6, S7\n", "surface 'foot' has the face 'S7'; a hexahedron has the faces S1 to S6"),
+    ],
+)  # fmt: skip
+def test_inp_files_that_are_refused(write, old, new, pattern):
+    assert old in HEXAHEDRA
+    every = old.startswith("*Element")
+    path = write(HEXAHEDRA.replace(old, new, -1 if every else 1) if old != HEXAHEDRA else new, "part.inp")
+    with pytest.raises(MeshError, match=pattern):
+        meshes.read(path, facet_groups=["foot", "end"])
+    assert COMM.allreduce(1) == COMM.size
+
+
+@pytest.mark.parametrize(
+    ("chosen", "pattern"),
+    [
+        ({}, r"the sets 'skin' and 'all_nodes' share 1 facets, .* facet_groups=\('skin', \.\.\.\)"),
+        ({"facet_groups": ["pin"]}, "no facet group 'pin'; its facet groups are: 'all_nodes', 'end', 'foot', 'skin'"),
+        ({"cell_groups": ["iron"]}, "no cell group 'iron'; its cell groups are: 'Right', 'left'"),
+        ({"facet_groups": "foot"}, r"facet_groups must be a list of names, .* got 'foot'"),
+        ({"cell_groups": [3]}, "cell_groups must be a list of names"),
+        ({"scale": 0}, "scale must be a positive"),
+    ],
+)
+def test_choices_that_do_not_fit(write, chosen, pattern):
+    path = write(HEXAHEDRA, "part.inp")
+    with pytest.raises(MeshError, match=pattern):
+        meshes.read(path, **({"cell_groups": ["left", "Right"]} | chosen))
+    assert COMM.allreduce(1) == COMM.size
+
+
+def test_sets_of_cells_that_overlap(write):
+    text = HEXAHEDRA + "*ELSET, ELSET=every, GENERATE\n5, 8\n"
+    with pytest.raises(MeshError, match=r"sets 'Right' and 'every' share 1 cells, .* cell_groups=\('Right', "):
+        meshes.read(write(text, "part.inp"), facet_groups=["foot"])
+
+
+def test_two_pieces(write):
+    """Two cubes that do not touch: the right one has nodes of its own."""
+    source = lattice.lattice("hexahedron", 1, map=lattice.shear)
+    cells = np.vstack((source.cells[0], source.cells[1]))
+    own = np.unique(cells[1])
+    apart = np.where(np.isin(cells[1], cells[0]), len(source.points) + np.searchsorted(own, cells[1]), cells[1])
+    reference = np.vstack((source.reference, source.reference[own]))
+    apart = lattice.Lattice("hexahedron", reference, np.vstack((cells[0], apart)), lattice.shear)
+    with pytest.raises(MeshError, match="falls into 2 pieces that share no facet: 1 cells around"):
+        meshes.read(write(lattice.inp(apart, 1), "part.inp"), **CHOSEN)
+    assert COMM.allreduce(1) == COMM.size
+
+
+BULK = lattice.bdf(lattice.lattice("hexahedron", 1, program="nastran", map=lattice.shear), 1, fields="free")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "pattern"),
+    [
+        (BULK, "nothing\n", r"part\.bdf: not Nastran bulk data: it has no GRID"),
+        ("GRID,1000,,", "GRID,1000,5,", "in a coordinate system of their own"),
+        ("CHEXA,5", "chexa,5", "it has 2 cards CHEXA, and meshio reads 1; write them in capitals"),
+        ("CHEXA,5", "CHEXA*,5", "it has 2 cards CHEXA, and meshio reads 1"),
+        ("MAT1,1", "INCLUDE 'other.bdf'\nMAT1,1", "INCLUDE is not read"),
+        ("GRID,1000,", "GRID,4,", r"part\.bdf: meshio cannot read it: KeyError .*1000"),
+        ("CQUAD4,9000,8,", "CQUAD4,9000,,", "elements without a property"),
+        ("CQUAD4,9000,8,", "CROD,9000,8,", "there is no named set on the surface of the part"),
+    ],
+)
+def test_bdf_files_that_are_refused(write, old, new, pattern):
+    assert old in BULK
+    text = BULK.replace(old, new, 1) if old != BULK else new
+    if "CROD" in new:
+        text = re.sub(r"(CROD,9000,8,\d+,\d+).*", r"\1", text)
+    with pytest.raises(MeshError, match=pattern):
+        meshes.read(write(text, "part.bdf"))
+    assert COMM.allreduce(1) == COMM.size
+
+
+def test_bulk_data_without_a_beginning(write):
+    """As gmsh and others write it."""
+    text = BULK[BULK.index("GRID") :].replace("ENDDATA\n", "")
+    assert n_cells(meshes.read(write(text, "part.bdf"))) == 2
+
+
+def test_without_meshio(write, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(MeshError, match=r"meshio reads Nastran's files, .* pip install 'flexmbd\[meshes\]'"):
+        meshes.read(write(BULK, "part.bdf"))
+    assert COMM.allreduce(1) == COMM.size
+
+
+def test_endings_that_are_not_known(write):
+    with pytest.raises(MeshError, match=r"part\.stl: files that end in \.stl are not known, only those in \.msh, "):
+        meshes.read(write("solid", "part.stl"))
+    with pytest.raises(MeshError, match=r"for a STEP file use from_step"):
+        meshes.read(meshes.BRACKET)
+    with pytest.raises(MeshError, match=r"nowhere\.inp: cannot be opened: No such file"):
+        meshes.read("nowhere.inp")
+
+
+def test_a_path_of_one_rank_only(write):
+    if COMM.size == 1:
+        return
+    path = write(HEXAHEDRA, "part.inp")
+    with pytest.raises(MeshError, match=r"path is '.*part\.inp' on rank 0 and 'other\.inp' on rank 1"):
+        meshes.read("other.inp" if COMM.rank == 1 else path, **CHOSEN)
+    assert COMM.allreduce(1) == COMM.size
