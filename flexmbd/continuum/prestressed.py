@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from petsc4py import PETSc
@@ -13,11 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.blocks import inner, total
 from flexmbd.continuum.dof_layout import DofLayout
-from flexmbd.continuum.interface import FoundInterface, RigidInterface
+from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.stress import StressRecovery
 
 FloatArray = NDArray[np.float64]
+
+# Newton steps for the place of an averaged frame: quadratic from a neighbouring place, and cheap.
+_FOLLOWING = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +137,45 @@ class MovedLayout(DofLayout):
         for i, axis in enumerate(np.asarray(axes, dtype=float).T):
             columns[self.displacement_dofs, 3 + i] += np.cross(axis, self.moved)
         return columns
+
+
+def followed_average(
+    model: ContinuumModel, rest: AveragedInterface, near: FoundInterface, displacement: FloatArray
+) -> AveragedInterface:
+    """An averaged interface at a finite displacement. Collective.
+
+    Its frame (p, R) moves such that in its own axes the average of what the nodes have moved is zero,
+    C (R^T (x + u - p) - (x - p_rest)) = 0, and its small motions are those that follow from it.
+
+    Args:
+        model: at rest.
+        rest: the interface there.
+        near: the same interface with p and R to begin with.
+        displacement: (local dofs including ghosts,) of the model.
+    """
+    columns = np.zeros((model.layout.n_local, 6))
+    columns[rest.dofs] = rest.average
+    dofs = model.displacement_dofs[rest.nodes]
+    own = rest.nodes < model.n_owned_nodes
+    arms, x = model.node_x[rest.nodes] - rest.p, model.node_x[rest.nodes] + displacement[dofs]
+    p, turn = near.p, near.R @ rest.R.T
+    for _ in range(_FOLLOWING):
+        average = np.einsum("ab,kbj->kaj", turn, columns[dofs])
+        deformed = (x - p) @ turn - arms
+        lack = total(model.comm, np.einsum("kaj,ka->j", columns[dofs[own]], deformed[own]))
+        motions = np.zeros((len(dofs), 3, 6))
+        motions[:, :, :3] = np.eye(3)
+        motions[:, :, 3:] = np.cross(np.eye(3)[:, None], x - p).transpose(1, 2, 0)
+        of_rigid = total(model.comm, np.einsum("kaj,kac->jc", average[own], motions[own]))
+        step = np.asarray(np.linalg.solve(of_rigid, lack), dtype=float)
+        p, turn = p + step[:3], np.asarray(turn + turn_less_one(step[3:]) @ turn)
+    columns[dofs] = average @ np.linalg.inv(of_rigid).T
+    return replace(rest, p=p, R=turn @ rest.R, average=columns[rest.dofs])
+
+
+def turn_less_one(rotation: FloatArray) -> FloatArray:
+    """(3, 3) R - 1 of the rotation vector (3,), exact to the last digits for small angles too."""
+    half = np.linalg.norm(rotation) / 2.0
+    spin = np.cross(np.eye(3), rotation)
+    turned: FloatArray = np.sinc(2.0 * half / np.pi) * spin + 0.5 * np.sinc(half / np.pi) ** 2 * (spin @ spin)
+    return turned

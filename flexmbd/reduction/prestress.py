@@ -18,14 +18,13 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from flexmbd.continuum import assembly
 from flexmbd.continuum.blocks import FloatArray, inner
-from flexmbd.continuum.interface import FoundInterface, RigidInterface
+from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.loads import Load, check_loads, load_vectors
 from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.prestressed import PrestressedModel, StaticState
+from flexmbd.continuum.prestressed import PrestressedModel, StaticState, followed_average, turn_less_one
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.reduction.geometric_stiffness import interface_loads
 from flexmbd.reduction.statics import Statics, body_statics
@@ -63,8 +62,8 @@ def prestressed(
         frame: the interface that is held and carries the body frame.
         loads: distributed loads, each with its size in Pa, N/m^2, ... ; a pressure keeps the normal of the
             undeformed surface.
-        forces: of other interfaces by their names: (6,) force (N) on the frame's origin and moment (N m), along the
-            mesh's axes.
+        forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
+            along the mesh's axes.
         angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
             forces are those at the displaced points.
 
@@ -75,7 +74,7 @@ def prestressed(
         ConvergenceError: on all ranks: no stable state was found; says up to what part of the loads there is one, and
             where the body moves most.
         ReductionError: on all ranks: loads, forces or angular velocity are not well formed, no interface is rigid, or
-            the formulation has cross-sections.
+            the formulation has rotations besides the displacement.
         InterfaceError: on all ranks: no such interface.
         MeshError: on all ranks: a load's facet group.
     """
@@ -117,15 +116,17 @@ def _check(
     if isinstance(model, PrestressedModel):
         raise ReductionError("the model is prestressed already: give all loads at once, to the model at rest")
     model.interface(frame)
-    for name in forces:
-        model.interface(name)
     if frame in forces:
         raise ReductionError(f"interface {frame!r} is held, so a force on it does nothing; leave it out")
+    for name in forces:
+        if not isinstance(model.interface(name), RigidInterface):
+            raise ReductionError(f"interface {name!r} is averaged: load its facets by a Traction, or make it rigid")
     if not any(isinstance(one, RigidInterface) for one in model.interfaces):
         raise ReductionError("no interface of the model is rigid, and a prestressed body needs one that is")
-    if model.has_sections:
+    kinematic = int(model.layout.kinematic.sum())
+    if model.comm.allreduce(kinematic != model.displacement_dofs.size, op=MPI.LOR):
         raise ReductionError(
-            f"{model.form_name} has cross-sections, whose inertia about a loaded state is not known; use a solid"
+            f"{model.form_name} has rotations, whose motion about a loaded state is not known; use a solid"
         )
     if any(not isinstance(pair, tuple) or len(pair) != 2 for pair in loads):
         raise ReductionError(f"loads must be pairs of a load and its size, as (Pressure(...), 2e6); got {loads!r}")
@@ -160,13 +161,14 @@ class _NotFoundError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Forms:
-    """Internal and centrifugal forces and their derivative, for the values of `at` and `spin`."""
+    """Internal and centrifugal forces and the derivatives of both, for the values of `at` and `spin`."""
 
     at: fem.Function
     spin: fem.Constant
     internal: list[fem.Form]
     centrifugal: list[fem.Form]
-    tangent: list[fem.Form]
+    stiffness: list[fem.Form]
+    softening: list[fem.Form]
 
 
 class _Equilibrium:
@@ -199,28 +201,31 @@ class _Equilibrium:
         Raises:
             ConvergenceError: on all ranks.
         """
-        state, part, step = self._rest, 0.0, 1.0
+        state, part, step, successes, steps = self._rest, 0.0, 1.0, 0, 0
         while part < 1.0:
             try:
                 state = self._solve(state, part + step)
             except _NotFoundError as failure:
                 if step <= _PART:
                     raise ConvergenceError(self._failure(failure, part=part, step=step)) from None
-                step /= 2.0
+                step, successes = step / 2.0, 0
             else:
-                part += step
+                part, successes, steps = part + step, successes + 1, steps + 1
+                # twice in a row: the step has not just been found to be the largest
+                step = min(2.0 * step if successes > 1 else step, 1.0 - part)
         if self._model.comm.allreduce(float(abs(state.displacement).max(initial=0.0)), op=MPI.MAX) == 0.0:
             return state
         text = f"{state.note}; largest displacement {self._largest(state.displacement)[0]:.4g} m"
-        return replace(state, note=text if step == 1.0 else f"{text}; brought up in parts of {step:g}")
+        return replace(state, note=text if steps == 1 else f"{text}; brought up in {steps} steps")
 
     def _solve(self, start: StaticState, part: float) -> StaticState:
         """The state under a part of the loads, by Newton's method from another state. Collective."""
         state = self._with_balance(start, part)
         size, before = 0.0, np.inf
-        for _ in range(_STEPS):
+        for i in range(_STEPS):
             try:
-                energy, state = self._improved(state, part)
+                # the softening by a spin is left out until the tension that goes with it is there
+                energy, state = self._improved(state, part, softened=i > 0)
             except np.linalg.LinAlgError:
                 raise _NotFoundError(_BUCKLES, state.displacement) from None
             except (ReductionError, FormulationError) as error:
@@ -234,10 +239,10 @@ class _Equilibrium:
             before = abs(energy)
         raise _NotFoundError(f"Newton's method has not converged in {_STEPS} steps", state.displacement)
 
-    def _improved(self, state: StaticState, part: float) -> tuple[float, StaticState]:
+    def _improved(self, state: StaticState, part: float, *, softened: bool) -> tuple[float, StaticState]:
         """Twice the energy of a Newton step, and the state after it. Collective."""
         model = self._model
-        tangent = PrestressedModel(model, state, self._tangent(state, part))
+        tangent = PrestressedModel(model, state, self._tangent(state, part, softened=softened))
         lacking = -state.balance[:, None]
         for name, wrench in self._wrenches.items():
             unit = interface_loads(tangent, [tangent.interface(name)], R=np.eye(3))
@@ -256,23 +261,24 @@ class _Equilibrium:
         u = state.displacement[: model.n_owned] + step
         frames: list[FoundInterface] = []
         for interface in state.interfaces:
-            own = interface.dofs < model.n_owned
-            dofs = interface.dofs[own]
-            if isinstance(interface, RigidInterface):
-                motions = tangent.rigid_motions(interface.p, np.eye(3))[dofs]
-                right = inner(model.comm, motions, step[dofs, None])
-                motion = np.linalg.solve(inner(model.comm, motions, motions), right)[:, 0]
-                turn = Rotation.from_rotvec(motion[3:]).as_matrix()
-                nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
-                x = interface.p + motion[:3] + (tangent.node_x[nodes] - interface.p) @ turn.T
-                u[model.displacement_dofs[nodes]] = x - model.node_x[nodes]
-            else:
-                motion = inner(model.comm, interface.average[own], step[dofs, None])[:, 0]
-                turn = Rotation.from_rotvec(motion[3:]).as_matrix()
-            if interface.name != state.frame:
-                interface = replace(interface, p=interface.p + motion[:3], R=turn @ interface.R)
-            frames.append(interface)
-        return replace(state, displacement=self._with_ghosts(u), interfaces=tuple(frames))
+            if not isinstance(interface, RigidInterface) or interface.name == state.frame:
+                frames.append(interface)
+                continue
+            dofs = interface.dofs[interface.dofs < model.n_owned]
+            motions = tangent.rigid_motions(interface.p, np.eye(3))[dofs]
+            right = inner(model.comm, motions, step[dofs, None])
+            motion = np.asarray(np.linalg.solve(inner(model.comm, motions, motions), right)[:, 0], dtype=float)
+            turned = turn_less_one(motion[3:])
+            nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
+            before = state.displacement[model.displacement_dofs[nodes]]
+            arm = tangent.node_x[nodes] - interface.p
+            u[model.displacement_dofs[nodes]] = before + motion[:3] + arm @ turned.T
+            frames.append(replace(interface, p=interface.p + motion[:3], R=interface.R + turned @ interface.R))
+        whole = self._with_ghosts(u)
+        for i, rest in enumerate(model.interfaces):
+            if isinstance(rest, AveragedInterface):
+                frames[i] = followed_average(model, rest, frames[i], whole)
+        return replace(state, displacement=whole, interfaces=tuple(frames))
 
     def _with_balance(self, state: StaticState, part: float) -> StaticState:
         """The state with the forces of its displacement, under a part of the loads. Collective."""
@@ -280,9 +286,10 @@ class _Equilibrium:
         outside = part * self._dead + _assembled(forms.centrifugal, self._model)
         return replace(state, balance=_assembled(forms.internal, self._model) - outside)
 
-    def _tangent(self, state: StaticState, part: float) -> PETSc.Mat:
+    def _tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
         forms = self._set(state, part)
-        return assembly.assemble({"tangent stiffness": forms.tangent}, self._model.groups, self._model.space)[0]
+        wanted = [*forms.stiffness, *(forms.softening if softened else [])]
+        return assembly.assemble({"tangent stiffness": wanted}, self._model.groups, self._model.space)[0]
 
     def _set(self, state: StaticState, part: float) -> _Forms:
         self._forms.at.x.array[:] = state.displacement
@@ -299,7 +306,7 @@ class _Equilibrium:
 
     def _check_stability(self, state: StaticState, part: float) -> None:
         """Refuse a state in which some small displacement needs no force. Collective."""
-        tangent = PrestressedModel(self._model, state, self._tangent(state, part))
+        tangent = PrestressedModel(self._model, state, self._tangent(state, part, softened=True))
         try:
             with body_statics(tangent, frame=state.frame) as statics:
                 stable = _is_stable(statics)
@@ -338,7 +345,8 @@ def _forms(model: ContinuumModel, *, origin: FloatArray, spinning: bool) -> _For
         spin=spin,
         internal=[fem.form(term) for term in work],
         centrifugal=[fem.form(term) for term in centrifugal],
-        tangent=assembly.derivatives([*work, *(-term for term in centrifugal)], at),
+        stiffness=assembly.derivatives(work, at),
+        softening=assembly.derivatives([-term for term in centrifugal], at),
     )
 
 

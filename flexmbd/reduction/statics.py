@@ -140,6 +140,8 @@ class Statics:
         shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
         if shapes.shape[1] > 0:
             stiffness = symmetric(inner(self.model.comm, shapes, forces))
+            if not (np.diag(stiffness) > 0.0).all():
+                raise ReductionError("the body is not stable: a motion of an interface has no positive stiffness")
             scale = 1.0 / np.sqrt(np.diag(stiffness))
             right = scale[:, None] * inner(self.model.comm, shapes, f)
             q = scipy.linalg.solve(stiffness * np.outer(scale, scale), right, assume_a="pos")
