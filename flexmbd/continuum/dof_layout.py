@@ -213,9 +213,9 @@ def dof_layout(space: fem.FunctionSpace, rigid_motion: RigidMotion) -> DofLayout
         return DofLayout(space, nodes, dofs.reshape(-1, size)[places, :3], (whole,), rigid_motion)
     fields, first = [], 0
     for i, part in enumerate(element.sub_elements):
-        own, dofs = compat.collapse(space.sub(i))
+        own, of_part = compat.collapse(space.sub(i))
         size = int(np.prod(part.reference_value_shape, dtype=int))
-        fields.append(Field(own, dofs, slice(first, first + size)))
+        fields.append(Field(own, of_part, slice(first, first + size)))
         first += size
     return DofLayout(space, fields[0].space, fields[0].dofs.reshape(-1, 3), tuple(fields), rigid_motion)
 

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.continuum import assembly
+from flexmbd.continuum import assembly, parallel
 from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.dof_layout import DofLayout, dof_layout
 from flexmbd.continuum.formulation import Formulation
@@ -79,7 +79,8 @@ class ContinuumModel:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
                 entries that are not finite.
-            InterfaceError: an interface cannot carry a frame; see `find_interfaces`.
+            InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
+                given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
         """
         if not isinstance(mesh, TaggedMesh):
@@ -96,6 +97,7 @@ class ContinuumModel:
         self.space: fem.FunctionSpace = fem.functionspace(mesh.mesh, element)
         self.layout: DofLayout = dof_layout(self.space, self.formulation.rigid_motion)
         self._check_rigid_motions()
+        parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
         self.interfaces = find_interfaces(interfaces, mesh=mesh, layout=self.layout)
         self.K, self.M = self._matrices()
         self.bases: dict[str, FloatArray] = {}

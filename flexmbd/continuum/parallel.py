@@ -71,6 +71,27 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
     return value
 
 
+def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> None:
+    """Refuse arguments that differ between the ranks. Collective.
+
+    Args:
+        comm: the ranks that take part.
+        kind: of the error.
+        **arguments: by the names the user knows them by; compared by their text (`repr`).
+
+    Raises:
+        Exception: of that kind, on all ranks; gives a name and two values of it.
+    """
+    heard = comm.allgather({name: repr(value) for name, value in arguments.items()})
+    for name in arguments:
+        for rank, theirs in enumerate(heard):
+            if theirs[name] != heard[0][name]:
+                raise kind(
+                    f"{name} is {heard[0][name]} on rank 0 and {theirs[name]} on rank {rank}; "
+                    "give the same on all ranks"
+                )
+
+
 def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
     """Stack the rows of all ranks, in the order of the ranks, on rank 0. Collective.
 

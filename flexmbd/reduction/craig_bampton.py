@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import AveragedInterface
 from flexmbd.continuum.loads import Load
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
 from flexmbd.reduction.damping import Damping
@@ -74,14 +76,27 @@ def craig_bampton(
 
     Raises:
         InterfaceError: the model has no interface `frame`.
-        ReductionError: more modes than interior dofs; no frequency below `below_hz`; a tolerance that
-            no number of modes reaches (the message says what they do reach); a singular stiffness; a
-            failed accuracy check; loads or a damping that are not well formed.
+        ReductionError: arguments that differ between the ranks; more modes than interior dofs; no
+            frequency below `below_hz`; a tolerance that no number of modes reaches (the message says what
+            they do reach); a singular stiffness; a failed accuracy check; loads or a damping that are not
+            well formed.
         MeshError: a load's facet group is not there, or not on the boundary.
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
     """
     truncation = agreed_truncation(model.comm, modes=modes, below_hz=below_hz, tol=tol)
+    parallel.check_same(
+        model.comm,
+        ReductionError,
+        frame=frame,
+        geometric_stiffness=geometric_stiffness,
+        loads=tuple(loads),
+        damping=damping,
+        keep_modes=keep_modes,
+        keep_surface=keep_surface,
+        keep_stress=keep_stress,
+        solver=solver,
+    )
     contents = Contents(
         geometric_stiffness=geometric_stiffness,
         loads=tuple(loads),

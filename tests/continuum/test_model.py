@@ -190,6 +190,27 @@ def test_what_does_not_fit_is_refused_on_all_ranks(change, error, message):
         ContinuumModel(*first, **arguments)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "other",
+    [
+        [Interface("bore")],
+        [Interface("x_min", origin=(0.0, 0.0, 0.1))],
+        [],
+        [Interface("x_min"), Interface("x_max")],
+        ["x_min"],
+    ],
+)
+def test_interfaces_that_are_others_on_one_rank(other):
+    mesh = block()
+    last = mesh.comm.rank == mesh.comm.size - 1
+    if mesh.comm.size == 1:
+        pytest.skip("takes two ranks")
+    interfaces = other if last else [Interface("x_min")]
+    with pytest.raises(InterfaceError, match=r"^interfaces is \[Interface.* on rank 0 and .* on rank \d"):
+        ContinuumModel(mesh, solid_linear, MATERIAL, degree=1, interfaces=interfaces)
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -1,0 +1,36 @@
+"""Arguments of a reduction that are others on one rank: one error on all of them, and no hang."""
+
+from mpi4py import MPI
+
+import pytest
+from bracket import bracket
+
+from flexmbd.continuum.loads import BodyForce
+from flexmbd.errors import ReductionError
+from flexmbd.reduction import craig_bampton
+from flexmbd.reduction.damping import ModalDamping
+
+LAST = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="takes two ranks")
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("frame", "tip"),
+        ("frame", "bore"),
+        ("frame", None),
+        ("geometric_stiffness", False),
+        ("loads", [BodyForce("weight", (0.0, 0.0, -1.0))]),
+        ("loads", ["weight"]),
+        ("damping", ModalDamping(0.02)),
+        ("keep_modes", True),
+        ("keep_surface", True),
+        ("keep_stress", True),
+    ],
+)
+def test_what_differs_between_the_ranks_is_refused(name, value):
+    arguments = {"modes": 2, "frame": "root", **({name: value} if LAST else {})}
+    with pytest.raises(ReductionError, match=rf"^{name} is .* on rank 0 and .* on rank \d; give the same on all ranks"):
+        craig_bampton(bracket(degree=1), **arguments)
