@@ -53,6 +53,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar="E",
         help="instead of a number: as many as bring the relative error of the eigenvalues (2 pi f)^2 down to E",
     )
+    parser.add_argument(
+        "--damping-ratio", type=float, metavar="Z", help="of every mode, between 0 and 1 (default: no damping)"
+    )
     parser.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
     parser.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
     parser.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
@@ -71,12 +74,13 @@ def reduce(arguments: argparse.Namespace) -> int:
     from flexmbd.continuum import ContinuumModel, parallel
     from flexmbd.continuum.formulation import load
     from flexmbd.meshes import read
-    from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction import ModalDamping, craig_bampton
     from flexmbd.reduction.truncation import agreed_truncation
 
     comm = MPI.COMM_WORLD
     interfaces = [parse_interface(text) for text in arguments.interface]
     values = parse_parameters(arguments.parameter)
+    damping = None if arguments.damping_ratio is None else ModalDamping(arguments.damping_ratio)
     agreed_truncation(comm, modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
     parallel.on_root(comm, lambda: check_destination(arguments.output))
     name: str = arguments.form
@@ -91,6 +95,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         tol=arguments.tol,
         frame=None if arguments.floating else arguments.frame,
         geometric_stiffness=not arguments.no_geometric_stiffness,
+        damping=damping,
         keep_modes=arguments.keep_modes,
         keep_surface=arguments.keep_surface,
     )

@@ -37,6 +37,9 @@ _MARGIN = 16
 # as in "tip.rx", or "tip.rx from root" where the body frame floats
 _INTERFACE_DOF = re.compile(rf"(.+)\.(?:{'|'.join(FRAME_DOFS)})((?: from .+)?)")
 
+# Where a record's provenance has the loads of the state that it is about.
+_PRESTRESS = "prestress"
+
 _PURPOSE = {
     "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
     "surface": "pictures and films without the mesh",
@@ -70,6 +73,9 @@ def _mass(body: ReducedBody) -> Iterable[str]:
     second = body.gram[1:4, 1:4] / body.mass
     size = float(np.sqrt(np.trace(second)))
     yield _entry("body frame B", _frame_text(body))
+    if _PRESTRESS in body.provenance:
+        yield _entry("prestressed", "at q = 0 the loads below are in balance; a machine must not apply them again")
+        yield from (_entry("", text) for text in body.provenance[_PRESTRESS].splitlines())
     place = _vector(body.p_MB_M, scale=size + float(np.linalg.norm(body.p_MB_M)))
     yield _entry("in the mesh", f"origin of B at {place} m; {_turn_text(body.R_MB, whose='the mesh')}")
     yield _entry("mass", f"{_number(body.mass)} kg")
@@ -234,9 +240,10 @@ def _provenance(body: ReducedBody) -> Iterable[str]:
     yield "provenance"
     if not body.provenance:
         yield _entry("", "none")
-    width = max(map(len, body.provenance), default=0)
     # HDF5 keeps no order of insertion
-    for key in sorted(body.provenance):
+    keys = sorted(body.provenance.keys() - {_PRESTRESS})
+    width = max(map(len, keys), default=0)
+    for key in keys:
         first, *further = body.provenance[key].splitlines() or [""]
         yield f"  {key:<{width}}  {first}".rstrip()
         yield from (f"  {'':<{width}}  {line}".rstrip() for line in further)

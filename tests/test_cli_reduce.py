@@ -118,14 +118,16 @@ def test_reduce_writes_the_record_that_a_script_writes(beam_file, capsys):
 
 @pytest.mark.mpi
 def test_reduce_with_a_floating_frame_a_form_file_and_fewer_groups(beam_file):
-    """The form by its path, the mean axis, no geometric stiffness, the surface."""
+    """The form by its path, the mean axis, no geometric stiffness, the surface, a damping ratio."""
     import flexmbd.forms.solid_linear as form
 
     output = beam_file.with_name("beam.h5")
     arguments = ["reduce", str(beam_file), "--form", form.__file__, *STEEL, *ENDS, "--floating", "--degree", "1"]
-    assert main([*arguments, "--modes", "0", "--no-geometric-stiffness", "--keep-surface", "-o", str(output)]) == 0
+    arguments += ["--modes", "0", "--no-geometric-stiffness", "--keep-surface", "--damping-ratio", "0.03"]
+    assert main([*arguments, "-o", str(output)]) == 0
     written = ReducedBody.load(output)
     assert written.frame is None
+    assert written.damping.diagonal() == pytest.approx(2 * 0.03 * written.stiffness**0.5, rel=1e-12)
     assert written.geometric is None
     assert written.modes is None
     assert written.surface is not None
@@ -186,6 +188,7 @@ GOOD = {
         ({"--below-hz": ["100"]}, "got modes and below_hz"),
         ({"--modes": [], "--below-hz": ["1"]}, "lies below 1 Hz: the first has"),
         ({"--modes": [], "--tol": ["2"]}, "tol must be a relative error"),
+        ({"--damping-ratio": ["2"]}, "a damping ratio must lie between 0 and 1"),
         ({"--degree": ["7"]}, "degree"),
         ({"-o": ["nowhere/b.h5"]}, "there is no folder"),
         ({"-o": ["."]}, "it is no regular file"),

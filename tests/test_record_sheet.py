@@ -227,6 +227,16 @@ def test_loads_with_their_figures():
     assert line(text, "gas: ") == "force (7, 0, 0) N, moment (0, 0.5, 0) N m about B, per unit factor"
 
 
+def test_a_loaded_state_stands_with_the_body_frame():
+    provenance = {"prestress": "pressure 'p' on 'lid': 2e+06\nlargest displacement 1 m", "a": "b"}
+    text = two_crosses(provenance=provenance).inspect()
+    above, _, below = text.partition("interfaces:")
+    assert "must not apply them again\n                  pressure 'p' on 'lid': 2e+06\n" in above
+    assert line(above, "largest displacement") == "1 m"
+    assert below.endswith("\nprovenance\n  a  b\n")
+    assert "prestressed" not in two_crosses().inspect()
+
+
 def test_provenance_of_several_lines_in_the_order_of_the_keys():
     text = two_crosses(provenance={"mesh": "abc", "form": "one\ntwo", "empty": ""}).inspect()
     assert text.endswith("\nprovenance\n  empty\n  form   one\n         two\n  mesh   abc\n")

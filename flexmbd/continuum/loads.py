@@ -34,6 +34,9 @@ class Pressure:
     name: str
     facets: str
 
+    def __str__(self) -> str:
+        return f"pressure {self.name!r} on {self.facets!r}"
+
 
 @dataclass(frozen=True, eq=False)
 class Traction:
@@ -55,6 +58,9 @@ class Traction:
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", _unit(self.name, self.direction))
 
+    def __str__(self) -> str:
+        return f"traction {self.name!r} along {_text(self.direction)} on {self.facets!r}"
+
 
 @dataclass(frozen=True, eq=False)
 class BodyForce:
@@ -73,6 +79,9 @@ class BodyForce:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", _unit(self.name, self.direction))
+
+    def __str__(self) -> str:
+        return f"body force {self.name!r} along {_text(self.direction)}"
 
 
 Load = Pressure | Traction | BodyForce
@@ -158,6 +167,10 @@ def measure(model: ContinuumModel, load: Load) -> ufl.Measure:
 def displacement(u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
     """The displacement in an unknown, of which it holds the first three components."""
     return ufl.as_vector([u[i] for i in range(3)])
+
+
+def _text(direction: ArrayLike) -> str:
+    return f"({', '.join(f'{part:.6g}' for part in np.asarray(direction))})"
 
 
 def _unit(name: str, direction: ArrayLike) -> FloatArray:

@@ -34,7 +34,8 @@ class StaticState:
         balance: (owned dofs,) N, internal forces less those on the nodes from outside; what is left of it are
             the forces that rigid interfaces hold together, and those of the interfaces' own loads.
         rigid_error: of the static shapes at rest; see `flexmbd.reduction.statics`.
-        note: the loads and how the state was found, as text.
+        loads: what the body is loaded with, as text.
+        note: what became of it.
     """
 
     frame: str
@@ -42,6 +43,7 @@ class StaticState:
     interfaces: tuple[FoundInterface, ...]
     balance: FloatArray
     rigid_error: float
+    loads: tuple[str, ...]
     note: str
 
 

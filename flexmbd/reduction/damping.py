@@ -48,6 +48,10 @@ class ModalDamping:
             # immutable, and readable in a record's provenance
             object.__setattr__(self, "ratio", tuple(float(ratio) for ratio in ratios))
 
+    def __str__(self) -> str:
+        ratios = np.atleast_1d(np.asarray(self.ratio, dtype=float))
+        return f"modal, ratio {', '.join(f'{ratio:g}' for ratio in ratios)}"
+
 
 @dataclass(frozen=True)
 class RayleighDamping:
@@ -71,6 +75,9 @@ class RayleighDamping:
         _numbers("alpha of a Rayleigh damping", self.alpha)
         _numbers("beta of a Rayleigh damping", self.beta)
 
+    def __str__(self) -> str:
+        return f"Rayleigh, alpha {self.alpha:g} 1/s, beta {self.beta:g} s"
+
 
 @dataclass(frozen=True)
 class KelvinVoigtDamping:
@@ -92,6 +99,10 @@ class KelvinVoigtDamping:
         values = self.tau.values() if isinstance(self.tau, Mapping) else [self.tau]
         for value in values:
             _numbers("tau of a Kelvin-Voigt damping", value)
+
+    def __str__(self) -> str:
+        parts = self.tau.items() if isinstance(self.tau, Mapping) else [("all cells", self.tau)]
+        return f"Kelvin-Voigt, tau {', '.join(f'{value:g} s in {name}' for name, value in parts)}"
 
 
 Damping = ModalDamping | RayleighDamping | KelvinVoigtDamping

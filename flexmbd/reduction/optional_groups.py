@@ -130,9 +130,9 @@ def optional_parts(
     }
     provenance = {}
     if isinstance(model, PrestressedModel):
-        provenance["prestress"] = model.state.note
+        provenance["prestress"] = "\n".join([*model.state.loads, model.state.note])
     if contents.damping is not None:
-        provenance["damping"] = repr(contents.damping)
+        provenance["damping"] = str(contents.damping)
     if contents.geometric_stiffness:
         displacements = with_ghosts(model, found.displacements)
         parts["geometric"] = geometric_group(
@@ -150,7 +150,7 @@ def optional_parts(
             stiffness=stiffness,
         )
         for load, part in zip(contents.loads, missing, strict=True):
-            provenance[f"load {load.name}"] = f"{load!r}; static energy missing {part:.1e}"
+            provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
     if contents.modes:
         parts["modes"] = nodal_group(model, modes, p=p, R=R)
     if contents.surface:

@@ -82,12 +82,10 @@ def prestressed(
     wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
     named = [load for load, _ in loads]
-    note = "; ".join(
-        [
-            *(f"{size:g} of {load!r}" for load, size in zip(named, sizes, strict=True)),
-            *(f"force and moment {wrench.tolist()} on {name!r}" for name, wrench in wrenches.items()),
-            *([f"angular velocity {spin.tolist()} rad/s"] if spin.any() else []),
-        ]
+    texts = (
+        *(f"{load}: {size:g}" for load, size in zip(named, sizes, strict=True)),
+        *(f"force and moment on {name!r}: {_list(wrench)} N, N m" for name, wrench in wrenches.items()),
+        *((f"angular velocity: {_list(spin)} rad/s",) if spin.any() else ()),
     )
     dead = load_vectors(model, named) @ sizes
     with body_statics(model, frame=frame) as statics:
@@ -98,13 +96,14 @@ def prestressed(
         interfaces=model.interfaces,
         balance=np.zeros(model.n_owned),
         rigid_error=rigid_error,
-        note=note or "none",
+        loads=texts or ("no loads",),
+        note="at rest",
     )
     found = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin).state()
     tangent = model.tangent(found.displacement[: model.n_owned])
     change = tangent - model.K
     if change.norm() <= _SAME * model.K.norm():
-        found = replace(found, note=f"{found.note}; it changes no stiffness, as of a quadratic strain energy")
+        found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
     change.destroy()
     return PrestressedModel(model, found, tangent)
 
@@ -145,6 +144,10 @@ def _numbers(what: str, value: ArrayLike, count: int) -> FloatArray:
 
 
 _BUCKLES = "the body buckles, its stiffness is not positive there"
+
+
+def _list(numbers: FloatArray) -> str:
+    return f"({', '.join(f'{number:g}' for number in numbers)})"
 
 
 class _NotFoundError(Exception):
@@ -215,7 +218,7 @@ class _Equilibrium:
                 step = min(2.0 * step if successes > 1 else step, 1.0 - part)
         if self._model.comm.allreduce(float(abs(state.displacement).max(initial=0.0)), op=MPI.MAX) == 0.0:
             return state
-        text = f"{state.note}; largest displacement {self._largest(state.displacement)[0]:.4g} m"
+        text = f"largest displacement {self._largest(state.displacement)[0]:.4g} m"
         return replace(state, note=text if steps == 1 else f"{text}; brought up in {steps} steps")
 
     def _solve(self, start: StaticState, part: float) -> StaticState:
@@ -328,8 +331,8 @@ class _Equilibrium:
     def _failure(self, failure: _NotFoundError, *, part: float, step: float) -> str:
         size, place = self._largest(failure.displacement)
         return (
-            f"no static state under {self._rest.note}: there is one up to {part:g} of the loads and none was found "
-            f"at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the point "
+            f"no static state under {'; '.join(self._rest.loads)}: there is one up to {part:g} of the loads and "
+            f"none was found at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the point "
             f"{[round(x, 6) for x in place]} m of the undeformed body; reduce the loads, or hold the body at more"
         )
 

@@ -80,7 +80,7 @@ def test_rotating_bar():
     fast = state(0.7)
     assert stretch(fast) == pytest.approx(length * (np.tan(0.7) / 0.7 - 1.0), rel=1e-5)
     assert stretch(fast) > 1.2 * 0.7**2 * length / 3
-    assert fast.state.note.endswith("it changes no stiffness, as of a quadratic strain energy")
+    assert fast.state.note.endswith("no change of the stiffness, as of a quadratic strain energy")
 
 
 def test_rotating_bar_of_finite_strain():
@@ -282,7 +282,7 @@ def test_without_loads_nothing_changes():
     same = craig_bampton(prestressed(model, frame="root"), modes=3, frame="root")
     assert abs(same.stiffness / plain.stiffness - 1.0).max() < 1e-10
     assert abs(same.gram - plain.gram).max() < 1e-12 * abs(plain.gram).max()
-    assert same.provenance["prestress"].startswith("none")
+    assert same.provenance["prestress"].splitlines()[0] == "no loads"
 
 
 def test_stress_of_the_loaded_state():
@@ -348,6 +348,6 @@ def test_a_load_that_no_state_bears():
     with pytest.raises(ConvergenceError) as raised:
         prestressed(model, frame="root", loads=[(Traction("crush", "tip", -TURN[:, 0]), ALUMINIUM.E)])
     text = str(raised.value)
-    assert "Traction(name='crush'" in text
+    assert "traction 'crush' along (-0.830455" in text
     place = np.array(re.search(r"of the point \[(.*)\] m", text)[1].split(","), dtype=float)
     assert (TURN.T @ (place - SHIFT))[0] > 0.5 * LENGTH
