@@ -1,4 +1,4 @@
-"""Rigid interfaces: their frames and nodes, on any number of ranks, and what is refused."""
+"""Interfaces: frames, nodes and averages, on any number of ranks, and what is refused."""
 
 import dataclasses
 
@@ -10,7 +10,9 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
 from flexmbd.forms import solid_linear
 
@@ -21,8 +23,8 @@ def model(mesh, *interfaces):
     return ContinuumModel(mesh, solid_linear, MATERIAL, degree=1, interfaces=interfaces)
 
 
-def block(divisions=(6, 1, 1), comm=MPI.COMM_WORLD):
-    return meshes.block(0.6, 0.1, 0.2, divisions=divisions, comm=comm)
+def block(divisions=(6, 1, 1), comm=MPI.COMM_WORLD, cell="hexahedron"):
+    return meshes.block(0.6, 0.1, 0.2, divisions=divisions, cell=cell, comm=comm)
 
 
 def wedge(comm=MPI.COMM_WORLD):
@@ -97,6 +99,123 @@ def test_groups_that_cannot_be_interfaces(names, message):
     mesh = dataclasses.replace(mesh, facet_groups={**mesh.facet_groups, "empty": 99})
     with pytest.raises(InterfaceError, match=message):
         model(mesh, *map(Interface, names))
+
+
+GROUPS = {
+    "facet_groups": {"face": lambda x: x[0] > 0.6 - 1e-9},
+    # two sides of the face, of different lengths
+    "edge_groups": {"bent": lambda x: (x[0] > 0.6 - 1e-9) & ((x[1] < 1e-9) | (x[2] > 0.2 - 1e-9))},
+    "vertex_groups": {"corners": lambda x: (x[0] > 0.6 - 1e-9) & (x[1] + x[2] < 0.25)},
+}
+
+
+def tagged(*, facet_groups=None, **groups):
+    """The long block in tetrahedra, a corner of it at the origin."""
+    source = block((6, 1, 2), comm=MPI.COMM_SELF, cell="tetrahedron").mesh
+    points = source.geometry.x + np.array([0.0, 0.05, 0.1])
+    return from_arrays(
+        MPI.COMM_WORLD, points, cell_nodes(source), degree=1, facet_groups=facet_groups or {}, **groups
+    )
+
+
+def averaged(name, *, origin=None, degree=2):
+    """With one averaged interface at its end, so that a rank may have none of it."""
+    mesh = tagged(**GROUPS)
+    interface = Interface(name, origin=origin, coupling=Coupling.AVERAGED)
+    return ContinuumModel(mesh, solid_linear, MATERIAL, degree=degree, interfaces=[interface])
+
+
+def average(body, displacement):
+    """(6,) of a displacement, a function of positions (n, 3)."""
+    found = body.interfaces[0]
+    own = found.dofs < body.n_owned
+    nodal = displacement(body.node_x)
+    dofs = body.displacement_dofs
+    u = np.zeros(len(body.layout.kinematic))
+    u[dofs.ravel()] = nodal.ravel()
+    return body.comm.allreduce(found.average[own].T @ u[found.dofs[own]])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("name", ["face", "bent", "corners"])
+def test_average_of_a_rigid_motion_is_that_motion(name, degree):
+    origin = np.array([0.7, 0.2, -0.1])
+    body = averaged(name, origin=origin, degree=degree)
+    if body.comm.size > 1:
+        assert min(body.comm.allgather(len(body.interfaces[0].dofs))) == 0
+    t, r = np.array([0.3, -1.0, 2.0]), np.array([0.7, 0.4, -0.2])
+    found = average(body, lambda x: t + np.cross(r, x - origin))
+    assert found == pytest.approx(np.concatenate([t, r]), abs=1e-12)
+
+
+def curved(x):
+    """No rigid motion; quadratic."""
+    _, y, z = x.T
+    return np.stack([y * z + z**2, 3 * z**2 - y, y**2], axis=1)
+
+
+def least_squares(points, weights):
+    """The motion (t, r) about the centroid that fits `curved` best, in weighted points."""
+    c = weights @ points / weights.sum()
+    arm = points - c
+    rigid = np.zeros((len(points), 3, 6))
+    rigid[:, :, :3] = np.eye(3)
+    for axis in range(3):
+        rigid[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
+    root = np.sqrt(weights)[:, None]
+    columns = (rigid * root[:, :, None]).reshape(-1, 6)
+    return np.linalg.lstsq(columns, (curved(points) * root).ravel())[0]
+
+
+def gauss(start, end):
+    at, weights = np.polynomial.legendre.leggauss(4)
+    return start + (end - start) * (1 + at) / 2, weights * (end - start) / 2
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["face", "bent", "corners"])
+def test_average_is_the_best_fit(name):
+    """Over the rectangle 0.1 x 0.2, two of its sides, or its vertices but one, by Gauss points."""
+    (y, v), (z, w) = gauss(0.0, 0.1), gauss(0.0, 0.2)
+    if name == "face":
+        yz, weights = np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1).reshape(-1, 2), np.outer(v, w).ravel()
+    elif name == "bent":
+        yz = np.vstack([np.stack([y, 0 * y + 0.2], axis=1), np.stack([0 * z, z], axis=1)])
+        weights = np.concatenate([v, w])
+    else:
+        # there are two cells along z
+        yz, weights = np.array([[0.0, 0.0], [0.0, 0.1], [0.1, 0.0], [0.1, 0.1], [0.0, 0.2]]), np.ones(5)
+    points = np.column_stack([np.full(len(yz), 0.6), yz])
+    assert average(averaged(name), curved) == pytest.approx(least_squares(points, weights), rel=1e-11)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("edges", "message"),
+    [
+        (lambda x: (x[0] > 0.6 - 1e-9) & (x[1] < 1e-9), "a straight line of a solid carries no rotation about itself"),
+        (None, "a point of a solid carries no rotation"),
+    ],
+)
+def test_lines_and_points_of_a_solid_that_carry_no_frame(edges, message):
+    if edges is None:
+        mesh = tagged(vertex_groups={"tip": lambda x: x.sum(axis=0) > 0.9 - 1e-9})
+    else:
+        mesh = tagged(edge_groups={"tip": edges})
+    for coupling in Coupling:
+        with pytest.raises(InterfaceError, match=message):
+            model(mesh, Interface("tip", coupling=coupling))
+
+
+@pytest.mark.mpi
+def test_averages_of_bound_nodes_alone_are_refused():
+    bodies = [Interface("x_max"), Interface("y_max", coupling=Coupling.AVERAGED)]
+    assert len(model(block(), *bodies).interfaces) == 2
+    mesh = block()
+    mesh = dataclasses.replace(mesh, facet_groups={**mesh.facet_groups, "again": mesh.facet_groups["x_max"]})
+    with pytest.raises(InterfaceError, match="'again' averages only nodes that rigid interfaces bind"):
+        model(mesh, Interface("x_max"), Interface("again", coupling=Coupling.AVERAGED))
 
 
 def one_cell(thickness):
