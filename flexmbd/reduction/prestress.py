@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem, la
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexmbd.continuum import assembly
 from flexmbd.continuum.blocks import FloatArray, inner
@@ -27,7 +27,8 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.prestressed import PrestressedModel, StaticState, followed_average, turn_less_one
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.reduction.geometric_stiffness import interface_loads
-from flexmbd.reduction.statics import Statics, body_statics
+from flexmbd.reduction.stability import is_stable
+from flexmbd.reduction.statics import body_statics
 
 # Size of the last Newton step, by the energy norm, relative to that of the displacement. One more has been taken.
 _STEP = 1e-8
@@ -312,7 +313,7 @@ class _Equilibrium:
         tangent = PrestressedModel(self._model, state, self._tangent(state, part, softened=True))
         try:
             with body_statics(tangent, frame=state.frame) as statics:
-                stable = _is_stable(statics)
+                stable = is_stable(statics)
         finally:
             tangent.K.destroy()
         if not stable:
@@ -332,8 +333,8 @@ class _Equilibrium:
         size, place = self._largest(failure.displacement)
         return (
             f"no static state under {'; '.join(self._rest.loads)}: there is one up to {part:g} of the loads and "
-            f"none was found at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the point "
-            f"{[round(x, 6) for x in place]} m of the undeformed body; reduce the loads, or hold the body at more"
+            f"none was found at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the "
+            f"point {[round(x, 6) for x in place]} m of the undeformed body; reduce the loads, or hold the body at more"
         )
 
 
@@ -377,45 +378,3 @@ def _assembled(forms: Sequence[fem.Form], model: ContinuumModel) -> FloatArray:
         vector.scatter_reverse(la.InsertMode.add)
         total += vector.array[: model.n_owned]
     return total
-
-
-def _is_stable(statics: Statics) -> bool:
-    """Whether the stiffness of a body held at its frame is positive definite. Collective.
-
-    By Sylvester's law: the signs of the pivots with all rigid interfaces fixed, then those of the condensed stiffness
-    of the interfaces. Each unknown without a rigid motion, as a pressure, brings a negative pivot of its own.
-    """
-    model = statics.model
-    shapes, forces = statics.static.shapes[:, 6:], statics.static.forces[:, 6:]
-    condensed = inner(model.comm, shapes, forces)
-    scale = np.sqrt(abs(np.diag(condensed)))
-    if condensed.size and not np.linalg.eigvalsh((condensed + condensed.T) / np.outer(scale, scale))[0] > 0.0:
-        return False
-    others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
-    return _negative_pivots(model.K, statics.mask) == model.comm.allreduce(others)
-
-
-def _negative_pivots(stiffness: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
-    """How many negative eigenvalues the rows and columns of a symmetric matrix have. Collective."""
-    first = stiffness.getOwnershipRange()[0]
-    rows = PETSc.IS().createGeneral((np.flatnonzero(mask) + first).astype(PETSc.IntType), comm=stiffness.comm)
-    part = stiffness.createSubMatrix(rows, rows)
-    solver = PETSc.KSP().create(stiffness.comm)
-    try:
-        if part.getSize()[0] == 0:
-            return 0
-        solver.setOperators(part)
-        solver.setType(PETSc.KSP.Type.PREONLY)
-        factor = solver.getPC()
-        factor.setType(PETSc.PC.Type.CHOLESKY)
-        factor.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-        factor.setFactorSetUpSolverType()
-        # all pivots are counted only where ScaLAPACK does not take over the last part
-        factor.getFactorMatrix().setMumpsIcntl(13, 1)
-        solver.setUp()
-        if factor.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
-            return part.getSize()[0]
-        return int(factor.getFactorMatrix().getMumpsInfog(12))
-    finally:
-        for item in (solver, part, rows):
-            item.destroy()

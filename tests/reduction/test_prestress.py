@@ -17,7 +17,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import ConvergenceError, InterfaceError, MeshError, ReductionError
-from flexmbd.forms import solid_linear
+from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import (
     BodyForce,
     KelvinVoigtDamping,
@@ -151,10 +151,13 @@ def test_frequency_under_an_axial_force(part):
 
 
 @pytest.mark.mpi
-def test_buckling_load():
+@pytest.mark.parametrize("form", [solid_linear, solid_mixed])
+def test_buckling_load(form):
     """Enclosed between two parts of the load, of which the first bears and the second does not."""
+    material = form.Parameters(E=MATERIAL.E, nu=MATERIAL.nu, rho=MATERIAL.rho)
+    model = beam(form=form, material=material)
     with pytest.raises(ConvergenceError, match="the body buckles") as raised:
-        prestressed(beam(), frame="x_min", forces={"x_max": (-1.3 * BUCKLING, 0, 0, 0, 0, 0)})
+        prestressed(model, frame="x_min", forces={"x_max": (-1.3 * BUCKLING, 0, 0, 0, 0, 0)})
     bears, fails = map(
         float, re.search(r"one up to (\S+) of the loads and none was found at (\S+):", str(raised.value)).groups()
     )

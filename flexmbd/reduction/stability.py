@@ -1,0 +1,53 @@
+"""Whether a body that is held at its frame is stable: no small displacement of it lowers the energy."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.blocks import inner, symmetric
+from flexmbd.reduction.statics import Statics
+
+
+def is_stable(statics: Statics) -> bool:
+    """Whether the stiffness of a body held at its frame is positive definite. Collective.
+
+    By Sylvester's law: the signs of the pivots with all rigid interfaces fixed, then those of the condensed stiffness
+    of the interfaces. Each unknown without a rigid motion, as a pressure, brings a negative pivot of its own.
+    """
+    model = statics.model
+    shapes, forces = statics.static.shapes[:, 6:], statics.static.forces[:, 6:]
+    condensed = symmetric(inner(model.comm, shapes, forces))
+    scale = np.sqrt(abs(np.diag(condensed)))
+    if condensed.size and not np.linalg.eigvalsh(condensed / np.outer(scale, scale))[0] > 0.0:
+        return False
+    others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
+    return _negative_pivots(model.K, statics.mask) == model.comm.allreduce(others)
+
+
+def _negative_pivots(stiffness: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
+    """How many negative eigenvalues the rows and columns of a symmetric matrix have. Collective."""
+    first = stiffness.getOwnershipRange()[0]
+    rows = PETSc.IS().createGeneral((np.flatnonzero(mask) + first).astype(PETSc.IntType), comm=stiffness.comm)
+    part = stiffness.createSubMatrix(rows, rows)
+    solver = PETSc.KSP().create(stiffness.comm)
+    try:
+        if part.getSize()[0] == 0:
+            return 0
+        solver.setOperators(part)
+        solver.setType(PETSc.KSP.Type.PREONLY)
+        factor = solver.getPC()
+        factor.setType(PETSc.PC.Type.CHOLESKY)
+        factor.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        factor.setFactorSetUpSolverType()
+        # all pivots are counted only where ScaLAPACK does not take over the last part
+        factor.getFactorMatrix().setMumpsIcntl(13, 1)
+        solver.setUp()
+        if factor.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
+            return part.getSize()[0]
+        return int(factor.getFactorMatrix().getMumpsInfog(12))
+    finally:
+        for item in (solver, part, rows):
+            item.destroy()
