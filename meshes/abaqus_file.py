@@ -96,8 +96,8 @@ class _Reader:
             np.concatenate(numbers),
             np.concatenate(points),
             self._elements,
-            {name: np.concatenate(held) for name, held in self._element_sets.values()},
-            {name: np.concatenate(held) for name, held in self._node_sets.values()},
+            _public(self._element_sets),
+            _public(self._node_sets),
             dict(self._surfaces.values()),
         )
 
@@ -184,6 +184,13 @@ class _Reader:
 
 def _append(sets: dict[str, tuple[str, list[IntArray]]], name: str, held: IntArray) -> None:
     sets.setdefault(_key(name), (name, []))[1].append(held)
+
+
+def _public(sets: Mapping[str, tuple[str, list[IntArray]]]) -> dict[str, IntArray]:
+    """All sets but those that begin with _, which Abaqus makes for itself, as for surfaces."""
+    return {
+        name: np.concatenate(held) for name, held in sets.values() if held and name[:1] != "_"
+    }
 
 
 def _key(name: str) -> str:

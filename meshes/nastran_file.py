@@ -29,6 +29,18 @@ _CARDS = {
 }
 _LINES = ("vertex", "line")
 
+# How many nodes the elements must have.
+_NODES = {
+    "tetra": 4,
+    "tetra10": 10,
+    "hexahedron": 8,
+    "hexahedron20": 20,
+    "triangle": 3,
+    "triangle6": 6,
+    "quad": 4,
+    "quad8": 8,
+}
+
 
 def read_nastran(path: Path) -> Listing:
     """What the bulk data list; each property is a set of elements "property 7"; not collective.
@@ -61,6 +73,10 @@ def read_nastran(path: Path) -> Listing:
     for kind, data, numbers, i in blocks:
         if kind in _LINES:
             continue
+        if kind in _NODES and data.shape[1] != _NODES[kind]:
+            raise MeshError(
+                f"{path}: element {numbers[0]} has {data.shape[1]} nodes; a {kind} needs {_NODES[kind]}"
+            )
         elements.append(Elements(kind, numbers, mesh.points_id[data]))
         if KINDS.get(kind) is None:
             continue
@@ -87,7 +103,17 @@ def _bulk(path: Path) -> str:
     for card, remedy in (("INCLUDE", "write all into one file"), ("GRDSET", "write it into each GRID")):
         if any(head.startswith(card) for head in heads):
             raise MeshError(f"{path}: {card} is not read; {remedy}")
-    return "\n".join(["BEGIN BULK", *lines[first:last], "ENDDATA", ""])
+    bulk = [_with_mark(line) for line in lines[first:last]]
+    return "\n".join(["BEGIN BULK", *bulk, "ENDDATA", ""])
+
+
+def _with_mark(line: str) -> str:
+    """A line that goes on with the one before has a mark, without which meshio may leave it out."""
+    if line.startswith(","):
+        return f"+{line}"
+    if line.startswith(" " * 8) and line.strip():
+        return f"+{' ' * 7}{line[8:]}"
+    return line
 
 
 def _check_complete(

@@ -20,6 +20,7 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    require_cell,
     require_count,
     require_degree,
     require_positive,
@@ -76,13 +77,14 @@ def from_step(
     *,
     tags: Mapping[str, Tag],
     h: float,
+    cell: str = "tetrahedron",
     degree: int = 2,
     scale: float = 1.0,
     solid: int | None = None,
     glue: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
-    """Mesh the solid of a STEP file with tetrahedra. Collective.
+    """Mesh the solid of a STEP file. Collective.
 
     Lengths are converted from the file's unit to metres. A tag chooses faces for a facet group:
 
@@ -98,6 +100,8 @@ def from_step(
         path: of the file, which is read on rank 0.
         tags: by the names of the facet groups.
         h: size of the cells, m.
+        cell: "tetrahedron", or "hexahedron": tetrahedra of twice the size, each cut into four, which
+            asks for a smaller h on strongly curved faces.
         degree: degree of the geometry: 2 curves the cells.
         scale: factor on all lengths, for a file whose unit is wrong: 1e-3 if it says metres and was
             drawn in millimetres. `tags`, `h` and the mesh are in true metres.
@@ -115,6 +119,7 @@ def from_step(
 
     def check() -> None:
         require_positive(h=h, scale=scale)
+        require_cell(cell)
         require_degree(degree)
         if solid is not None:
             require_count("solid", solid)
@@ -132,7 +137,11 @@ def from_step(
         names = [f"solid {i}" for i in range(1, len(volumes) + 1)] if glue else ["part"]
         for name, parts in zip(names, volumes, strict=True):
             gmsh.model.addPhysicalGroup(3, parts, name=name)
-        session.generate(h=h / scale, degree=degree)
+        size = h / scale
+        if cell == "hexahedron":
+            gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
+            size *= 2
+        session.generate(h=size, degree=degree)
         share = session.model_input(3)
         return replace(share, points=share.points * scale)
 

@@ -1,9 +1,12 @@
 """Volumes, areas and extents of a tagged mesh, over all its ranks."""
 
+import basix
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
+
+from flexmbd.continuum.compat import cell_nodes
 
 # Exact for degree-2 tetrahedra and hexahedra, up to the square root in a curved facet's area.
 DEGREE = 6
@@ -25,6 +28,21 @@ def area(tagged, name):
 
 def total(tagged, form):
     return tagged.comm.allreduce(fem.assemble_scalar(fem.form(form)))
+
+
+def moments(tagged, *, degree=12):
+    """Integrals of f_i f_j over the cells, with f = (1, x, y, z), (4, 4); by default exact for all cells."""
+    element = tagged.mesh.ufl_domain().ufl_coordinate_element().basix_element
+    points, weights = basix.make_quadrature(element.cell_type, degree)
+    table = element.tabulate(1, points)[..., 0]
+    nodes = cell_nodes(tagged.mesh)[: tagged.mesh.topology.index_map(3).size_local]
+    found = np.zeros((4, 4))
+    for some in np.array_split(tagged.mesh.geometry.x[nodes], max(1, len(nodes) // 1000)):
+        x = np.einsum("qk,cki->cqi", table[0], some)
+        scale = weights * abs(np.linalg.det(np.einsum("dqk,cki->cqdi", table[1:], some)))
+        fields = np.concatenate((np.ones((*x.shape[:2], 1)), x), axis=2)
+        found += np.einsum("cq,cqi,cqj->ij", scale, fields, fields, optimize=True)
+    return tagged.comm.allreduce(found)
 
 
 def n_cells(tagged):
