@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import enum
 import hashlib
-import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -28,13 +27,13 @@ from flexmbd.continuum.mesh_input import (
     untagged,
 )
 from flexmbd.continuum.pieces import check_connected
+from flexmbd.continuum.predicate import Predicate, locate_groups
 from flexmbd.continuum.row_exchange import blocks_on_root, send
 from flexmbd.errors import MeshError
 
 Points = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 T = TypeVar("T")
-Predicate = Callable[[Points], npt.NDArray[np.bool_]]
 
 
 class NodeOrder(enum.Enum):
@@ -237,8 +236,11 @@ def from_arrays(
 
     Raises:
         MeshError: on all ranks; the arrays do not fit, cells are bad, the mesh falls into pieces, a
-            group is empty, or two groups of facets or of cells overlap.
+            group is empty, its function fails, two groups of facets or of cells overlap, or the cell,
+            its degree, the order or the names of groups are not the same on all ranks.
     """
+    groups = (facet_groups, cell_groups or {}, edge_groups or {}, vertex_groups or {})
+    _check_agreement(comm, f"cell={cell!r}, degree={degree}, {order}, groups {[*map(list, groups)]}")
     columns = _NODES.get((cell, degree))
     if columns is None:
         known = ", ".join(f"{name} of degree {d}" for name, d in _NODES)
@@ -247,30 +249,32 @@ def from_arrays(
     check_cells(mesh)
     check_connected(mesh)
     dim = mesh.topology.dim
-    facets = {
-        name: dolfinx.mesh.locate_entities_boundary(mesh, dim - 1, predicate)
-        for name, predicate in facet_groups.items()
-    }
-    others = {
-        below: {
-            name: dolfinx.mesh.locate_entities(mesh, below, predicate)
-            for name, predicate in (groups or {}).items()
-        }
-        for below, groups in ((dim, cell_groups), (1, edge_groups), (0, vertex_groups))
-    }
-    for below in [below for below, found in others.items() if found]:
-        mesh.topology.create_connectivity(below, dim)  # what asks for the dofs needs it
-    _check_groups(comm, "facet", facets, overlaps=False)
-    _check_groups(comm, "cell", others[dim], overlaps=False)
-    _check_groups(comm, "edge", others[1], overlaps=True)
-    _check_groups(comm, "vertex", others[0], overlaps=True)
+    facets, volumes, edges, vertices = (
+        locate_groups(mesh, below, chosen, kind=kind)
+        for chosen, below, kind in zip(
+            groups, (dim - 1, dim, 1, 0), ("facet", "cell", "edge", "vertex"), strict=True
+        )
+    )
+    for below, found in ((dim, volumes), (1, edges), (0, vertices)):
+        if found:
+            mesh.topology.create_connectivity(below, dim)  # what asks for the dofs needs it
     return TaggedMesh(
         mesh,
         *_tags(mesh, dim - 1, facets),
-        *_tags(mesh, dim, others[dim]),
-        others[1],
-        others[0],
+        *_tags(mesh, dim, volumes),
+        edges,
+        vertices,
     )
+
+
+def _check_agreement(comm: MPI.Comm, described: str) -> None:
+    """Refuse arguments that differ between ranks. Collective."""
+    heard = comm.allgather(described)
+    for rank, other in enumerate(heard):
+        if other != heard[0]:
+            raise MeshError(
+                f"rank 0 was given {heard[0]}, and rank {rank} {other}; give the same on all ranks"
+            )
 
 
 def _tags(
@@ -370,19 +374,3 @@ def _checked(points: Any, cells: Any, *, columns: int) -> tuple[Points, npt.NDAr
     if len(rows) == 0 or rows.min() < 0 or rows.max() >= len(x):
         raise MeshError(f"cells must name at least one cell, by rows of points, 0 to {len(x) - 1}")
     return x, rows.astype(np.int64)
-
-
-def _check_groups(
-    comm: MPI.Comm, kind: str, found: Mapping[str, Indices], *, overlaps: bool
-) -> None:
-    """Refuse groups without an entity on any rank, and groups that share one where they may not."""
-    faults = []
-    for name, entities in found.items():
-        if comm.allreduce(len(entities)) == 0:
-            where = "boundary facet" if kind == "facet" else kind
-            faults.append(f"{kind} group {name!r}: no {where} lies in it; check its predicate")
-    for name, other in itertools.combinations(found, 2):
-        if not overlaps and len(np.intersect1d(found[name], found[other])) > 0:
-            faults.append(f"{kind} groups {name!r} and {other!r} share {kind}s")
-    error = MeshError("; ".join(faults)) if faults else None
-    parallel.raise_collectively(comm, error)

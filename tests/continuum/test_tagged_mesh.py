@@ -183,6 +183,14 @@ def test_fingerprint_sees_a_moved_node_and_another_cell():
             {"facet_groups": GROUPS | {"all": lambda x: x[0] > -1}},
             "'(left|right)' and 'all' share facets",
         ),
+        (
+            {"facet_groups": {"top": lambda x: x[5] > 2}},
+            "facet group 'top': its function raised IndexError: index 5 is out of bounds",
+        ),
+        (
+            {"facet_groups": {"top": lambda x: x > 2}},
+            r"'top': its function of points \(3, n\) must return n truth values, got bool \(3, ",
+        ),
     ],
 )
 def test_bad_input_is_refused_on_all_ranks(changes, pattern):
@@ -201,7 +209,7 @@ def test_a_twisted_cell_is_found_among_good_ones():
     """Two vertices of one hexahedron exchanged; the place is named."""
     points, cells = boxes(6)
     cells[4, [0, 1]] = cells[4, [1, 0]]
-    with pytest.raises(MeshError, match=r"1 cells are inverted.*near \[4\.5, 0\.5, 0\.5\]"):
+    with pytest.raises(MeshError, match=r"1 cells are inverted.* row 4 of the input, near \[4\.5, 0\.5, 0\.5\]"):
         six_boxes(points=points, cells=cells, facet_groups={})
 
 
@@ -217,3 +225,26 @@ def test_a_curved_cell_that_folds_over_is_found():
 def test_left_handed_cells_are_fine():
     points = placed([(0, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, 1)])
     assert volume(one_cell(points, degree=1)) == pytest.approx(abs(np.linalg.det(SIDES)) / 6)
+
+
+def test_arguments_of_one_rank_only():
+    """Another cell, another group, or a function that fails on one rank: an error on all."""
+    if COMM.size == 1:
+        return
+    last = COMM.rank == COMM.size - 1
+
+    def fails_on_the_last(x):
+        if last:
+            raise ValueError("not here")
+        return x[0] < 0.5
+
+    for other, pattern in [
+        ({"cell": "prism"}, "rank 0 was given cell='hexahedron', .* cell='prism'"),
+        ({"degree": 2}, "degree=1, .* degree=2, "),
+        ({"facet_groups": {"left": GROUPS["left"]}}, r"groups \[\['left', 'right'\]"),
+    ]:
+        with pytest.raises(MeshError, match=pattern):
+            six_boxes(**(other if last else {}))
+    with pytest.raises(MeshError, match="'odd': its function raised ValueError: not here"):
+        six_boxes(facet_groups={"odd": fails_on_the_last})
+    assert COMM.allreduce(1) == COMM.size

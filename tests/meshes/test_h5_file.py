@@ -195,6 +195,20 @@ def test_files_that_are_no_such_mesh(spoil, spoiler, pattern):
     assert COMM.allreduce(1) == COMM.size
 
 
+def test_a_file_that_one_rank_cannot_open(shared_path, monkeypatch):
+    """As one of a disk that not all machines see."""
+    meshes.write(beam("hexahedron", 1), shared_path / "part.h5")
+    if COMM.rank == COMM.size - 1:
+
+        def fail(*args, **keywords):
+            raise FileNotFoundError("No such file")
+
+        monkeypatch.setattr(h5py, "File", fail)
+    with pytest.raises(MeshError, match=r"part\.h5: .*No such file"):
+        meshes.read(shared_path / "part.h5")
+    assert COMM.allreduce(1) == COMM.size
+
+
 def test_places_that_cannot_be_written(shared_path):
     part = beam("hexahedron", 1)
     with pytest.raises(MeshError, match=r"part\.msh: a mesh is written to a file that ends in \.h5"):

@@ -172,7 +172,8 @@ def test_missing_file(shared_path):
             "4 7 2 2 1 20 40 35 10 90",
             "of the kinds Tetrahedron 4, Pyramid 5",
         ),
-        ("90 0.5 0.5 1", "90 0.5 0.5 0", "2 cells are inverted or flat"),
+        ("90 0.5 0.5 1", "90 0.5 0.5 0", "2 cells are inverted or flat .* the worst, number 3, near"),
+        ("90 0.5 0.5 1", "90 0.5 nan 1", "1 nodes have coordinates that are not finite, the first in row 4"),
     ],
 )
 def test_files_that_are_no_such_mesh(write, old, new, pattern):
