@@ -2,11 +2,15 @@
 
 import os
 import shutil
+import signal
 import subprocess
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from machine import Machine
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 RUN = REPOSITORY / "run"
@@ -114,3 +118,122 @@ class TestSetUp:
         log = Path(line.rpartition(": ")[2].rstrip(")"))
         assert log.read_text()
         assert not list(script.parents[1].glob("cache/venv/*/flexmbd.stamp"))  # so the next call tries again
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Waits for it, for half a minute at the most."""
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+class TestTrees:
+    """Trees and environments are made once, whole or not at all, and do not disturb each other."""
+
+    @pytest.fixture
+    def machine(self, tmp_path: Path) -> Machine:
+        return Machine(tmp_path)
+
+    def test_made_once(self, machine: Machine) -> None:
+        code, said = machine.run()
+        assert code == 0, said
+        assert said.endswith("run: the environment is ready\n")
+        assert machine.calls() == ["mmdebstrap trixie", "venv", "pip"]
+        assert machine.run("sh", "-c", "exit 7") == (7, "")
+        assert machine.calls() == []
+
+    @pytest.mark.parametrize("stage", ["mmdebstrap", "pip"])
+    def test_failure_is_repaired_by_the_next_call(self, machine: Machine, stage: str) -> None:
+        trouble = machine.stubs / f"{stage}.fails"
+        trouble.touch()
+        for _ in range(2):
+            code, said = machine.run()
+            assert code == 1
+            assert f"E: no network for {stage} (all of it: " in said.splitlines()[-1]
+        machine.calls()
+        trouble.unlink()
+        assert machine.run()[0] == 0
+        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", "pip"]
+        assert machine.trees() == ["trixie"]
+
+    @pytest.mark.parametrize("stage", ["mmdebstrap", "pip"])
+    def test_killed_set_up_is_repaired_by_the_next_call(self, machine: Machine, stage: str) -> None:
+        delay = machine.stubs / f"{stage}.waits"
+        delay.write_text("60")
+        process = machine.start(start_new_session=True)
+        until(lambda: machine.waiting(stage))
+        machine.calls()
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        assert machine.trees() == ["trixie?" if stage == "mmdebstrap" else "trixie"]
+        delay.unlink()
+        assert machine.run()[0] == 0
+        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", "pip"]
+        assert machine.trees() == ["trixie"]
+
+    def test_two_calls_at_once(self, machine: Machine) -> None:
+        (machine.stubs / "mmdebstrap.waits").write_text("0.5")
+        calls = [machine.start(), machine.start()]
+        said = [call.communicate(timeout=60)[1] for call in calls]
+        assert [call.returncode for call in calls] == [0, 0]
+        assert machine.calls() == ["mmdebstrap trixie", "venv", "pip"]
+        assert sorted("waiting for it" in text for text in said) == [False, True]
+
+    def test_suites_beside_each_other(self, machine: Machine) -> None:
+        for suite in ("trixie", "unstable"):
+            assert machine.run(suite=suite)[0] == 0
+            assert machine.calls() == [f"mmdebstrap {suite}", "venv", "pip"]
+        for suite in ("trixie", "unstable"):
+            assert machine.run(suite=suite) == (0, "")
+        # a change of the project renews each environment when it is called, and removes nothing of the other
+        machine.project.write_text(machine.project.read_text() + "# changed\n")
+        for suite in ("trixie", "unstable"):
+            assert machine.run(suite=suite)[0] == 0
+            assert machine.calls() == ["pip"]
+            assert machine.trees() == ["trixie", "unstable"]
+
+    def test_removed_tree_is_made_anew_with_its_environment(self, machine: Machine) -> None:
+        """The new one may have another python, for which the old environment has no packages."""
+        for suite in ("trixie", "unstable"):
+            machine.run(suite=suite)
+        machine.calls()
+        (tree,) = machine.cache.glob("tree/unstable-*/")
+        shutil.rmtree(tree)
+        assert machine.run() == (0, "")
+        assert machine.run(suite="unstable")[0] == 0
+        assert machine.calls() == ["mmdebstrap unstable", "venv", "pip"]
+
+    def test_dolfinx_that_flexmbd_does_not_know(self, machine: Machine) -> None:
+        machine.run()
+        machine.calls()
+        machine.install_dolfinx("0.12.0")
+        for made in (["mmdebstrap unstable"], []):
+            code, said = machine.run(suite="unstable")
+            assert code == 1
+            (tree,) = machine.cache.glob("tree/unstable-*/")
+            assert said.splitlines()[-1] == (
+                f"run: error: flexmbd runs with DOLFINx 0.9 to 0.11, and this is 0.12.0: remove {tree} and "
+                f"make that of an earlier day (see FLEXMBD_MIRROR in {machine.script})"
+            )
+            assert machine.calls() == made
+        assert machine.run() == (0, "")
+
+    def test_broken_off_compilations_are_forgotten(self, machine: Machine) -> None:
+        """DOLFINx waits for a form that another process compiles, and so for one that nobody compiles any more."""
+        machine.run()
+        forms = machine.cache / "home" / ".cache" / "fenics"
+        forms.mkdir(parents=True)
+        for name in ("whole.c", "whole.c.cached", "broken.c"):
+            (forms / name).touch()
+        other = machine.start(
+            "sh", "-c", f"touch {machine.stubs}/entered; sleep 60", start_new_session=True
+        )
+        until(lambda: (machine.stubs / "entered").exists())
+        (forms / "broken.c").touch()
+        machine.run()
+        assert (forms / "broken.c").exists()  # the other command may be compiling it
+        os.killpg(other.pid, signal.SIGTERM)
+        other.communicate()
+        assert machine.run() == (0, "")
+        assert sorted(file.name for file in forms.iterdir()) == ["whole.c", "whole.c.cached"]
