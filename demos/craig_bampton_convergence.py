@@ -13,6 +13,7 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -92,7 +93,7 @@ say(row("of the mesh, at least", mesh_error))
 # it is. So the true frequencies lie between those of the reduced body and those of that softer one.
 
 
-def reduce(**choice: float) -> tuple[fm.ReducedBody, float]:
+def reduce(**choice: Any) -> tuple[fm.ReducedBody, float]:
     """The reduced rod and how long it took, s."""
     comm.barrier()
     began = time.perf_counter()
