@@ -193,7 +193,7 @@ GOOD = {
         ({"-o": ["nowhere/b.h5"]}, "there is no folder"),
         ({"-o": ["."]}, "it is no regular file"),
         ({"mesh": ["nowhere.msh"]}, "nowhere.msh: cannot be opened"),
-        ({"mesh": ["beam.h5"]}, "not a gmsh mesh file"),
+        ({"mesh": ["beam.h5"]}, "not a flexmbd mesh, but an HDF5 file"),
     ],
 )
 def test_reduce_says_what_is_wrong_and_leaves_the_old_record(beam_file, monkeypatch, capsys, changes, message):
