@@ -120,7 +120,8 @@ def _check_orthonormality(
     if not largest[worst] <= _ORTHONORMAL:
         raise ReductionError(
             f"the basis has lost its orthonormality: error of the {worst} {largest[worst]:.1e}, bound "
-            f"{_ORTHONORMAL:.0e}; the stiffness is badly conditioned: look for slivers in the mesh"
+            f"{_ORTHONORMAL:.0e}; the stiffness is badly conditioned: look for slivers in the mesh, and take "
+            "fewer cells along a body that is very slender"
         )
     return largest[worst]
 

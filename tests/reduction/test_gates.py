@@ -51,8 +51,12 @@ class Case:
 
     @functools.cache  # noqa: B019  (a case lives as long as the tests)
     def body(self, modes: int = 6) -> ReducedBody:
-        # with all that the record may have, but once
+        # with its geometric stiffness but once
         return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=modes == 6)
+
+    @functools.cache  # noqa: B019
+    def floating(self) -> ReducedBody:
+        return craig_bampton(self.model, modes=6, frame=None, geometric_stiffness=False)
 
 
 @functools.cache
@@ -88,14 +92,17 @@ def test_matrices_and_record_do_not_depend_on_the_number_of_ranks(case):
     assert abs(body.partition - expected.partition).max() < 1e-7 * abs(expected.partition).max()
     assert abs(body.geometric.K - expected.geometric.K).max() < 1e-7 * abs(expected.geometric.K).max()
     assert abs(body.p_MB_M - expected.p_MB_M).max() < 1e-13
+    floating, expected = together.floating(), alone.floating()
+    assert floating.frequencies() == pytest.approx(expected.frequencies(), rel=1e-10)
+    assert relative_to_fields(floating.gram, expected.gram) < 1e-7
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("case", CASES)
 def test_every_rank_has_the_same_bits(case):
-    body = reduced(case).body()
-    mine = (body.fingerprint(), body.p_MB_M.tobytes(), body.R_MB.tobytes(), dict(body.provenance))
-    assert all(other == mine for other in MPI.COMM_WORLD.allgather(mine))
+    for body in (reduced(case).body(), reduced(case).floating()):
+        mine = (body.fingerprint(), body.p_MB_M.tobytes(), body.R_MB.tobytes(), dict(body.provenance))
+        assert all(other == mine for other in MPI.COMM_WORLD.allgather(mine))
 
 
 @pytest.mark.mpi
