@@ -101,7 +101,7 @@ def test_groups_that_cannot_be_interfaces(names, message):
         model(mesh, *map(Interface, names))
 
 
-MIDDLE = 0.13
+MIDDLE = 0.13, 0.06
 GROUPS = {
     "facet_groups": {"face": lambda x: x[0] > 0.6 - 1e-9},
     # two sides of the face, of different lengths
@@ -111,10 +111,11 @@ GROUPS = {
 
 
 def tagged(*, facet_groups=None, **groups):
-    """The long block in tetrahedra, a corner of it at the origin; of two cells along z one is larger."""
+    """The long block in tetrahedra, a corner of it at the origin; what parts the two cells along z lies askew."""
     source = block((6, 1, 2), comm=MPI.COMM_SELF, cell="tetrahedron").mesh
     points = source.geometry.x + np.array([0.0, 0.05, 0.1])
-    points[abs(points[:, 2] - 0.1) < 1e-9, 2] = MIDDLE
+    middle = abs(points[:, 2] - 0.1) < 1e-9
+    points[middle, 2] = np.where(points[middle, 1] < 0.05, *MIDDLE)
     return from_arrays(
         MPI.COMM_WORLD, points, cell_nodes(source), degree=1, facet_groups=facet_groups or {}, **groups
     )
@@ -186,7 +187,7 @@ def test_average_is_the_best_fit(name):
         yz = np.vstack([np.stack([y, 0 * y + 0.2], axis=1), np.stack([0 * z, z], axis=1)])
         weights = np.concatenate([v, w])
     else:
-        yz, weights = np.array([[0.0, 0.0], [0.0, MIDDLE], [0.1, 0.0], [0.1, MIDDLE], [0.0, 0.2]]), np.ones(5)
+        yz, weights = np.array([[0.0, 0.0], [0.1, 0.0], *zip([0.0, 0.1], MIDDLE, strict=True), [0.0, 0.2]]), np.ones(5)
     points = np.column_stack([np.full(len(yz), 0.6), yz])
     assert average(averaged(name), curved) == pytest.approx(least_squares(points, weights), rel=1e-11)
 
