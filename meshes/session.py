@@ -252,7 +252,10 @@ def _cell_kind(dim: int) -> int:
     """gmsh's number of the one kind of cells there is, if it is one we know."""
     kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
     if not kinds:
-        raise MeshError(f"the mesh has no {_DIMENSIONS[dim]}-dimensional cells")
+        raise MeshError(
+            f"the mesh has no {_DIMENSIONS[dim]}-dimensional cells; where gmsh has physical groups it "
+            f"writes only what is in one: give the {_ENTITIES[dim]}s one too, or set Mesh.SaveAll = 1"
+        )
     if len(kinds) > 1 or kinds[0] not in _CELLS:
         names = ", ".join(gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds)
         known = ", ".join(text for _, _, text, cell_dim in _CELLS.values() if cell_dim == dim)
