@@ -12,7 +12,7 @@ from full_model import FullModel
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.blocks import inner
+from flexmbd.continuum.blocks import inner, multiply
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.loads import load_vectors
 from flexmbd.continuum.nodes import node_numbers
@@ -83,6 +83,21 @@ def test_pressure_all_around(cell):
     field[model.displacement_dofs[: model.n_owned_nodes], 0] = np.column_stack([x * y, y, x * z])
     volume = np.prod(size)
     assert inner(model.comm, forces, field).item() == pytest.approx(-volume * (1.0 + size[0] / 2), rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_pressure_all_around_curved_cells():
+    """On a displacement of the points by themselves it does the work of three times the mesh's volume."""
+    mesh = meshes.tube(0.2, 0.05, RADIUS, h=0.05, cell="hexahedron", degree=2, comm=MPI.COMM_WORLD)
+    model = ContinuumModel(mesh, solid_linear, ALUMINIUM, degree=2, interfaces=[Interface("start")])
+    faces = ("start", "end", "inner", "outer")
+    forces = load_vectors(model, [Pressure(face, face) for face in faces]).sum(axis=1, keepdims=True)
+    nodes = model.n_owned_nodes
+    field, unit = np.zeros((2, model.n_owned, 1))
+    field[model.displacement_dofs[:nodes], 0] = model.node_x[:nodes]
+    unit[model.displacement_dofs[:nodes, 0], 0] = 1.0
+    volume = inner(model.comm, unit, multiply(model.M, unit)).item() / ALUMINIUM.rho
+    assert inner(model.comm, forces, field).item() == pytest.approx(-3.0 * volume, rel=1e-11)
 
 
 def pad_forces(model, full, traction):

@@ -150,21 +150,41 @@ def test_frequency_under_an_axial_force(part):
     assert body.com[0] == pytest.approx(LONG / 2 + stretch / 2, abs=1e-3 * abs(stretch))
 
 
+def enclosed(error):
+    """The part of the loads that a body bears, and that which it does not, after an error."""
+    found = re.search(r"one up to (\S+) of the loads and none was found at (\S+):", str(error.value))
+    bears, fails = map(float, found.groups())
+    assert 0.0 < fails - bears < 0.008
+    assert len(set(MPI.COMM_WORLD.allgather(str(error.value)))) == 1
+    return bears, fails
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("form", [solid_linear, solid_mixed])
-def test_buckling_load(form):
-    """Enclosed between two parts of the load, of which the first bears and the second does not."""
+@pytest.mark.parametrize("end", [True, False])
+def test_buckling_load(form, end):
+    """Enclosed between two parts of the load, by an interface at the end and without."""
     material = form.Parameters(E=MATERIAL.E, nu=MATERIAL.nu, rho=MATERIAL.rho)
     model = beam(form=form, material=material)
+    given = {"forces": {"x_max": (-1.3 * BUCKLING, 0, 0, 0, 0, 0)}}
+    if not end:
+        model = ContinuumModel(model.mesh, form, material, degree=2, interfaces=[Interface("x_min")])
+        given = {"loads": [(Traction("push", "x_max", (-1, 0, 0)), 1.3 * BUCKLING / (SQUARE[0] * SQUARE[1]))]}
     with pytest.raises(ConvergenceError, match="the body buckles") as raised:
-        prestressed(model, frame="x_min", forces={"x_max": (-1.3 * BUCKLING, 0, 0, 0, 0, 0)})
-    bears, fails = map(
-        float, re.search(r"one up to (\S+) of the loads and none was found at (\S+):", str(raised.value)).groups()
-    )
-    assert 0.0 < fails - bears < 0.008
+        prestressed(model, frame="x_min", **given)
+    bears, fails = enclosed(raised)
     # shear takes 0.03 % of it
     assert 1.3 * bears - 0.01 < 1.0 < 1.3 * fails + 0.01
-    assert len(set(MPI.COMM_WORLD.allgather(str(raised.value)))) == 1
+
+
+@pytest.mark.mpi
+def test_critical_speed():
+    """Without the stiffening by tension a beam gives way in the plane of its spin at its first frequency there."""
+    lateral = 3.51602 * np.sqrt(MATERIAL.E * SQUARE[1] * SQUARE[0] ** 3 / 12 / PER_LENGTH / LONG**4)
+    with pytest.raises(ConvergenceError, match="the body buckles") as raised:
+        prestressed(beam(form=small_strain()), frame="x_min", angular_velocity=(0.0, 0.0, 1.2 * lateral))
+    bears, fails = enclosed(raised)
+    assert 1.2**2 * bears - 0.005 < 1.0 < 1.2**2 * fails + 0.005
 
 
 def test_spinning_beam_out_of_its_plane():
