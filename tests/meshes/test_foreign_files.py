@@ -66,6 +66,10 @@ def test_volume_and_inertia(write, cell, degree, ending):
     rows = part.mesh.geometry.input_global_indices
     theirs = rows < len(ascending)  # hexahedra of 27 have nodes that the file has not
     assert part.mesh.geometry.x[theirs] == pytest.approx(ascending[rows[theirs]], abs=1e-9)
+    grid = np.stack(np.meshgrid(*[np.arange(0, end + 0.1, 0.5) for end in (2, 1, 1)]), axis=-1).reshape(-1, 3)
+    places = source.map(grid)
+    for x in part.mesh.geometry.x[~theirs]:
+        assert np.linalg.norm(places - x, axis=1).min() < 1e-8
 
 
 def shells_on_foot(source):
