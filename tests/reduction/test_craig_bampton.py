@@ -217,7 +217,8 @@ def test_record_does_not_depend_on_the_number_of_ranks():
     world, alone = parallel_and_alone(modes=6, frame="tip", keep_modes=True, keep_surface=True)
     for clamped in ((), ("tip",), ("root", "pad")):
         assert world.frequencies(clamped) == pytest.approx(alone.frequencies(clamped), rel=1e-10)
-    for hertz in (1.0, 100.0, 700.0, 2500.0, 6000.0):
+    # not much lower: at 1 Hz the inertia of the free body is all, and the inverse loses ten digits of the stiffness
+    for hertz in (30.0, 100.0, 700.0, 2500.0, 6000.0):
         omega = 2 * np.pi * hertz
         assert relative(dynamic_stiffness(world, omega), dynamic_stiffness(alone, omega)) < 1e-8
     # signs too, by the rule; eigenvectors carry more of the round-off
