@@ -1,5 +1,6 @@
 """Each trap that the contract suite is there for, laid in a sound form, fails the check that is meant for it."""
 
+import types
 from pathlib import Path
 
 from mpi4py import MPI
@@ -13,7 +14,7 @@ from flexmbd.continuum.contract_suite.outcome import Remark, Verdict, attempt, v
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.errors import FormulationError
-from flexmbd.forms import solid_linear, solid_nearly_incompressible
+from flexmbd.forms import beam_timoshenko, solid_linear, solid_nearly_incompressible
 
 LINEAR = Path(solid_linear.__file__).read_text()
 ENERGY = "return [(energy, Quadrature(degree))]"
@@ -175,6 +176,38 @@ def test_what_only_a_mesh_shows_to_have_no_value_ends_the_checks(tmp_path):
     assert "hexahedron 1: not finite at u = 0: force, tangent, derivative of the tangent" in first.text()
     assert {line.verdict for line in others} == {Verdict.SKIP}
     assert "symmetry                       not run: see 'finite at rest'" in sheet.text()
+
+
+def test_a_residual_without_an_energy_may_be_sound(tmp_path):
+    """That of the linear solid, with a history that is written but not read: no check fails."""
+    residual = """def residual(u, v, state, p):
+    return [(ufl.inner(_small_strain_stress(u, p), ufl.grad(v)) + 0 * state * v[0], Quadrature(2))]
+
+
+def state(p):
+    return 0 * p.E
+
+
+def update(u, state, p):
+    return state + ufl.div(u)
+
+
+def _no_energy("""
+    changes = [("def strain_energy(", residual), ("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}")]
+    changes += [('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)')]
+    sheet = check_form(form_file(tmp_path, LINEAR, *changes), comm=MPI.COMM_SELF)
+    assert sheet.passed
+    verdicts = {line.name: line.verdict for line in sheet.lines}
+    assert verdicts["symmetry"] is verdicts["tangent against differences"] is Verdict.PASS
+    assert verdicts["geometric stiffness"] is Verdict.NOTE
+
+
+def test_the_trap_of_sections_that_are_not_the_kinetic_energys():
+    form = types.ModuleType("beam")
+    form.__dict__.update(vars(beam_timoshenko))
+    form.section_inertia = lambda p: 1.1 * beam_timoshenko.section_inertia(p)
+    *_, sections = outcome_of("translational mass", Trial(form, "interval", 1))
+    assert sections.value == pytest.approx(0.1, abs=0.05)
 
 
 COUNTER = """

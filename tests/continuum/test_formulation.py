@@ -13,7 +13,8 @@ import pytest
 import ufl
 from dolfinx import fem
 
-from flexmbd.continuum import formulation
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, formulation
 from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
 
@@ -194,6 +195,79 @@ def test_energy_that_is_not_finite_at_rest_is_refused(load_text, energy, what):
 
 def test_energy_that_only_a_mesh_can_evaluate_is_let_through(load_text):
     load_text(GOOD.replace(RETURN, RETURN.replace("energy", "energy * (1 + ufl.bessel_J(1, ufl.tr(strain)))")))
+
+
+# A form with a residual in place of an energy, and a history that nothing changes.
+RESIDUAL = GOOD.replace("def strain_energy(", "def _energy(") + """
+
+def residual(u, v, state, p):
+    return [(ufl.inner(_small_strain_stress(u, p), ufl.grad(v)), Quadrature(2))]
+
+
+def state(p):
+    return ufl.as_vector((0 * p.E, 0.0))
+
+
+def update(u, state, p):
+    return state + ufl.as_vector((ufl.div(u), 0.0))
+
+
+def local_unknowns(p):
+    return ufl.as_ufl(0.0)
+
+
+def local_residual(z, u, state, p):
+    return z - ufl.div(u) + state[1]
+"""
+
+
+def test_names_that_not_every_form_has(load_text):
+    form = load_text(RESIDUAL)
+    cube = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
+    with pytest.raises(FormulationError, match="has a residual and no strain_energy, of which the stiffness"):
+        ContinuumModel(cube, form, form.reference().parameters, degree=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "pattern"),
+    [
+        (("def update(", "def _update("), "state goes with update, which is missing"),
+        (("def update(u, state, p)", "def update(u, p)"), "update must take 3 positional arguments"),
+        (("def local_unknowns(", "def _unknowns("), "local_residual goes with local_unknowns, which is missing"),
+        (("def _energy(", "def strain_energy("), "strain_energy and residual are both there"),
+        (("return state + ufl.as_vector((ufl.div(u), 0.0))", "return state[0]"), r"update: .*\(2,\), got \(\)"),
+        (("return z - ufl.div(u) + state[1]", "return ufl.as_vector((z, z))"), r"local_residual: .*\(\), got \(2,\)"),
+        (("ufl.grad(v)), Q", "ufl.grad(u)), Q"), "residual: term 0: the integrand must be linear in v"),
+        (("ufl.grad(v)), Q", "ufl.grad(v)) ** 2, Q"), "residual: term 0: the integrand must be linear in v"),
+        (
+            ("ufl.grad(v)), Q", "ufl.grad(v)) * ufl.sqrt(ufl.inner(u, u)), Q"),
+            "residual: term 0: the first derivative at u = 0 is not finite",
+        ),
+    ],
+)
+def test_each_violation_of_such_a_name_is_reported_alone(load_text, change, pattern):
+    assert RESIDUAL.count(change[0]) == 1
+    with pytest.raises(FormulationError) as caught:
+        load_text(RESIDUAL.replace(*change))
+    (fault,) = str(caught.value).split("\n  - ")[1:]
+    assert re.search(pattern, fault, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    ("text", "patterns"),
+    [
+        ("def state(p):\n    return 0.0\n\ndef update(u, state, p):\n    return state\n", ["state needs residual"]),
+        ("def motion(u, xi, p):\n    return u\n", ["motion goes with section_inertia"]),
+        (
+            "def motion(u, xi, p):\n    return u\n\ndef section_inertia(p):\n    return ((p.rho, 0), (0, 1))\n",
+            ["motion: is for lines and surfaces", r"section_inertia: must have .*\(1, 1\), got \(2, 2\)"],
+        ),
+    ],
+)
+def test_names_that_do_not_go_with_the_rest(load_text, text, patterns):
+    found = faults(load_text, ("def reference(", f"{text}\n\ndef reference("))
+    assert len(found) == len(patterns)
+    assert all(re.search(pattern, fault, re.DOTALL) for pattern, fault in zip(patterns, found, strict=True))
 
 
 def test_functions_of_c_are_refused(load_text):
