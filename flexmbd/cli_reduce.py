@@ -75,13 +75,13 @@ def reduce(arguments: argparse.Namespace) -> int:
     from flexmbd.continuum.formulation import load
     from flexmbd.meshes import read
     from flexmbd.reduction import ModalDamping, craig_bampton
-    from flexmbd.reduction.truncation import agreed_truncation
+    from flexmbd.reduction.truncation import chosen_truncation
 
     comm = MPI.COMM_WORLD
     interfaces = [parse_interface(text) for text in arguments.interface]
     values = parse_parameters(arguments.parameter)
     damping = None if arguments.damping_ratio is None else ModalDamping(arguments.damping_ratio)
-    agreed_truncation(comm, modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
+    chosen_truncation(modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
     parallel.on_root(comm, lambda: check_destination(arguments.output))
     name: str = arguments.form
     form: Any = load(Path(name) if name.endswith(".py") or "/" in name else name)

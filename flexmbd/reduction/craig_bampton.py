@@ -20,7 +20,7 @@ from flexmbd.reduction.optional_groups import Contents, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
-from flexmbd.reduction.truncation import Truncation, agreed_truncation, fixed_interface_modes
+from flexmbd.reduction.truncation import Truncation, chosen_truncation, fixed_interface_modes
 
 
 def craig_bampton(
@@ -84,10 +84,12 @@ def craig_bampton(
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
     """
-    truncation = agreed_truncation(model.comm, modes=modes, below_hz=below_hz, tol=tol)
     parallel.check_same(
         model.comm,
         ReductionError,
+        modes=modes,
+        below_hz=below_hz,
+        tol=tol,
         frame=frame,
         geometric_stiffness=geometric_stiffness,
         loads=tuple(loads),
@@ -97,6 +99,7 @@ def craig_bampton(
         keep_stress=keep_stress,
         solver=solver,
     )
+    truncation = chosen_truncation(modes=modes, below_hz=below_hz, tol=tol)
     contents = Contents(
         geometric_stiffness=geometric_stiffness,
         loads=tuple(loads),

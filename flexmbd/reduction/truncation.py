@@ -96,26 +96,32 @@ class TruncationErrors:
     errors: FloatArray
 
 
-def agreed_truncation(comm: MPI.Comm, *, modes: object, below_hz: object, tol: object) -> Truncation:
-    """What was asked for, checked, the same on all ranks. Collective.
+def chosen_truncation(*, modes: object = None, below_hz: object = None, tol: object = None) -> Truncation:
+    """What was asked for, checked; not collective.
 
     Raises:
-        ReductionError: on all ranks: not exactly one of them, apart from a frequency beside a tolerance; a value out
-            of range; or not the same on all ranks.
+        ReductionError: not exactly one of them, apart from a frequency beside a tolerance; or a value out of range.
     """
-    choice: Truncation | None = None
-    error: ReductionError | None = None
-    try:
-        choice = _checked(modes, below_hz, tol)
-    except ReductionError as caught:
-        error = caught
-    parallel.raise_collectively(comm, error)
-    choices = comm.allgather(choice)
-    for rank, other in enumerate(choices):
-        if other != choices[0]:
-            raise ReductionError(f"{choices[0]} on rank 0 and {other} on rank {rank}; give the same on all ranks")
-    agreed: Truncation = choices[0]
-    return agreed
+    given = [name for name, value in (("modes", modes), ("below_hz", below_hz), ("tol", tol)) if value is not None]
+    if given not in (["modes"], ["below_hz"], ["tol"], ["below_hz", "tol"]):
+        raise ReductionError(
+            "say how many modes by exactly one of modes (a number), below_hz (all below a frequency) and tol (as many "
+            f"as it takes; below_hz beside it is its range), got {' and '.join(given) or 'none of them'}"
+        )
+    if modes is not None:
+        return Truncation(modes=_whole("modes", modes, least=0))
+    frequency = accuracy = None
+    if below_hz is not None:
+        frequency = _real(below_hz)
+        if not 0.0 < frequency < math.inf:
+            raise ReductionError(f"below_hz must be a positive frequency in Hz, got {below_hz!r}")
+    if tol is not None:
+        accuracy = _real(tol)
+        if not FLOOR < accuracy < 1.0:
+            raise ReductionError(
+                f"tol must be a relative error between {FLOOR:.0e}, to which modes are computed, and 1, got {tol!r}"
+            )
+    return Truncation(below_hz=frequency, tol=accuracy)
 
 
 def fixed_interface_modes(statics: Statics, truncation: Truncation, *, start: FloatArray) -> FoundModes:
@@ -172,7 +178,9 @@ def truncation_errors(
         InterfaceError: on all ranks: no interface `frame`.
         ConvergenceError: on all ranks: the eigensolver did not converge.
     """
-    numbers = [agreed_truncation(model.comm, modes=n, below_hz=None, tol=None).modes or 0 for n in modes]
+    parallel.check_same(model.comm, ReductionError, modes=list(modes), frame=frame, count=count, held=held)
+    numbers = [_whole("modes", n, least=0) for n in modes]
+    count = _whole("count", count, least=1)
     if held and frame is None:
         raise ReductionError("a body whose frame floats cannot be held there; name an interface as its frame")
     with body_statics(model, frame=frame) as statics:
@@ -320,36 +328,13 @@ def _hertz(eigenvalue: float) -> float:
     return math.sqrt(eigenvalue) / (2.0 * math.pi)
 
 
-def _checked(modes: object, below_hz: object, tol: object) -> Truncation:
-    given = [name for name, value in (("modes", modes), ("below_hz", below_hz), ("tol", tol)) if value is not None]
-    if given not in (["modes"], ["below_hz"], ["tol"], ["below_hz", "tol"]):
-        raise ReductionError(
-            "say how many modes by exactly one of modes (a number), below_hz (all below a frequency) and tol (as many "
-            f"as it takes; below_hz beside it is its range), got {' and '.join(given) or 'none of them'}"
-        )
-    if modes is not None:
-        return Truncation(modes=_whole(modes))
-    frequency = accuracy = None
-    if below_hz is not None:
-        frequency = _real(below_hz)
-        if not 0.0 < frequency < math.inf:
-            raise ReductionError(f"below_hz must be a positive frequency in Hz, got {below_hz!r}")
-    if tol is not None:
-        accuracy = _real(tol)
-        if not FLOOR < accuracy < 1.0:
-            raise ReductionError(
-                f"tol must be a relative error between {FLOOR:.0e}, to which modes are computed, and 1, got {tol!r}"
-            )
-    return Truncation(below_hz=frequency, tol=accuracy)
-
-
-def _whole(modes: object) -> int:
+def _whole(name: str, value: object, *, least: int) -> int:
     try:
-        number = operator.index(modes)  # type: ignore[arg-type]
+        number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = -1
-    if number < 0 or isinstance(modes, bool):
-        raise ReductionError(f"modes must be a whole number from 0 on, got {modes!r}")
+    if number < least or isinstance(value, bool):
+        raise ReductionError(f"{name} must be a whole number from {least} on, got {value!r}")
     return number
 
 
