@@ -165,6 +165,8 @@ def internal_work(
 def load(source: str | Path | ModuleType) -> Formulation:
     """Find a formulation and check it against the contract; the same on every rank, not collective.
 
+    A file that has not changed is the same module at each call.
+
     Args:
         source: a name in `flexmbd.forms`, the path of a form file, or an imported module.
 
@@ -224,13 +226,19 @@ def _import(name: str, *, path: Path | None, faults: list[str]) -> ModuleType:
     try:
         if path is None:
             return importlib.import_module(name)
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
+        if path.suffix != ".py":
             raise ImportError("not a Python file (.py)")
-        module = importlib.util.module_from_spec(spec)
+        # the same file is the same module, so that its Parameters are of one class
+        version = path.resolve(), path.read_bytes()
+        known = sys.modules.get(name)
+        if known is not None and getattr(known, "__form_version__", None) == version:
+            return known
+        module = ModuleType(name)
+        module.__dict__.update(__file__=str(path), __form_version__=version)
         # dataclasses looks its module up by name
         sys.modules[name] = module
-        spec.loader.exec_module(module)
+        # without Python's cache, which takes a file rewritten within a second for the old one
+        exec(compile(version[1], path, "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:  # noqa: BLE001  (a form file is foreign code, and may call exit())
         sys.modules.pop(name, None)
         if not (faults and isinstance(error, ImportError)):  # else a forbidden import, already in the list

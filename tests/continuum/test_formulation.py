@@ -1,5 +1,6 @@
 """Loading a form file, and each way in which one can break the contract."""
 
+import os
 import re
 import sys
 import types
@@ -54,6 +55,21 @@ def test_loads_by_name_path_and_module(load_text):
     mine = load_text(GOOD)
     assert mine is not solid_linear
     assert mine.Parameters(E=1.0, nu=0.25, rho=1.0).nu == 0.25
+
+
+def test_a_file_is_one_module_until_it_changes(tmp_path):
+    """A change that keeps the file's size and time is one too: a file may be rewritten within a second."""
+    path = tmp_path / "my_form.py"
+
+    def load(text):
+        path.write_text(text)
+        os.utime(path, (1.7e9, 1.7e9))
+        return formulation.load(path)
+
+    first = load(GOOD)
+    assert load(GOOD) is first
+    second = load(GOOD.replace("E=2.1e11", "E=7.0e10"))
+    assert (first.reference().parameters.E, second.reference().parameters.E) == (2.1e11, 7.0e10)
 
 
 def test_a_module_is_a_formulation():

@@ -221,17 +221,70 @@ def _is_linear(trial: Trial) -> bool:
 
 
 CHECKS = (
-    Check("finite at rest", rest),
-    Check("rigid motions cost no energy", rigid_motions),
-    Check("translational mass", translational_mass),
-    Check("positive mass", positive_mass),
-    Check("symmetry", symmetry),
-    Check("patch test, distorted mesh", patch_test),
-    Check("stress does the energy's work", stress_work),
-    Check("tangent against differences", tangent),
-    Check("A(u) u against the residual", residual),
-    Check("observed order", observed_order),
-    Check("frame indifference", frame_indifference),
-    Check("geometric stiffness", stiffening),
+    Check(
+        "finite at rest",
+        rest,
+        "every computation begins at u = 0: use another expression where a root, a quotient or a logarithm has no "
+        "value or derivative there; a body with a force at rest has no place here",
+    ),
+    Check(
+        "rigid motions cost no energy",
+        rigid_motions,
+        "a force: the energy must depend on strains alone, and rigid_motion be a motion without strain; "
+        "more free motions than six: a rule with more points; fewer: a rule with less, or another element",
+    ),
+    Check(
+        "translational mass",
+        translational_mass,
+        "kinetic_energy is rho/2 v.v in all three directions, by a rule that is exact; section_inertia and motion "
+        "must be those of the kinetic energy",
+    ),
+    Check(
+        "positive mass",
+        positive_mass,
+        'a rule with more points for the mass, and not "vertex" on cells of degree 2',
+    ),
+    Check(
+        "symmetry",
+        symmetry,
+        "only the second derivative of an energy is symmetric: give strain_energy in place of residual",
+    ),
+    Check(
+        "patch test, distorted mesh",
+        patch_test,
+        "on cells of any shape the element must hold constant strains, the rule integrate them, and no size of a "
+        "cell enter the energy",
+    ),
+    Check(
+        "stress does the energy's work",
+        stress_work,
+        "stress must be the derivative of strain_energy by the strain, at small strain",
+    ),
+    Check(
+        "tangent against differences",
+        tangent,
+        "the energy has jumps; forces and tangents are its derivatives only where it is smooth",
+    ),
+    Check(
+        "A(u) u against the residual",
+        residual,
+        "the energy has kinks or jumps on the way from rest to a displacement of 2 cm in cells of half a metre",
+    ),
+    Check(
+        "observed order",
+        observed_order,
+        "claim less in ORDER; or the element locks: integrate what locks by a lower rule in a term of its own, or "
+        "make it an unknown; or body_force is not that of the displacement in reference()",
+    ),
+    Check(
+        "frame indifference",
+        frame_indifference,
+        "write the energy in F^T F, F = I + grad u; or keep it linear in u throughout, for small rotations",
+    ),
+    Check(
+        "geometric stiffness",
+        stiffening,
+        "the third derivative of the energy at rest must be finite",
+    ),
 )
 """In the order in which a sheet lists them."""

@@ -78,10 +78,12 @@ class Check:
     Attributes:
         name: short, as a heading.
         run: on a trial; its docstring says what it proves.
+        remedy: what to look for in a form that fails.
     """
 
     name: str
     run: Callable[[Trial], Outcome]
+    remedy: str
 
 
 def verdict(outcome: Outcome) -> Verdict:

@@ -29,6 +29,7 @@ Place: TypeAlias = tuple[str, int]
 """A cell and a degree."""
 
 _RANKS = "the same matrices on all ranks"
+_SAME = "the form must return the same at each call and on each rank"
 _WIDTH = max(len(check.name) for check in CHECKS) + 2
 
 
@@ -39,10 +40,12 @@ class Line:
     Attributes:
         name: of the check.
         outcomes: by cell and degree.
+        remedy: of the check.
     """
 
     name: str
     outcomes: Mapping[Place, Outcome]
+    remedy: str
 
     @property
     def verdict(self) -> Verdict:
@@ -61,7 +64,7 @@ class Line:
         ]
         if failed:
             places = "" if len(self.outcomes) == 1 else f" on {len(failed)} of {len(self.outcomes)} elements"
-            return "\n".join([f"{head}failed{places}", *failed])
+            return "\n".join([f"{head}failed{places}", *failed, f"      remedy: {self.remedy}"])
         figures = [outcome for outcome in self.outcomes.values() if not isinstance(outcome, Remark)]
         if figures:
             return head + "; ".join(map(str, _worst(figures)))
@@ -132,7 +135,8 @@ def places(form: Formulation) -> list[Place]:
 def _try_all(form: Formulation) -> list[Line]:
     outcomes = {place: _try_place(form, *place) for place in places(form)}
     return [
-        Line(check.name, {place: found[check.name] for place, found in outcomes.items()}) for check in CHECKS
+        Line(check.name, {place: found[check.name] for place, found in outcomes.items()}, check.remedy)
+        for check in CHECKS
     ]
 
 
@@ -151,7 +155,7 @@ def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
     """Collective."""
     if comm.size == 1:
         why = Remark(Verdict.SKIP, "needs two ranks: mpirun -n 2 flexmbd check ...")
-        return Line(_RANKS, dict.fromkeys(places(form), why))
+        return Line(_RANKS, dict.fromkeys(places(form), why), _SAME)
     outcomes: dict[Place, Outcome] = {}
     for cell, degree in places(form):
         error: Exception | None = None
@@ -162,7 +166,7 @@ def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
         failures = [text for text in comm.allgather(error and f"{type(error).__name__}: {error}") if text]
         if failures:
             outcomes[cell, degree] = Remark(Verdict.FAIL, failures[0])
-    return Line(_RANKS, outcomes)
+    return Line(_RANKS, outcomes, _SAME)
 
 
 def _told(outcome: Outcome) -> str:
