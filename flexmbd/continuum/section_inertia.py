@@ -87,7 +87,7 @@ class _Sections:
             self._u.x.array[:] = fields[:, i]
             motions[..., i] = self._motion.eval(self._mesh, cells).reshape(-1, m, 3)
         # sum_i e_i x (e_i x d) = -2 d
-        offset = -0.5 * sum(np.cross(np.eye(3)[i], motions[..., i]) for i in range(3))
+        offset = -0.5 * np.sum([np.cross(np.eye(3)[i], motions[..., i]) for i in range(3)], axis=0)
         offset[:, 0] = place[:, :3] - p
         unit = np.zeros((len(place), m, 1))
         unit[:, 0] = 1.0
