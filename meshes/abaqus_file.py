@@ -84,10 +84,11 @@ class _Reader:
             elif block.keyword == "ELEMENT":
                 self._add_elements(block)
         for block in self._blocks:
+            if block.keyword == "ELSET":
+                self._add_set(block, "ELSET", self._element_sets)
+        for block in self._blocks:
             if block.keyword == "NSET":
                 self._add_set(block, "NSET", self._node_sets)
-            elif block.keyword == "ELSET":
-                self._add_set(block, "ELSET", self._element_sets)
         for block in self._blocks:
             if block.keyword == "SURFACE":
                 self._add_surface(block)
@@ -141,12 +142,23 @@ class _Reader:
         if option not in block.options:
             raise MeshError(f"{self._path}: *{option} without a name; write *{option}, {option}=name")
         name = block.options[option]
+        if option == "NSET" and "ELSET" in block.options:
+            held = self._held(block.options["ELSET"], self._element_sets, f"*NSET {name!r}")
+            for one in self._elements:
+                _append(sets, name, one.nodes[np.isin(one.numbers, held)].reshape(-1))
+            return
         if "GENERATE" in block.options:
             for line in block.lines:
-                first, last, *step = self._whole([f for f in _fields(line) if f], f"*{option}")
-                _append(sets, name, np.arange(first, last + 1, step[0] if step else 1))
+                bounds = self._whole([f for f in _fields(line) if f], f"*{option}").tolist()
+                if len(bounds) not in (2, 3) or bounds[2:] == [0]:
+                    raise MeshError(
+                        f"{self._path}: *{option} {name!r}: GENERATE needs first, last and step, got {line!r}"
+                    )
+                _append(sets, name, np.arange(bounds[0], bounds[1] + 1, *bounds[2:]))
             return
-        for field in (field for line in block.lines for field in _fields(line) if field):
+        fields = [field for line in block.lines for field in _fields(line) if field]
+        _append(sets, name, self._whole([field for field in fields if field.isdigit()], f"*{option}"))
+        for field in (field for field in fields if not field.isdigit()):
             _append(sets, name, self._held(field, sets, f"*{option} {name!r}"))
 
     def _held(

@@ -63,7 +63,7 @@ def test_the_code_runs(shared_path, monkeypatch, capsys):
     assert capsys.readouterr().out.count("cylinder of radius 0.0045 m") == 2
 
 
-@pytest.mark.parametrize("row", rows(), ids=lambda row: row[0])
+@pytest.mark.parametrize("row", list(rows()), ids=lambda row: row[0])
 def test_the_table_of_parts(row):
     name, cells, degree, facets, groups, arguments = row
     function = getattr(meshes, name)

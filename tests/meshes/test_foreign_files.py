@@ -162,6 +162,14 @@ def test_a_part_of_an_assembly(write):
     assert "point" not in part.vertex_groups
 
 
+def test_the_nodes_of_a_set_of_elements(write):
+    text = HEXAHEDRA.replace("*MATERIAL", "*NSET, NSET=of_left, ELSET=LEFT\n*MATERIAL")
+    part = meshes.read(write(text, "part.inp"), **CHOSEN)
+    assert n_owned(part, 0, part.vertices("of_left")) == 8
+    whole = meshes.read(write(text, "part.inp"), cell_groups=[], facet_groups=["of_left"])
+    assert n_owned(whole, 2, whole.facets("of_left")) == 5
+
+
 def test_an_include_goes_to_its_folder(write, shared_path):
     text = lattice.inp(lattice.lattice("hexahedron", 1), 1)
     head, rest = text.split("*Element", 1)
