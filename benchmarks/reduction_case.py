@@ -23,6 +23,7 @@ FIXED_INTERFACE_MODES = 14
 CELL_SIZE = {"5k": 0.0285, "19k": 0.0172, "63k": 0.0104, "150k": 0.0073, "300k": 0.0057}
 FULL = tuple(CELL_SIZE)
 COMPARED = ("5k", "19k", "63k")
+ITERATED = ("63k", "300k")
 QUICK = ("5k", "19k")
 
 

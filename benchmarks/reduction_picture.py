@@ -16,6 +16,7 @@ Row = dict[str, Any]
 STYLES = {
     ("flexmbd", 1): ("flexmbd", "C0", "o-"),
     ("flexmbd", 2): ("flexmbd, two ranks", "C0", "o:"),
+    ("flexmbd, iterative", 2): ("flexmbd without a factor, two ranks", "C9", "x:"),
     ("exudyn, scipy", 1): ("exudyn, scipy", "C3", "s-"),
     ("exudyn, NGSolve", 1): ("exudyn, NGSolve", "C1", "v-"),
     ("NGSolve", 1): ("NGSolve, Arnoldi", "C2", "^-"),
