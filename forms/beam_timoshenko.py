@@ -9,8 +9,8 @@ Lambda(theta) the rotation, r the axis, ' the derivative along it and f, c force
     W = E A gamma_t^2 / 2 + G A (ky gamma_y^2 + kz gamma_z^2) / 2
       + G J kappa_t^2 / 2 + E (Iy kappa_y^2 + Iz kappa_z^2) / 2,   n = dW/dgamma,  m = dW/dkappa
 
-per length of the initial axis, in the section's axes t, y, z: tangent, the part of `orientation` normal
-to it, and t x y. The energy is that of finite rotations on purpose: its third derivative at rest, from
+per length of the initial axis, in the section's axes t, y, z: tangent from a cell's first node to its
+second, the part of `orientation` normal to it, and t x y. The energy is that of finite rotations on purpose: its third derivative at rest, from
 which the geometric stiffness follows, is not zero. Assumes small strain, plane sections whose y and z
 are principal axes through the centroid, which is the centre of shear as well, and free warping.
 

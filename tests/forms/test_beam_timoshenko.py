@@ -302,6 +302,7 @@ def test_sections_of_rectangles():
         ({"A": "wide"}, "A must be a number"),
         ({"orientation": (0.0, 0.0, 0.0)}, "orientation must be a vector"),
         ({"orientation": (0.0, 1.0)}, "orientation must be a vector"),
+        ({"orientation": 1.0}, "orientation must be a vector"),
         ({"orientation": (0.0, "up", 0.0)}, "each part of orientation must be a number"),
     ],
 )
