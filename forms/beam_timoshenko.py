@@ -10,9 +10,10 @@ Lambda(theta) the rotation, r the axis, ' the derivative along it and f, c force
       + G J kappa_t^2 / 2 + E (Iy kappa_y^2 + Iz kappa_z^2) / 2,   n = dW/dgamma,  m = dW/dkappa
 
 per length of the initial axis, in the section's axes t, y, z: tangent from a cell's first node to its
-second, the part of `orientation` normal to it, and t x y. The energy is that of finite rotations on purpose: its third derivative at rest, from
-which the geometric stiffness follows, is not zero. Assumes small strain, plane sections whose y and z
-are principal axes through the centroid, which is the centre of shear as well, and free warping.
+second, the part of `orientation` normal to it, and t x y. The energy is that of finite rotations on
+purpose: its third derivative at rest, from which the geometric stiffness follows, is not zero. Assumes
+small strain, plane sections whose y and z are principal axes through the centroid, which is the centre
+of shear as well, and free warping.
 
 Lagrange elements of equal degree for u and theta. Stretch and shear are integrated by as many Gauss
 points as the element has degree, which removes locking on straight and curved axes alike: that is
