@@ -35,7 +35,7 @@ def read(
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
-    """Read a three-dimensional mesh. Collective.
+    """Read a mesh of solid cells, from .h5 of any. Collective.
 
     | ends in | what | read by | groups |
     |---|---|---|---|

@@ -52,6 +52,26 @@ def test_round_trip(shared_path, cell, degree):
     assert n_owned(back, 3, back.cells("beam")) == n_owned(part, 3, part.cells("beam"))
 
 
+@pytest.mark.parametrize(
+    ("part", "facets"),
+    [
+        (lambda: meshes.sheet(0.6, 0.2, divisions=(4, 3), cell="triangle", degree=2), {"x_min": 3, "y_max": 4}),
+        (lambda: meshes.line(2.0, divisions=5, degree=2), {"start": 1, "end": 1}),
+    ],
+)
+def test_shells_and_lines(shared_path, part, facets):
+    part = part()
+    meshes.write(part, shared_path / "part.h5")
+    back = meshes.read(shared_path / "part.h5")
+    assert back.fingerprint() == part.fingerprint()
+    assert back.facet_groups == part.facet_groups
+    for name, count in facets.items():
+        assert n_owned(back, part.dim - 1, back.facets(name)) == count
+    assert back.vertex_groups.keys() == part.vertex_groups.keys()
+    for name in part.vertex_groups:
+        assert n_owned(back, 0, back.vertices(name)) == 1
+
+
 def test_the_file_does_not_depend_on_the_ranks(shared_path):
     meshes.write(beam(), shared_path / "all.h5")
     if COMM.rank == 0:
