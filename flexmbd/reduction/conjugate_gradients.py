@@ -32,15 +32,19 @@ class ConjugateGradients:
 
     name = "conjugate gradients, multigrid"
 
-    def __init__(self, matrix: PETSc.Mat, hierarchy: Multigrid, mask: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, matrix: PETSc.Mat, hierarchy: Multigrid, *, scale: FloatArray, mask: NDArray[np.bool_]
+    ) -> None:
         """Put together what is there already; not collective.
 
         Args:
-            matrix: over all dofs, with rows and columns of the unit matrix for those that are held.
+            matrix: S K S over all dofs, with rows and columns of the unit matrix for those that are held.
             hierarchy: of the matrix.
+            scale: (rows of this rank, 1), S, with which the matrix has a unit diagonal.
             mask: (rows of this rank,) whether a dof is not held.
         """
-        self._matrix, self._hierarchy, self._mask = matrix, hierarchy, mask
+        self._matrix, self._hierarchy = matrix, hierarchy
+        self._mask, self._scale = mask, scale[mask]
         self._comm = matrix.comm.tompi4py()
 
     def solve(self, block: FloatArray) -> FloatArray:
@@ -53,8 +57,8 @@ class ConjugateGradients:
         for first in range(0, block.shape[1], _TOGETHER):
             some = slice(first, first + _TOGETHER)
             loads = np.zeros((len(self._mask), result[:, some].shape[1]), order="F")
-            loads[self._mask] = block[:, some]
-            result[:, some] = self._solve(loads)[self._mask]
+            loads[self._mask] = self._scale * block[:, some]
+            result[:, some] = self._scale * self._solve(loads)[self._mask]
         return result
 
     def _solve(self, loads: FloatArray) -> FloatArray:
@@ -125,28 +129,31 @@ def conjugate_gradients(
     Raises:
         ReductionError: on all ranks: the stiffness is singular.
     """
-    matrix = _held(stiffness, mask, block_size=block_size)
+    matrix, root = _held(stiffness, mask, block_size=block_size)
     try:
-        with multigrid(matrix, motions) as hierarchy:
-            yield ConjugateGradients(matrix, hierarchy, mask)
+        with multigrid(matrix, root * motions) as hierarchy:
+            yield ConjugateGradients(matrix, hierarchy, scale=np.reciprocal(root), mask=mask)
     finally:
         matrix.destroy()
 
 
-def _held(stiffness: PETSc.Mat, mask: NDArray[np.bool_], *, block_size: int) -> PETSc.Mat:
-    """A copy, with equations of their own for the dofs that are held. Collective.
+def _held(stiffness: PETSc.Mat, mask: NDArray[np.bool_], *, block_size: int) -> tuple[PETSc.Mat, FloatArray]:
+    """A copy scaled to a unit diagonal, with unit rows for the dofs that are held, and the scale's inverse. Collective.
 
-    These stay in it because the aggregates of multigrid are made of whole nodes.
+    These dofs stay in it because the aggregates of multigrid are made of whole nodes.
     """
     matrix = stiffness.copy()
     matrix.setBlockSize(block_size)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     diagonal = matrix.getDiagonal()
-    scale = diagonal.sum() / diagonal.getSize()
+    diagonal.sqrtabs()
+    root: FloatArray = diagonal.getArray(readonly=True).copy()[:, None]
+    diagonal.reciprocal()
+    matrix.diagonalScale(diagonal, diagonal)
     diagonal.destroy()
     first = matrix.getOwnershipRange()[0]
-    matrix.zeroRowsColumns(np.flatnonzero(~mask).astype(PETSc.IntType) + first, diag=scale)
-    return matrix
+    matrix.zeroRowsColumns(np.flatnonzero(~mask).astype(PETSc.IntType) + first, diag=1.0)
+    return matrix, root
 
 
 def _largest(squares: FloatArray, size: FloatArray) -> float:

@@ -26,8 +26,8 @@ from flexmbd.reduction.factor import Factor
 # than without, and a hierarchy that is a little larger.
 _THRESHOLD = 0.05
 _PREFIX = "flexmbd_coarsen_"
-# Degree of the smoother, and the part of the spectrum that it damps.
-_DEGREE, _DAMPED = 2, 0.1
+# The smoother damps eigenvalues from this part of the largest on.
+_DAMPED = 0.1
 # Steps of the estimate of the largest eigenvalue, and what is added to that.
 _STEPS, _MARGIN = 12, 1.1
 # Size of a direction, beside the eigenvalue, that is round-off.
@@ -39,33 +39,23 @@ class Level:
     """A level of the hierarchy but the coarsest.
 
     Attributes:
-        matrix: of this level.
-        inverse_diagonal: (rows of this rank, 1) of the matrix.
-        largest: upper estimate of the largest eigenvalue of the scaled matrix.
+        matrix: A, of unit diagonal.
+        smoother: (a, b) of the approximate inverse a + b A.
         interpolation: from the next coarser level.
         restriction: its transpose.
     """
 
     matrix: PETSc.Mat
-    inverse_diagonal: FloatArray
-    largest: float
+    smoother: tuple[float, float]
     interpolation: PETSc.Mat
     restriction: PETSc.Mat
 
     def smoothed(self, block: FloatArray) -> FloatArray:
-        """A polynomial in the scaled matrix times a block of loads, an approximate inverse. Collective."""
-        centre = 0.5 * (1.0 + _DAMPED) * self.largest
-        radius = 0.5 * (1.0 - _DAMPED) * self.largest
-        sigma = centre / radius
-        rho = 1.0 / sigma
-        step = block * (self.inverse_diagonal / centre)
-        result, rest = step.copy(order="F"), block
-        for _ in range(_DEGREE - 1):
-            rest = rest - multiply(self.matrix, step)
-            last, rho = rho, 1.0 / (2.0 * sigma - rho)
-            step *= rho * last
-            step += rest * (2.0 * rho / radius * self.inverse_diagonal)
-            result += step
+        """The approximate inverse times a block of loads. Collective."""
+        a, b = self.smoother
+        result = multiply(self.matrix, block)
+        result *= b
+        result += a * block
         return result
 
 
@@ -99,7 +89,7 @@ def multigrid(matrix: PETSc.Mat, motions: FloatArray) -> Iterator[Multigrid]:
     """Coarsen a matrix for a `with` block. Collective.
 
     Args:
-        matrix: positive definite, of the block size of its nodes.
+        matrix: positive definite, of unit diagonal and of the block size of its nodes.
         motions: (rows of this rank, k) rigid motions, what costs next to no energy.
 
     Raises:
@@ -110,27 +100,47 @@ def multigrid(matrix: PETSc.Mat, motions: FloatArray) -> Iterator[Multigrid]:
     near = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
     matrix.setNearNullSpace(near)
     solver.setOperators(matrix)
-    transposed: list[PETSc.Mat] = []
-    coarsest = None
+    made: list[PETSc.Mat | Factor] = []
     try:
         _coarsen(solver)
-        levels = []
         pc = solver.getPC()
-        for i in reversed(range(1, pc.getMGLevels())):
-            operator = pc.getMGSmoother(i).getOperators()[0]
-            interpolation = pc.getMGInterpolation(i)
-            transposed.append(interpolation.transpose(PETSc.Mat()))
-            inverse = 1.0 / operator.getDiagonal().getArray()[:, None]
-            largest = _MARGIN * _largest_eigenvalue(operator, inverse)
-            levels.append(Level(operator, inverse, largest, interpolation, transposed[-1]))
-        coarsest = Factor(pc.getMGCoarseSolve().getOperators()[0], definite=True)
+        # the finest first
+        matrices = [pc.getMGSmoother(i).getOperators()[0] for i in reversed(range(pc.getMGLevels()))]
+        interpolations = [pc.getMGInterpolation(i) for i in reversed(range(1, pc.getMGLevels()))]
+        _scale(matrices, interpolations)
+        levels = []
+        for operator, interpolation in zip(matrices[:-1], interpolations, strict=True):
+            made.append(interpolation.transpose(PETSc.Mat()))
+            smoother = _smoother(_MARGIN * _largest_eigenvalue(operator))
+            levels.append(Level(operator, smoother, interpolation, made[-1]))
+        coarsest = Factor(matrices[-1], definite=True)
+        made.append(coarsest)
         yield Multigrid(tuple(levels), coarsest)
     finally:
-        if coarsest is not None:
-            coarsest.destroy()
         matrix.setNearNullSpace(PETSc.NullSpace())
-        for item in (*transposed, solver, near, *vectors):
+        for item in (*made, solver, near, *vectors):
             item.destroy()
+
+
+def _scale(matrices: list[PETSc.Mat], interpolations: list[PETSc.Mat]) -> None:
+    """Bring the levels between the finest and the coarsest to a unit diagonal, in place. Collective."""
+    for i in range(1, len(matrices) - 1):
+        root = matrices[i].getDiagonal()
+        root.sqrtabs()
+        # its rows first, for these are scaled by the other way round
+        interpolations[i].diagonalScale(root, None)
+        root.reciprocal()
+        matrices[i].diagonalScale(root, root)
+        interpolations[i - 1].diagonalScale(None, root)
+        root.destroy()
+
+
+def _smoother(largest: float) -> tuple[float, float]:
+    """(a, b): 1 - x (a + b x) is Chebyshev's polynomial that is small from a part of the largest eigenvalue on."""
+    radius = 0.5 * (1.0 - _DAMPED) * largest
+    centre = 0.5 * (1.0 + _DAMPED) * largest / radius
+    size = 2.0 * centre**2 - 1.0
+    return 4.0 * centre / (radius * size), -2.0 / (radius**2 * size)
 
 
 def _coarsen(solver: PETSc.KSP) -> None:
@@ -169,18 +179,17 @@ def _orthonormal(matrix: PETSc.Mat, motions: FloatArray) -> list[PETSc.Vec]:
     return vectors
 
 
-def _largest_eigenvalue(matrix: PETSc.Mat, inverse_diagonal: FloatArray) -> float:
-    """Estimate of the largest eigenvalue of the matrix scaled by its diagonal, by Lanczos' process. Collective."""
+def _largest_eigenvalue(matrix: PETSc.Mat) -> float:
+    """Estimate of the largest eigenvalue, by Lanczos' process. Collective."""
     comm = matrix.comm.tompi4py()
-    root = np.sqrt(inverse_diagonal)
-    rest: FloatArray = np.random.default_rng(comm.rank).normal(size=root.shape)
-    vector: FloatArray = np.zeros_like(root)
+    rest: FloatArray = np.random.default_rng(comm.rank).normal(size=(matrix.getLocalSize()[0], 1))
+    vector: FloatArray = np.zeros_like(rest)
     diagonal: list[float] = []
     beside = [_norm(comm, rest)]
     for _ in range(min(_STEPS, matrix.getSize()[0])):
         before, vector = vector, rest
         vector /= beside[-1]
-        rest = root * multiply(matrix, root * vector)
+        rest = multiply(matrix, vector)
         if diagonal:
             rest -= beside[-1] * before
         diagonal.append(float(inner(comm, vector, rest)[0, 0]))
