@@ -17,6 +17,7 @@ from dolfinx import fem
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.cell_group import CellGroup
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import FormulationError
 
 # Numbers held at a time while the cells are gone through.
@@ -32,7 +33,10 @@ def section_gram(
     moves them by w x offset.  The rule is the finest of the kinetic energy's.
     """
     rotations = model.rigid_motions(np.zeros(3), np.eye(3))[:, 3:]
-    fields = _with_ghosts(model, np.hstack([rotations, modes]))
+    state: FloatArray = np.zeros(model.n_owned)
+    if isinstance(model, PrestressedModel):
+        state = model.state.displacement[: model.n_owned]
+    fields = _with_ghosts(model, np.hstack([rotations, state[:, None], modes]))
     gram = np.zeros((4 + 3 * modes.shape[1],) * 2)
     for group in model.groups:
         sections = _Sections(model, group)
@@ -79,7 +83,7 @@ class _Sections:
         self._motion = fem.Expression(ufl.as_vector([part[i] for part in parts for i in range(3)]), points)
 
     def gram(self, cells: np.ndarray, fields: FloatArray, *, p: FloatArray, R: FloatArray) -> FloatArray:
-        """The integrals over some cells; `fields` are three unit rotations, then the modes."""
+        """The integrals over some cells; `fields` are three unit rotations, the state's motion, then the modes."""
         m, q = self.moments, len(self.weights)
         place = self._place.eval(self._mesh, cells).reshape(-1, 3 + m * m)
         motions = np.empty((len(place), m, 3, fields.shape[1]))
@@ -89,9 +93,10 @@ class _Sections:
         # sum_i e_i x (e_i x d) = -2 d
         offset = -0.5 * np.sum([np.cross(np.eye(3)[i], motions[..., i]) for i in range(3)], axis=0)
         offset[:, 0] = place[:, :3] - p
+        offset += motions[..., 3]
         unit = np.zeros((len(place), m, 1))
         unit[:, 0] = 1.0
-        moved = np.einsum("qmai,ab->qmib", motions[..., 3:], R).reshape(len(place), m, -1)
+        moved = np.einsum("qmai,ab->qmib", motions[..., 4:], R).reshape(len(place), m, -1)
         values = np.concatenate([unit, offset @ R, moved], axis=2)
         inertia = place[:, 3:].reshape(-1, q, m, m) * self.weights[:, None, None]
         weighted = inertia.reshape(-1, m, m) @ values

@@ -37,6 +37,8 @@ _STEPS = 20
 _GROWTH = 10.0
 # Relative change of the stiffness that is round-off.
 _SAME = 1e-12
+# Largest rotation, rad, up to which a formulation's rotations are taken for those of small motions.
+_ROTATION = 1e-3
 # Smallest part of the load in which it is brought up.
 _PART = 1.0 / 128.0
 
@@ -66,7 +68,7 @@ def prestressed(
         forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
             along the mesh's axes.
         angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
-            forces are those at the displaced points.
+            forces are those at the displaced points, of beams and shells without their sections' rotary inertia.
 
     Returns:
         The model about that state; `state.displacement` is the displacement.
@@ -75,7 +77,7 @@ def prestressed(
         ConvergenceError: on all ranks: no stable state was found; says up to what part of the loads there is one, and
             where the body moves most.
         ReductionError: on all ranks: loads, forces or angular velocity are not well formed, no interface is rigid, or
-            the formulation has rotations besides the displacement.
+            a formulation with rotations does not stay straight.
         InterfaceError: on all ranks: no such interface.
         MeshError: on all ranks: a load's facet group.
     """
@@ -101,6 +103,7 @@ def prestressed(
         note="at rest",
     )
     found = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin).state()
+    _check_rotations(model, found)
     tangent = model.tangent(found.displacement[: model.n_owned])
     change = tangent - model.K
     if change.norm() <= _SAME * model.K.norm():
@@ -123,15 +126,34 @@ def _check(
             raise ReductionError(f"interface {name!r} is averaged: load its facets by a Traction, or make it rigid")
     if not any(isinstance(one, RigidInterface) for one in model.interfaces):
         raise ReductionError("no interface of the model is rigid, and a prestressed body needs one that is")
-    kinematic = int(model.layout.kinematic.sum())
-    if model.comm.allreduce(kinematic != model.displacement_dofs.size, op=MPI.LOR):
+    averaged = any(isinstance(one, AveragedInterface) for one in model.interfaces)
+    if averaged and _has_rotations(model):
         raise ReductionError(
-            f"{model.form_name} has rotations, whose motion about a loaded state is not known; use a solid"
+            f"{model.form_name} has rotations, and how they take part in an averaged interface's place about a loaded "
+            "state is not known; make it rigid"
         )
     if any(not isinstance(pair, tuple) or len(pair) != 2 for pair in loads):
         raise ReductionError(f"loads must be pairs of a load and its size, as (Pressure(...), 2e6); got {loads!r}")
     check_loads(model, [load for load, _ in loads])
     return np.array([_numbers(f"size of load {load.name!r}", [size], 1)[0] for load, size in loads])
+
+
+def _check_rotations(model: ContinuumModel, state: StaticState) -> None:
+    """Refuse a state with rotations that small motions do not simply add to. Collective."""
+    others = model.layout.kinematic.copy()
+    others[model.displacement_dofs.reshape(-1)] = False
+    largest = model.comm.allreduce(float(abs(state.displacement[others]).max(initial=0.0)), op=MPI.MAX)
+    if largest > _ROTATION:
+        raise ReductionError(
+            f"the rotations of {model.form_name} reach {largest:.2g} rad in the loaded state, and motions about it are "
+            f"only known up to {_ROTATION:g} rad, as of a straight beam under tension; reduce the loads, or use a solid"
+        )
+
+
+def _has_rotations(model: ContinuumModel) -> bool:
+    """Whether rigid motions move more than the displacement. Collective."""
+    more = int(model.layout.kinematic.sum()) != model.displacement_dofs.size
+    return bool(model.comm.allreduce(more, op=MPI.LOR))
 
 
 def _numbers(what: str, value: ArrayLike, count: int) -> FloatArray:
@@ -357,7 +379,10 @@ def _forms(model: ContinuumModel, *, origin: FloatArray, spinning: bool) -> _For
 def _centrifugal_work(
     model: ContinuumModel, at: fem.Function, spin: fem.Constant, *, origin: FloatArray
 ) -> list[ufl.Form]:
-    """Virtual work of the centrifugal forces: the derivative of the kinetic energy of spin x r by r."""
+    """Virtual work of the centrifugal forces: the derivative of the kinetic energy of spin x r by r.
+
+    Without what the sections' own rotary inertia adds to it.
+    """
     others = [ufl.zero() for _ in range(at.ufl_shape[0] - 3)]
 
     def turned(place: ufl.core.expr.Expr) -> ufl.core.expr.Expr:

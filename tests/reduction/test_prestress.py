@@ -17,7 +17,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import ConvergenceError, InterfaceError, MeshError, ReductionError
-from flexmbd.forms import solid_linear, solid_mixed
+from flexmbd.forms import beam_timoshenko, solid_linear, solid_mixed
 from flexmbd.reduction import (
     BodyForce,
     KelvinVoigtDamping,
@@ -133,21 +133,43 @@ def test_the_closed_form():
     assert first_frequency(1e-9) == pytest.approx(3.51602 * np.sqrt(BENDING / PER_LENGTH / LONG**4), rel=1e-5)
 
 
-@pytest.mark.parametrize("part", [1.0, 4.0, -0.5, -0.9])
-def test_frequency_under_an_axial_force(part):
-    model = beam(comm=MPI.COMM_SELF)
-    plain = craig_bampton(model, modes=4, frame="x_min", geometric_stiffness=False)
-    loaded = prestressed(model, frame="x_min", forces={"x_max": (part * BUCKLING, 0, 0, 0, 0, 0)})
-    body = craig_bampton(loaded, modes=4, frame="x_min")
+def beam_of_sections(comm):
+    """The same beam by its axis."""
+    section = beam_timoshenko.Parameters.rectangle(
+        MATERIAL.E, MATERIAL.nu, MATERIAL.rho, width=SQUARE[0], height=SQUARE[1], orientation=(0.0, 1.0, 0.0)
+    )
+    mesh = meshes.line(LONG, divisions=16, comm=comm)
+    interfaces = [Interface("start"), Interface("end")]
+    return ContinuumModel(mesh, beam_timoshenko, section, degree=2, interfaces=interfaces)
+
+
+def of_solids(comm):
+    return beam(comm=comm)
+
+
+@pytest.mark.parametrize(
+    ("made", "ends", "part"),
+    [
+        *((of_solids, ("x_min", "x_max"), part) for part in (1.0, 4.0, -0.5, -0.9)),
+        *((beam_of_sections, ("start", "end"), part) for part in (4.0, -0.9)),
+    ],
+)
+def test_frequency_under_an_axial_force(made, ends, part):
+    model, (root, tip) = made(MPI.COMM_SELF), ends
+    plain = craig_bampton(model, modes=4, frame=root, geometric_stiffness=False)
+    loaded = prestressed(model, frame=root, forces={tip: (part * BUCKLING, 0, 0, 0, 0, 0)})
+    body = craig_bampton(loaded, modes=4, frame=root)
     found = np.sqrt(body.stiffness[0] / plain.stiffness[0])
     # ratios, in which shear takes part by (h / L)^2
     expected = first_frequency(part * BUCKLING) / first_frequency(1e-9)
     assert found == pytest.approx(expected, rel=2e-3)
     assert np.array_equal(body.R_MB, plain.R_MB)
     stretch = part * BUCKLING / (MATERIAL.E * SQUARE[0] * SQUARE[1]) * LONG
-    assert body.interface("x_max").p_BI_B[0] - LONG == pytest.approx(stretch, rel=1e-3)
+    assert body.interface(tip).p_BI_B[0] - LONG == pytest.approx(stretch, rel=1e-3)
     assert body.mass == pytest.approx(plain.mass, rel=1e-12)
-    assert body.com[0] == pytest.approx(LONG / 2 + stretch / 2, abs=1e-3 * abs(stretch))
+    assert body.com[0] - LONG / 2 == pytest.approx(stretch / 2, rel=1e-3)
+    # the sections' own inertia has not gone
+    assert body.inertia[0, 0] == pytest.approx(plain.inertia[0, 0], rel=1e-3)
 
 
 def enclosed(error):
@@ -360,6 +382,9 @@ def test_bad_use_is_refused_on_every_rank():
     mixed = bracket(interfaces=given, degree=1)
     with pytest.raises(ReductionError, match="'tip' is averaged: load its facets"):
         prestressed(mixed, frame="root", **PUSH)
+    sections = beam_of_sections(MPI.COMM_WORLD)
+    with pytest.raises(ReductionError, match=r"rotations .* reach 0\.0\d+ rad in the loaded state"):
+        prestressed(sections, frame="start", forces={"end": (0.0, 0.0, 0.05 * BUCKLING, 0.0, 0.0, 0.0)})
     averaged = bracket(interfaces=[Interface("root", coupling=fm.Coupling.AVERAGED)], degree=1)
     with pytest.raises(ReductionError, match="no interface of the model is rigid"):
         prestressed(averaged, frame="root")
