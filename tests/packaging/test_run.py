@@ -53,8 +53,12 @@ def test_unknown_command() -> None:
 
 def test_base_packages_are_not_shadowed() -> None:
     """DOLFINx was compiled with the base's numpy: another one in the environment above it would be a risk."""
-    for name in ("numpy", "scipy", "h5py", "numba", "dolfinx"):
-        module = run("python", "-c", f"import {name}; print({name}.__file__)").stdout
+    names = ("numpy", "scipy", "h5py", "numba", "dolfinx")
+    done = run("python", "-c", f"import importlib.util as u; print(*(u.find_spec(n).origin for n in {names}), sep='\\n')")
+    modules = done.stdout.splitlines()
+    assert len(modules) == len(names)
+    for module in modules:
+        assert module.endswith("__init__.py")
         assert not module.startswith(os.environ["FLEXMBD_ENV"])
 
 
