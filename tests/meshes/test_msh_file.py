@@ -207,6 +207,20 @@ def test_a_volume_in_two_groups(save):
         meshes.read(save(lambda: meshed_box(volumes=("part", "again"))))
 
 
+def test_groups_that_overlap_can_be_chosen(save):
+    def make():
+        meshed_box(volumes=("part", "again"))
+        gmsh.model.addPhysicalGroup(2, [1, 2, 3], name="some")
+
+    path = save(make)
+    part = meshes.read(path, cell_groups=["again"], facet_groups=["some"], scale=2.0)
+    assert (part.cell_groups.keys(), part.facet_groups.keys()) == ({"again"}, {"some"})
+    assert area(part, "some") == pytest.approx(12, rel=1e-13)
+    assert COMM.allreduce(len(part.cells("again"))) >= n_cells(part)
+    with pytest.raises(MeshError, match="no cell group 'all'; its cell groups are: 'again', 'part'"):
+        meshes.read(path, cell_groups=["all"])
+
+
 def test_a_name_given_twice(save):
     path = save(meshed_box)
     if COMM.rank == 0:
