@@ -13,7 +13,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ReductionError
-from flexmbd.forms import solid_linear
+from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import craig_bampton, guyan, truncation, truncation_errors
 
 # Relative errors of a beam's first frequencies by its number n of fixed-interface modes, Craig-Bampton against the
@@ -212,6 +212,19 @@ def test_tolerance_of_every_kind_of_body(name):
         assert estimate < 2.0 * error + 2e-12
     alone = craig_bampton(square_bar(MPI.COMM_SELF, *interfaces), tol=1e-3, frame=frame, geometric_stiffness=False)
     assert alone.stiffness == pytest.approx(body.stiffness, rel=1e-10)
+
+
+@pytest.mark.mpi
+def test_tolerance_of_an_incompressible_body():
+    """An indefinite stiffness, and pressures without mass; against many more modes."""
+    mesh = meshes.block(1.0, 0.1, 0.15, divisions=(4, 1, 1), cell="tetrahedron")
+    rubber = solid_mixed.Parameters(E=1e7, nu=0.5, rho=1000.0)
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, solid_mixed, rubber, degree=2, interfaces=ends)
+    body = craig_bampton(model, tol=1e-2, frame="x_min", geometric_stiffness=False)
+    fine = craig_bampton(model, modes=120, frame="x_min", geometric_stiffness=False)
+    error = ((body.frequencies()[:6] / fine.frequencies()[:6]) ** 2 - 1.0).max()
+    assert 0.0 < error <= float(body.provenance["estimated error of eigenvalues"]) <= 1e-2
 
 
 @pytest.mark.mpi
