@@ -278,7 +278,8 @@ def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.For
     """P(a; ., .) of one term as a bilinear form, and the field a. Collective."""
     density, rule = term
     a = fem.Function(u.function_space)
-    strains = _strains(term)
+    # a solid's variables are its own affair: F = variable(I + grad u), say, has no second-order part
+    strains = _strains(term) if group.has_sections else []
     integrand = _by_strains(density, strains, u, a) if strains else _by_gradient(density, u, a)
     return fem.form(integral((integrand, rule), group, u.function_space.mesh)), a
 

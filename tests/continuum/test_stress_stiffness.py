@@ -155,11 +155,20 @@ def test_no_tensor_for_other_densities(density):
     assert module.gradient_tensor(solid_linear.strain_energy(u, MATERIAL)[0], u).shape == (9, 9)
 
 
-def test_strains_that_the_form_marks(monkeypatch):
-    """The energy as a function of a marked strain, as of a beam: the same as by the gradient."""
+@pytest.mark.parametrize("marked", ["the strain", "F", "the trace"])
+def test_what_a_solid_marks_does_not_matter(monkeypatch, marked):
+    """Only lines and surfaces mark their strains; a solid may have variables for other ends."""
 
     def strain_energy(u, p):
-        strain = ufl.variable((ufl.grad(u) + ufl.grad(u).T + ufl.grad(u).T * ufl.grad(u)) / 2)
+        h = ufl.grad(u)
+        strain = (h + h.T + h.T * h) / 2
+        if marked == "the strain":
+            strain = ufl.variable(strain)
+        elif marked == "F":
+            f = ufl.variable(ufl.Identity(3) + h)
+            strain = (f.T * f - ufl.Identity(3)) / 2
+        else:
+            strain = ufl.dev(strain) + ufl.variable(ufl.tr(strain)) / 3 * ufl.Identity(3)
         (_, rule), *_ = solid_linear.strain_energy(u, p)
         return [(ufl.inner(hooke(strain, p), strain) / 2, rule)]
 
