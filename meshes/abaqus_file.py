@@ -149,7 +149,7 @@ class _Reader:
             return
         if "GENERATE" in block.options:
             for line in block.lines:
-                bounds = self._whole([f for f in _fields(line) if f], f"*{option}").tolist()
+                bounds = [int(x) for x in self._whole([f for f in _fields(line) if f], f"*{option}")]
                 if len(bounds) not in (2, 3) or bounds[2:] == [0]:
                     raise MeshError(
                         f"{self._path}: *{option} {name!r}: GENERATE needs first, last and step, got {line!r}"
