@@ -154,7 +154,8 @@ class _Reader:
                     raise MeshError(
                         f"{self._path}: *{option} {name!r}: GENERATE needs first, last and step, got {line!r}"
                     )
-                _append(sets, name, np.arange(bounds[0], bounds[1] + 1, *bounds[2:]))
+                first, last, step = [*bounds, 1][:3]
+                _append(sets, name, np.arange(first, last + 1, step))
             return
         fields = [field for line in block.lines for field in _fields(line) if field]
         _append(sets, name, self._whole([field for field in fields if field.isdigit()], f"*{option}"))
