@@ -19,7 +19,7 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import ArrayLike
 
-from flexmbd.continuum import assembly
+from flexmbd.continuum import assembly, parallel
 from flexmbd.continuum.blocks import FloatArray, inner
 from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.loads import Load, check_loads, load_vectors
@@ -30,8 +30,8 @@ from flexmbd.reduction.geometric_stiffness import interface_loads
 from flexmbd.reduction.stability import is_stable
 from flexmbd.reduction.statics import body_statics
 
-# Size of the last Newton step, by the energy norm, relative to that of the displacement. One more has been taken.
-_STEP = 1e-8
+# Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
+_STEP = 1e-6
 _STEPS = 20
 # A step that is that much larger than the one before is not converging.
 _GROWTH = 10.0
@@ -58,7 +58,8 @@ def prestressed(
     in the body frame, and are not to be applied to the reduced body again; their resultant, where they come from
     outside, is carried by whatever holds the frame.  The same goes for the angular velocity: its record is that of
     a body spinning at that speed, without the softening by the centrifugal forces on displaced points and without
-    Coriolis forces, for spins that the machine does not know of.
+    Coriolis forces, for spins that the machine does not know of.  What further loads add to the stiffness (the
+    record's geometric stiffness) is that of their stress in the body at rest.
 
     Args:
         model: at rest, with the interface `frame`; at least one of its interfaces is rigid.
@@ -76,11 +77,13 @@ def prestressed(
     Raises:
         ConvergenceError: on all ranks: no stable state was found; says up to what part of the loads there is one, and
             where the body moves most.
-        ReductionError: on all ranks: loads, forces or angular velocity are not well formed, no interface is rigid, or
-            a formulation with rotations does not stay straight.
+        ReductionError: on all ranks: arguments that differ between them; loads, forces or angular velocity that are
+            not well formed; no interface is rigid; a formulation with rotations does not stay straight.
         InterfaceError: on all ranks: no such interface.
         MeshError: on all ranks: a load's facet group.
     """
+    given = {"frame": frame, "loads": tuple(loads), "forces": dict(forces or {}), "angular_velocity": angular_velocity}
+    parallel.check_same(model.comm, ReductionError, **given)
     spin = _numbers("angular_velocity", angular_velocity, 3)
     wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     sizes = _check(model, frame=frame, loads=loads, forces=wrenches)

@@ -390,6 +390,17 @@ def test_bad_use_is_refused_on_every_rank():
         prestressed(averaged, frame="root")
 
 
+@pytest.mark.mpi
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="needs several ranks")
+def test_loads_that_differ_between_the_ranks_are_refused():
+    model = bracket("root", "tip", degree=1)
+    last = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+    force, spin = {"tip": (1.0 + last, 0, 0, 0, 0, 0)}, "x" if last else (0, 0, 0)
+    for name, given in (("forces", force), ("angular_velocity", spin)):
+        with pytest.raises(ReductionError, match=f"{name} is .* on rank 0 and .*; give the same on all ranks"):
+            prestressed(model, frame="root", **{name: given})
+
+
 def test_a_load_that_no_state_bears():
     """A compression far beyond the strength of the law itself says up to what part it got, and where it moves most."""
     model = bracket("root", "tip", comm=MPI.COMM_SELF, degree=1)
