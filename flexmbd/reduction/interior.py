@@ -76,15 +76,17 @@ def factorised(
     Args:
         model: with K and M.
         boundary: (owned dofs,) whether a dof of this rank is on the boundary.
-        solver: None: a factor, or where that would not fit in memory conjugate gradients.
+        solver: the same on all ranks; None: a factor, or where that would not fit in memory conjugate gradients.
 
     Yields:
         The interior; its memory is given back at the end of the block.
 
     Raises:
-        ReductionError: on all ranks: K_II is singular, is not definite and the solver iterative, or there is not
+        ReductionError: on all ranks: the solver is none; K_II is singular, is not definite and the solver iterative, or there is not
             enough memory.
     """
+    if solver is not None and not isinstance(solver, Solver):
+        raise ReductionError(f"solver must be Solver.DIRECT, Solver.ITERATIVE or None, got {solver!r}")
     mask = ~boundary
     first = model.K.getOwnershipRange()[0]
     dofs = np.flatnonzero(mask).astype(PETSc.IntType) + first
@@ -102,21 +104,6 @@ def factorised(
         # on several ranks nothing else does, since it takes all of them
         for item in (mass, rows):
             item.destroy()
-
-
-def agreed_solver(comm: MPI.Comm, solver: object) -> Solver | None:
-    """The solver, once it is one and the same on all ranks. Collective.
-
-    Raises:
-        ReductionError: on all ranks: it is not.
-    """
-    given = comm.allgather(solver if solver is None or isinstance(solver, Solver) else repr(solver))
-    for rank, one in enumerate(given):
-        if isinstance(one, str):
-            raise ReductionError(f"solver must be Solver.DIRECT, Solver.ITERATIVE or None, got {one}")
-        if one is not given[0]:
-            raise ReductionError(f"solver is {given[0]} on rank 0 and {one} on rank {rank}; give the same on all ranks")
-    return solver if isinstance(solver, Solver) else None
 
 
 def _factor(

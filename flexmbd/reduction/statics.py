@@ -28,14 +28,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
-from flexmbd.reduction.interior import (
-    Interior,
-    Solver,
-    agreed_solver,
-    check_equilibrium,
-    continued,
-    factorised,
-)
+from flexmbd.reduction.interior import Interior, Solver, check_equilibrium, continued, factorised
 from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
 
 # Bound of the check of rigid motions: a healthy part is five orders and more below it.
@@ -220,7 +213,7 @@ def body_statics(
     Args:
         model: the body.
         frame: the interface that carries the body frame; None: it floats on the mean axis.
-        solver: None: a factor, or where that would not fit in memory conjugate gradients.
+        solver: the same on all ranks; None: a factor, or where that would not fit in memory conjugate gradients.
 
     Yields:
         The statics; its memory is given back at the end of the block.
@@ -231,7 +224,6 @@ def body_statics(
             there is not enough memory; or the solver does not fit the formulation.
         ConvergenceError: on all ranks, where the statics are used: an iterative solver does not converge.
     """
-    solver = agreed_solver(model.comm, solver)
     interfaces = model.interfaces
     if isinstance(model, PrestressedModel) and frame != model.state.frame:
         raise ReductionError(

@@ -186,7 +186,7 @@ def test_solvers_that_are_none():
     with pytest.raises(ReductionError, match=r"must be Solver.DIRECT, Solver.ITERATIVE or None, got 'iterative'"):
         craig_bampton(model, modes=1, frame="root", solver="iterative")
     if COMM.size > 1:
-        with pytest.raises(ReductionError, match=r"solver is .*DIRECT on rank 0 and .*ITERATIVE on rank 1"):
+        with pytest.raises(ReductionError, match=r"solver is .*DIRECT.* on rank 0 and .*ITERATIVE.* on rank 1"):
             craig_bampton(
                 model, modes=1, frame="root", solver=Solver.ITERATIVE if COMM.rank == 1 else Solver.DIRECT
             )
