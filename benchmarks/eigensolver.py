@@ -15,8 +15,6 @@ import argparse
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -25,8 +23,8 @@ from slepc4py import SLEPc
 import numpy as np
 import reduction_case as case
 
+from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import eigen
 from flexmbd.reduction.signs import asymmetric_fields
@@ -54,7 +52,8 @@ def measure(name: str, *, basis: int) -> str:
     """A row of the table."""
     steel = solid_linear.Parameters(E=case.E, nu=case.NU, rho=case.RHO)
     ends = [Interface("start"), Interface("end")]
-    model = ContinuumModel(beam(name), solid_linear, steel, degree=2, interfaces=ends)
+    mesh = meshes.beam(case.LENGTH, case.WIDTH, case.WIDTH, h=case.CELL_SIZE[name], degree=1, comm=comm)
+    model = ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=ends)
     with body_statics(model, frame="start") as statics:
         start = np.asfortranarray(asymmetric_fields(model)[statics.mask])
         blocks = partial(block_lanczos, statics, statics.solve, start)
@@ -118,19 +117,6 @@ def prepared_krylov_schur(model: ContinuumModel, statics: Statics, *, basis: int
 def krylov_schur(solver: SLEPc.EPS) -> np.ndarray:
     solver.solve()
     return np.sort([solver.getEigenvalue(i).real for i in range(COUNT)])
-
-
-def beam(name: str) -> TaggedMesh:
-    """The mesh, made by gmsh in a process of its own."""
-    points = cells = None
-    if comm.rank == 0:
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "beam.npz"
-            case.make_mesh(case.CELL_SIZE[name], path)
-            points, cells = case.read_mesh(path)
-    small = 1e-9
-    ends = {"start": lambda x: x[0] < small, "end": lambda x: x[0] > case.LENGTH - small}
-    return from_arrays(comm, points, cells, degree=1, facet_groups=ends)
 
 
 def say(text: str) -> None:
