@@ -5,7 +5,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import flat_shell
+import micropolar
 import pytest
+import saddle_point
 
 from flexmbd.continuum import formulation
 from flexmbd.continuum.contract_suite import check_form
@@ -200,6 +203,24 @@ def _no_energy("""
     verdicts = {line.name: line.verdict for line in sheet.lines}
     assert verdicts["symmetry"] is verdicts["tangent against differences"] is Verdict.PASS
     assert verdicts["geometric stiffness"] is Verdict.NOTE
+
+
+@pytest.mark.parametrize("module", [micropolar, saddle_point, flat_shell], ids=lambda module: module.__name__)
+def test_forms_of_other_kinds_are_sound(module):
+    """Rotations at the points of a solid, a pressure, a surface; each on one cell. No body force is a force too."""
+    trial = Trial(formulation.load(module), module.CELLS[-1], max(formulation.orders(module, module.CELLS[-1])))
+    found = {check.name: attempt(check, trial) for check in CHECKS}
+    assert [name for name, outcome in found.items() if verdict(outcome) is Verdict.FAIL] == []
+    for name in ("patch test, distorted mesh", "observed order", "rigid motions cost no energy"):
+        assert verdict(found[name]) is Verdict.PASS
+
+
+def test_the_trap_of_a_shell_whose_shear_has_four_points(tmp_path):
+    """The nine-node quadrilateral then has one motion of the deflection without energy (Hughes 2000, chapter 5)."""
+    rules = ("ufl.inner(shear, shear), Quadrature(4)", "ufl.inner(shear, shear), Quadrature(3)")
+    form = formulation.load(form_file(tmp_path, Path(flat_shell.__file__).read_text(), rules))
+    _, free = outcome_of("rigid motions cost no energy", Trial(form, "quadrilateral", 2))
+    assert (free.value, free.remark) == (1.0, "7 in all")
 
 
 def test_the_trap_of_sections_that_are_not_the_kinetic_energys():

@@ -68,6 +68,11 @@ class Remark:
     text: str
 
 
+@dataclass(frozen=True)
+class Raised(Remark):
+    """An error that ended a check."""
+
+
 Outcome: TypeAlias = Sequence[Figure] | Remark
 
 
@@ -99,4 +104,4 @@ def attempt(check: Check, trial: Trial) -> Outcome:
         return check.run(trial)
     except Exception as error:  # noqa: BLE001  (a form file is foreign code)
         lines = str(error).strip().splitlines() or [""]
-        return Remark(Verdict.FAIL, f"{type(error).__name__}: {lines[-1]}")
+        return Raised(Verdict.FAIL, f"{type(error).__name__}: {lines[-1]}")

@@ -20,7 +20,7 @@ _VARIES = "the material varies with the place: constant strain is no solution; t
 def patch_test(trial: Trial) -> Outcome:
     """States of constant strain, prescribed on the boundary, are found inside on a distorted mesh.
 
-    Of a solid a linear displacement; of a line stretch, twist and bending; of a surface stretch,
+    Of a solid a linear displacement, and its rotation; of a line stretch, twist and bending; of a surface stretch,
     shear, bending and twist in its plane.
     """
     if not trial.is_uniform:
@@ -76,7 +76,10 @@ def states(trial: Trial) -> list[FloatArray]:
     x = ufl.SpatialCoordinate(trial.mesh)
     zero, axes = ufl.as_vector((0.0, 0.0, 0.0)), [ufl.unit_vector(i, 3) for i in range(3)]
     if trial.dim == 3:
-        fields = [(ufl.dot(ufl.as_matrix(_GRADIENT.tolist()), x), zero)]
+        # where the unknown has rotations, they are those of the displacement: no couples, no slip
+        g = _GRADIENT
+        turn = [(g[2, 1] - g[1, 2]) / 2, (g[0, 2] - g[2, 0]) / 2, (g[1, 0] - g[0, 1]) / 2]
+        fields = [(ufl.dot(ufl.as_matrix(g.tolist()), x), ufl.as_vector(turn))]
     elif trial.dim == 1:
         along, s = axes[0], x[0]
         bent = [(s**2 / 2 * ufl.cross(axis, along), s * axis) for axis in axes[1:]]

@@ -15,6 +15,7 @@ from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.outcome import (
     Figure,
     Outcome,
+    Raised,
     Remark,
     Verdict,
     attempt,
@@ -57,14 +58,16 @@ class Line:
     def text(self) -> str:
         """One line with the worst figures, and below it each place where the check failed."""
         head = f"{self.verdict.value}  {self.name:<{_WIDTH}}"
-        failed = [
-            f"      {cell} {degree}: {_told(outcome)}"
-            for (cell, degree), outcome in self.outcomes.items()
-            if verdict(outcome) is Verdict.FAIL
-        ]
+        failed = {
+            place: outcome for place, outcome in self.outcomes.items() if verdict(outcome) is Verdict.FAIL
+        }
         if failed:
             places = "" if len(self.outcomes) == 1 else f" on {len(failed)} of {len(self.outcomes)} elements"
-            return "\n".join([f"{head}failed{places}", *failed, f"      remedy: {self.remedy}"])
+            told = [f"      {cell} {degree}: {_told(outcome)}" for (cell, degree), outcome in failed.items()]
+            # an error says itself what is wrong
+            if not all(isinstance(outcome, Raised) for outcome in failed.values()):
+                told.append(f"      remedy: {self.remedy}")
+            return "\n".join([f"{head}failed{places}", *told])
         figures = [outcome for outcome in self.outcomes.values() if not isinstance(outcome, Remark)]
         if figures:
             return head + "; ".join(map(str, _worst(figures)))
@@ -165,7 +168,7 @@ def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
             error = caught
         failures = [text for text in comm.allgather(error and f"{type(error).__name__}: {error}") if text]
         if failures:
-            outcomes[cell, degree] = Remark(Verdict.FAIL, failures[0])
+            outcomes[cell, degree] = Raised(Verdict.FAIL, failures[0])
     return Line(_RANKS, outcomes, _SAME)
 
 
