@@ -82,8 +82,8 @@ def factorised(
         The interior; its memory is given back at the end of the block.
 
     Raises:
-        ReductionError: on all ranks: the solver is none; K_II is singular, is not definite and the solver iterative, or there is not
-            enough memory.
+        ReductionError: on all ranks: the solver is none; K_II is singular, or it is not definite and the solver
+            iterative; there is not enough memory.
     """
     if solver is not None and not isinstance(solver, Solver):
         raise ReductionError(f"solver must be Solver.DIRECT, Solver.ITERATIVE or None, got {solver!r}")

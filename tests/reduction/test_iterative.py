@@ -34,10 +34,10 @@ def coupled(couplings, degree):
 
 
 CASES = {
-    "attached": ({"root": RIGID, "tip": RIGID}, "root", 1),
-    "floating": ({"root": RIGID, "tip": AVERAGED, "pad": RIGID}, None, 1),
-    "averaged": ({"tip": AVERAGED, "root": AVERAGED}, "tip", 1),
-    "free": ({}, None, 1),
+    "attached": ({"root": RIGID, "tip": RIGID}, "root"),
+    "floating": ({"root": RIGID, "tip": AVERAGED, "pad": RIGID}, None),
+    "averaged": ({"tip": AVERAGED, "root": AVERAGED}, "tip"),
+    "free": ({}, None),
 }
 
 
@@ -47,15 +47,18 @@ def difference(found, expected):
 
 @pytest.mark.parametrize("case", CASES)
 def test_same_record_as_by_a_factor(case):
-    couplings, frame, degree = CASES[case]
-    model = coupled(couplings, degree)
-    exact = craig_bampton(model, modes=3, frame=frame, solver=Solver.DIRECT)
-    body = craig_bampton(model, modes=3, frame=frame, solver=Solver.ITERATIVE)
+    couplings, frame = CASES[case]
+    model = coupled(couplings, 1)
+    exact, body = (
+        craig_bampton(model, modes=2, frame=frame, geometric_stiffness=case == "attached", solver=solver)
+        for solver in (Solver.DIRECT, Solver.ITERATIVE)
+    )
     assert exact.provenance["solver"] == "direct"
     assert body.provenance["solver"] == "conjugate gradients, multigrid"
     assert body.stiffness == pytest.approx(exact.stiffness, rel=1e-10)
     assert difference(body.gram, exact.gram) < 1e-10
-    assert difference(body.geometric.K, exact.geometric.K) < 1e-9
+    if case == "attached":
+        assert difference(body.geometric.K, exact.geometric.K) < 1e-9
     for one, other in zip(body.interfaces, exact.interfaces, strict=True):
         assert difference(one.modes, other.modes) < 1e-9
     mine = body.stiffness.tobytes() + body.gram.tobytes()
