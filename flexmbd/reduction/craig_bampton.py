@@ -51,7 +51,7 @@ def craig_bampton(
     How many modes is said by exactly one of `modes`, `below_hz` and `tol`.
 
     Args:
-        model: with at least the interface `frame`.
+        model: with at least the interface `frame`; about a loaded state if it is one of `prestressed`.
         modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0
             gives Guyan's reduction.
         below_hz: Hz; all fixed-interface modes below it. Beside `tol`: the range that this is for.
