@@ -74,9 +74,9 @@ class GeometricStiffness:
     """Optional group ``geometric/``: what each load adds to the modal stiffness.
 
     With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
-    K_l = (dK/du) u_l and u_l is the static displacement under the unit load.  That is exact for loads
-    at rest.  The bodies of a machine move: there only the part counts whose stress follows the motion
-    of the modes at once (`flexmbd.reduction.quasi_static`).  The loads and their c:
+    K_l is that of the stress of u_l, the static displacement under the unit load: for loads at rest,
+    and for programs that take their stiffening load by load.  A machine here has it of the modes
+    (`ModalStretch`).  The loads and their c:
 
     - ``acceleration x`` .. ``z``: acceleration of B's origin minus gravity, in B (m/s^2); the load
       is the inertia force -rho c.
@@ -89,12 +89,32 @@ class GeometricStiffness:
     Attributes:
         loads: (l,) names; a load that is not among them stiffens nothing.
         K: (l, n, n) symmetric, 1/s^2 per unit of each load.
-        following: (l, n, n) the part of K that a machine uses.
     """
 
     loads: tuple[str, ...]
     K: FloatArray
-    following: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ModalStretch:
+    """Optional group ``stretch/``: how the modes' rotations stretch the body.
+
+    The Green-Lagrange strain of a displacement has a part of second order.  Projected on the strain of
+    mode k it adds q^T P_k q / (2 K_kk) to q_k, with P_k,ij the integral of stress(phi_k) :
+    (grad phi_i^T grad phi_j), and the strain energy is
+
+        sum_k K_kk (q_k + q^T P_k q / (2 K_kk))^2 / 2.
+
+    It keeps a spinning body stiff and a bent one as long as it was, under any load, and is never
+    negative.
+
+    Attributes:
+        mode: (s,) numbers k of the modes with such a part, from 0, ascending; the others have none.
+        P: (s, n, n) symmetric, 1/s^2 per unit modal coordinate.
+    """
+
+    mode: IntArray
+    P: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,18 +147,19 @@ class StressModes:
     sigma: FloatArray
 
 
-Group = NodalModes | Surface | GeometricStiffness | DistributedLoads | StressModes
+Group = NodalModes | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
 
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
 GROUPS: dict[str, type[Group]] = {
     "modes": NodalModes,
     "surface": Surface,
     "geometric": GeometricStiffness,
+    "stretch": ModalStretch,
     "loads": DistributedLoads,
     "stress": StressModes,
 }
 
-_WHOLE = ("node", "triangle")
+_WHOLE = ("node", "triangle", "mode")
 _NAMES = ("loads", "names")
 
 
@@ -179,6 +200,10 @@ def group_faults(group: Group, *, n: int) -> Iterable[str]:
         low, high = group.triangle.min(), group.triangle.max()
         if low < 0 or high >= len(group.x):
             yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
+    if isinstance(group, ModalStretch) and group.mode.size > 0 and not (
+        group.mode[0] >= 0 and group.mode[-1] < n and (np.diff(group.mode) > 0).all()
+    ):
+        yield f"{kind} has modes {group.mode}, expected ascending numbers from 0 to {n - 1}"
     for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
             yield f"{kind} names a load twice: {names}"
@@ -194,8 +219,10 @@ def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
             k, t = len(group.x), len(group.triangle)
             return {"x": (k, 3), "triangle": (t, 3), "phi": (k, 3, n)}
         case GeometricStiffness():
-            shape = (len(group.loads), n, n)
-            return {"K": shape, "following": shape}
+            return {"K": (len(group.loads), n, n)}
+        case ModalStretch():
+            s = group.mode.size
+            return {"mode": (s,), "P": (s, n, n)}
         case DistributedLoads():
             k = len(group.names)
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}

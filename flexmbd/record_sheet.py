@@ -20,6 +20,7 @@ from flexmbd.record_groups import (
     GeometricStiffness,
     Group,
     InterfaceFrame,
+    ModalStretch,
     NodalModes,
     StressModes,
     Surface,
@@ -43,7 +44,8 @@ _PRESTRESS = "prestress"
 _PURPOSE = {
     "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
     "surface": "pictures and films without the mesh",
-    "geometric": "stiffening and softening by motion and load; without it a spinning slender body is too soft",
+    "geometric": "stiffening and softening by motion and load, in other programs",
+    "stretch": "the same in a machine here; without it a spinning slender body is too soft",
     "loads": "pressures and tractions that a machine scales",
     "stress": "stress at the nodes without the model",
 }
@@ -217,6 +219,8 @@ def _group_text(group: Group) -> str:
             return f"{_count(len(group.triangle), 'triangle')} on {_count(len(group.x), 'vertex', 'vertices')}"
         case GeometricStiffness():
             return _count(len(group.loads), "load")
+        case ModalStretch():
+            return f"{_count(len(group.mode), 'mode')} stretched"
         case DistributedLoads():
             return _count(len(group.names), "load")
 

@@ -27,6 +27,7 @@ from flexmbd.record_groups import GROUPS, FloatArray, frozen, frozen_frame, froz
 from flexmbd.record_groups import DistributedLoads as DistributedLoads
 from flexmbd.record_groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record_groups import InterfaceFrame as InterfaceFrame
+from flexmbd.record_groups import ModalStretch as ModalStretch
 from flexmbd.record_groups import NodalModes as NodalModes
 from flexmbd.record_groups import StressModes as StressModes
 from flexmbd.record_groups import Surface as Surface
@@ -59,6 +60,7 @@ class ReducedBody:
         modes: optional full nodal modes.
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
+        stretch: optional stretching of the body by its modes' rotations.
         loads: optional distributed loads.
         stress: optional stress modes.
     """
@@ -76,6 +78,7 @@ class ReducedBody:
     modes: NodalModes | None = None
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
+    stretch: ModalStretch | None = None
     loads: DistributedLoads | None = None
     stress: StressModes | None = None
 
@@ -264,7 +267,7 @@ class ReducedBody:
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        for group in (self.geometric, self.loads):
+        for group in (self.geometric, self.stretch, self.loads):
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

@@ -13,6 +13,7 @@ from flexmbd.record_file import FORMAT, VERSION, read_tree, write_tree
 from flexmbd.reduced import (
     DistributedLoads,
     GeometricStiffness,
+    ModalStretch,
     InterfaceFrame,
     NodalModes,
     ReducedBody,
@@ -23,7 +24,7 @@ from flexmbd.reduced import (
 PAGE = (Path(__file__).parents[1] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
-SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1}
+SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -49,13 +50,14 @@ def full_record():
         R_MB=rng.normal(size=(3, 3)),
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
-        geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), *rng.normal(size=(2, g, n, n))),
+        geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
+        stretch=ModalStretch(np.array([0, 2, n - 1]), rng.normal(size=(3, n, n))),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
         stress=StressModes(np.arange(s) + 2**40, rng.normal(size=(s, 6, n))),
     )
 
 
-GROUPS = ("modes", "surface", "geometric", "loads", "stress")
+GROUPS = ("modes", "surface", "geometric", "stretch", "loads", "stress")
 
 
 def assert_same(one, other):
@@ -155,13 +157,16 @@ NAN = np.full((3, 3), np.nan)
         (Surface(NAN, np.array([[0, 1, 2]]), np.zeros((3, 3, 5))), "Surface: x holds values that are not finite"),
         (Surface(np.zeros((3, 3)), np.arange(3), np.zeros((3, 3, 5))), r"triangle \(3,\), expected \(3, 3\)"),
         (NodalModes(np.arange(4), np.zeros((3, 3)), np.zeros((4, 3, 5))), r"x \(3, 3\), expected \(4, 3\)"),
-        (GeometricStiffness(("a",), *np.zeros((2, 2, 5, 5))), r"K \(2, 5, 5\), expected \(1, 5, 5\)"),
-        (GeometricStiffness(("a", "a"), *np.zeros((2, 2, 5, 5))), "names a load twice"),
+        (GeometricStiffness(("a",), np.zeros((2, 5, 5))), r"K \(2, 5, 5\), expected \(1, 5, 5\)"),
+        (GeometricStiffness(("a", "a"), np.zeros((2, 5, 5))), "names a load twice"),
+        (ModalStretch(np.array([1, 5]), np.zeros((2, 5, 5))), r"modes \[1 5\], expected ascending numbers from 0 to 4"),
+        (ModalStretch(np.array([2, 1]), np.zeros((2, 5, 5))), r"modes \[2 1\], expected ascending"),
         (DistributedLoads(("a",), np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 5))), r"moment \(1, 2\)"),
         (StressModes(np.arange(2), np.zeros((2, 5, 6))), r"sigma \(2, 5, 6\), expected \(2, 6, 5\)"),
     ],
 )
 def test_groups_that_do_not_fit(group, message):
     attribute = {Surface: "surface", NodalModes: "modes", GeometricStiffness: "geometric", DistributedLoads: "loads"}
+    attribute[ModalStretch] = "stretch"
     with pytest.raises(RecordError, match=message):
         dataclasses.replace(full_record(), **{attribute.get(type(group), "stress"): group})

@@ -196,9 +196,7 @@ GROUPS = {
     "modes": (NodalModes(np.arange(3), np.zeros((3, 3)), PHI), "3 nodes; "),
     "surface": (Surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), PHI), "1 triangle on 3 vertices; "),
     "geometric": (
-        GeometricStiffness(
-            ("angular velocity zz", "B.x"), np.array([np.diag([3e3, -50.0]), np.zeros((2, 2))]), np.zeros((2, 2, 2))
-        ),
+        GeometricStiffness(("angular velocity zz", "B.x"), np.array([np.diag([3e3, -50.0]), np.zeros((2, 2))])),
         "2 loads; ",
     ),
     "loads": (

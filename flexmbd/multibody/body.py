@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.second_order import interface_bend
 from flexmbd.reduced import ReducedBody
 from flexmbd.rotation import check_rotation
 
@@ -32,8 +31,6 @@ class Frame:
         modes: (6, n) displacement and small rotation of F in B's axes per unit modal
             coordinate, or None where F does not deform against B.
         label: how messages and plots call it.
-        bend: (6, n, n) second derivatives of the same by the modal coordinates, or None where
-            they are not known.
     """
 
     body: Body
@@ -41,7 +38,6 @@ class Frame:
     R_BF: FloatArray
     modes: FloatArray | None
     label: str
-    bend: FloatArray | None = None
 
 
 class Body(Protocol):
@@ -174,8 +170,7 @@ class FlexibleBody:
             return Frame(self, np.zeros(3), np.eye(3), None, label)
         interface = self.record.interface(name)
         modes = interface.modes if interface.modes.any() else None
-        bend = None if modes is None else interface_bend(self.record, name)
-        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}", bend)
+        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}")
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass of the undeformed body about the body frame."""

@@ -47,8 +47,8 @@ def explain(start: Start) -> str:
 
 
 def _flexible(record: ReducedBody) -> str:
-    stiffens = ", stiffens under load" if record.geometric is not None else ""
-    return f"flexible, {record.n_modes} modes{stiffens}"
+    stretch = "" if record.stretch is None else f", {len(record.stretch.mode)} of them stretched by the others"
+    return f"flexible, {record.n_modes} modes{stretch}"
 
 
 def _closures(start: Start) -> list[str]:
@@ -82,7 +82,7 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
     elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
         skipped.append("modal damping (zero)")
-    if len(plan.flex) and not plan.flex[:, at.BENDS].any() and (plan.frame_of[:, at.FRAME_SLOPE] < 0).all():
+    if len(plan.flex) and not plan.flex[:, at.N_STRETCH].any():
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")

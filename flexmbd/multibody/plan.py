@@ -15,9 +15,8 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.layout import Plan, new_work
+from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.native import lapack_addresses
-from flexmbd.multibody.second_order import inertia_bend
 from flexmbd.multibody.time_function import TimeRow, as_row
 from flexmbd.multibody.topology import Branch, Topology
 from flexmbd.reduced import ReducedBody
@@ -119,8 +118,7 @@ class _Builder:
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
         self.group_of: list[int] = []
         self.frames: list[FloatArray] = []
-        self.frame_of: list[list[int]] = []
-        self.slopes = 0
+        self.frame_of: list[tuple[int, int]] = []
         self.modal: list[FloatArray] = []
         self.modal_size = 0
         self.flex: list[list[int]] = []
@@ -192,17 +190,8 @@ class _Builder:
         """Append a frame, its axes turned by ``turn``; return its row."""
         self.frames.append(np.concatenate([frame.p_BF_B, (frame.R_BF @ turn).ravel()]))
         modes = -1 if frame.modes is None else self.add_modal(frame.modes)
-        bend, slope = [-1] * 6, -1
-        if frame.bend is not None:
-            bend = [self.add_if_any(part) for part in frame.bend]
-            slope = self.slopes
-            self.slopes += 6 * frame.bend.shape[1]
-        self.frame_of.append([row, modes, *bend, slope])
+        self.frame_of.append((row, modes))
         return len(self.frames) - 1
-
-    def add_if_any(self, values: FloatArray) -> int:
-        """Append numbers to the modal store unless all are zero; return their offset or -1."""
-        return self.add_modal(values) if values.any() else -1
 
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""
@@ -210,7 +199,6 @@ class _Builder:
         gram = record.gram
         pair = gram[4:, 4:].reshape(n, 3, n, 3).transpose(0, 1, 3, 2).reshape(n, 9, n)
         damped = bool(record.damping.any())
-        bend = [self.add_if_any(part) for part in inertia_bend(record)]
         self.flex.append(
             [
                 n,
@@ -219,11 +207,19 @@ class _Builder:
                 self.add_modal(pair),
                 self.add_modal(record.stiffness),
                 self.add_modal(record.damping) if damped else -1,
-                int(max(bend) >= 0),
-                *bend,
+                *self.add_stretch(record),
             ]
         )
         return len(self.flex) - 1
+
+    def add_stretch(self, record: ReducedBody) -> tuple[int, int]:
+        """Append what the modes stretch each other; return its offset and the number of its rows."""
+        group = record.stretch
+        if group is None or len(group.mode) == 0:
+            return -1, 0
+        row, column = np.tril_indices(record.n_modes)
+        share = group.P / record.stiffness[group.mode][:, None, None]
+        return self.add_modal(np.column_stack([group.mode, share[:, row, column]])), len(group.mode)
 
     def add_time(self, row: TimeRow, name: str) -> int:
         """Append a function of time; return its row."""
@@ -374,17 +370,11 @@ def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
     row = scene.body_row.get(id(frame.body))
     if row is None:
         raise SceneError(f"frame {frame.label} belongs to no body of this scene")
-    parts = [np.zeros(0)] if frame.modes is None else [frame.modes.ravel()]
     modes = -1 if frame.modes is None else len(plan.modal)
-    bend, slope = [-1] * 6, -1
-    if frame.bend is not None:
-        sixth = frame.bend[0].size
-        bend = [modes + parts[0].size + m * sixth for m in range(6)]
-        parts.append(frame.bend.ravel())
-        slope = len(new_work(plan).slope)
+    extra = np.zeros(0) if frame.modes is None else frame.modes.ravel()
     place = np.concatenate([frame.p_BF_B, frame.R_BF.ravel()])
     return plan._replace(
         frames=np.vstack([plan.frames, place]),
-        frame_of=np.vstack([plan.frame_of, [row, modes, *bend, slope]]),
-        modal=np.concatenate([plan.modal, *parts]),
+        frame_of=np.vstack([plan.frame_of, [row, modes]]),
+        modal=np.concatenate([plan.modal, extra]),
     )

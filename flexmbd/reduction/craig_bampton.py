@@ -15,11 +15,13 @@ from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction import eigen
 from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.geometric_stiffness import n_inertia_loads
 from flexmbd.reduction.interior import Solver
-from flexmbd.reduction.optional_groups import Contents, responses
+from flexmbd.reduction.optional_groups import Contents, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
+from flexmbd.reduction.stretch_modes import stretch_modes
 from flexmbd.reduction.truncation import Truncation, chosen_truncation, fixed_interface_modes
 
 
@@ -60,8 +62,9 @@ def craig_bampton(
             free body, and of the body held at its frame, below `below_hz`, by default the lowest six.
         frame: name of the interface that carries the body frame; None: it floats on the mean axis.
         geometric_stiffness: whether the record says how loads change the stiffness
-            (`GeometricStiffness`), without which a spinning body comes out too soft; left out where
-            the strain energy is quadratic.
+            (`GeometricStiffness`, `ModalStretch`), without which a spinning body comes out too soft; left
+            out where the strain energy is quadratic. A few modes are then added (`stretch_modes`), unless
+            there are no fixed-interface modes.
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.
@@ -109,8 +112,7 @@ def craig_bampton(
         stress=keep_stress,
     )
     contents.check(model)
-    basis, notes = _basis(model, frame, truncation=truncation, contents=contents, solver=solver)
-    count = len(basis.eigenvalues)
+    basis, count, notes = _basis(model, frame, truncation=truncation, contents=contents, solver=solver)
     provenance = {
         "reduction": _name(model, count),
         "fixed-interface modes": str(count),
@@ -140,14 +142,21 @@ def _basis(
     truncation: Truncation,
     contents: Contents,
     solver: Solver | None,
-) -> tuple[Basis, dict[str, str]]:
-    """The basis and its provenance. Collective."""
+) -> tuple[Basis, int, dict[str, str]]:
+    """The basis, its number of fixed-interface modes and its provenance. Collective."""
     with body_statics(model, frame=frame, solver=solver) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
         fixed, notes = _signed_modes(statics, truncation, fields, images)
         found = responses(statics, contents)
+        count = len(fixed.eigenvalues)
+        if contents.geometric_stiffness and count > 0:
+            more = _stretch_modes(statics, fixed, found, images)
+            fixed = eigen.Modes(
+                np.concatenate([fixed.eigenvalues, more.eigenvalues]), np.hstack([fixed.shapes, more.shapes])
+            )
+            notes["stretch modes"] = str(len(more.eigenvalues))
     # the shapes of the first interface were only for the check
     shapes: FloatArray = np.hstack([static.shapes[:, 6:], fixed.shapes])
     forces = np.hstack([static.forces[:, 6:], multiply(model.K, fixed.shapes)])
@@ -166,7 +175,7 @@ def _basis(
         R=statics.R,
         interfaces=interfaces,
         rows=np.eye(6 * len(interfaces), n, -6) - moved,
-        names=_names(statics, len(fixed.eigenvalues)),
+        names=_names(statics, count, len(fixed.eigenvalues) - count),
         shapes=shapes,
         forces=forces,
         eigenvalues=fixed.eigenvalues,
@@ -174,16 +183,29 @@ def _basis(
         projections=inner(model.comm, shapes, images),
         responses=found,
     )
-    return basis, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
+    return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
 
 
-def _names(statics: Statics, modes: int) -> tuple[str, ...]:
+def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, images: FloatArray) -> eigen.Modes:
+    number = n_inertia_loads(floating=statics.floating)
+    return stretch_modes(
+        statics,
+        fixed,
+        names=found.loads.names[:number],
+        loads=found.loads.forces[:, :number],
+        displacements=found.displacements[:, :number],
+        images=images,
+    )
+
+
+def _names(statics: Statics, modes: int, stretch: int) -> tuple[str, ...]:
     """(n,) names of the coordinates."""
     static = [f"{one.name}.{dof}" for one in statics.interfaces[1:] for dof in FRAME_DOFS]
     if statics.floating and statics.interfaces:
         static = [f"{name} from {statics.interfaces[0].name}" for name in static]
     kind = "fixed-interface" if statics.interfaces else "free-free"
-    return (*static, *(f"{kind} {i + 1}" for i in range(modes)))
+    modal = [f"{kind} {i + 1}" for i in range(modes)]
+    return (*static, *modal, *(f"stretch {i + 1}" for i in range(stretch)))
 
 
 def _signed_modes(

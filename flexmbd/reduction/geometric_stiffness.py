@@ -1,10 +1,14 @@
-"""Geometric stiffness of a reduced body, load by load.
+"""Geometric stiffness of a reduced body, load by load and by its modes.
 
 A mode of small displacement theory keeps no length: without the stiffness that a load's stress adds, a
 spinning beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195).  K_l,ij is the integral of
 stress(u_l) : (grad phi_i^T grad phi_j) with u_l the static displacement of the whole model under the unit
 load l (Wallrapp & Schwertassek 1991, Representation of geometric stiffening in multibody system
 simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.continuum.stress_stiffness`.
+
+A machine that multiplies K_l by the loads of the moment takes the stress to follow them at once, and has no
+energy to keep.  With the stress of the modes in the place of the loads' the strain energy itself is at
+hand, projected on the modes' strains (`ModalStretch`), under any load and for any motion.
 """
 
 from __future__ import annotations
@@ -18,9 +22,12 @@ from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.stress_stiffness import stress_stiffness
-from flexmbd.reduced import FRAME_DOFS, GeometricStiffness
-from flexmbd.reduction.quasi_static import following_part
+from flexmbd.record_groups import IntArray
+from flexmbd.reduced import FRAME_DOFS, GeometricStiffness, ModalStretch
 from flexmbd.reduction.statics import Statics
+
+# A mode that takes less of the second-order strain of slower modes than this part of what another takes has none.
+_STRETCHED = 0.03
 
 _AXES = ("x", "y", "z")
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -37,6 +44,11 @@ class UnitLoads:
 
     names: tuple[str, ...]
     forces: FloatArray
+
+
+def n_inertia_loads(*, floating: bool) -> int:
+    """How many `inertia_loads` there are."""
+    return len(_PAIRS) + (0 if floating else 2 * len(_AXES))
 
 
 def inertia_loads(
@@ -117,31 +129,56 @@ def unit_loads(statics: Statics) -> UnitLoads:
     )
 
 
-def note(group: GeometricStiffness | None) -> str:
-    """What the record's provenance says of the group."""
-    if group is None:
-        return "none: the strain energy is quadratic, or does not mark the strains of its sections"
-    return f"{len(group.loads)} loads"
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """The record's groups.
+
+    Attributes:
+        geometric: load by load.
+        stretch: by the modes.
+    """
+
+    geometric: GeometricStiffness
+    stretch: ModalStretch
+
+    @property
+    def note(self) -> str:
+        """What the record's provenance says of them."""
+        return f"{len(self.geometric.loads)} loads, {len(self.stretch.mode)} modes that are stretched"
 
 
-def geometric_group(
-    model: ContinuumModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray
-) -> GeometricStiffness | None:
-    """The record's group from the static displacements under the loads. Collective.
+def stiffening(
+    model: ContinuumModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray, stiffness: FloatArray
+) -> Stiffening | None:
+    """The groups from the static displacements under the loads and from the modes. Collective.
 
     Args:
         model: the body.
         names: (l,) of the loads.
         displacements: (local dofs including ghosts, l) m per unit of each load, with the body held at its frame.
         modes: (local dofs including ghosts, n) in normal form.
+        stiffness: (n,) 1/s^2.
 
     Returns:
-        The group, the same to the bit on every rank; None where the formulation does not tell how a stress changes
+        The groups, the same to the bit on every rank; None where the formulation does not tell how a stress changes
         the stiffness (`stress_stiffness`).
     """
-    stiffness = stress_stiffness(model, np.hstack([displacements, modes]), modes)
-    if stiffness is None:
+    found = stress_stiffness(model, np.hstack([displacements, modes]), modes)
+    if found is None:
         return None
-    by_load, by_mode = np.split(stiffness, [len(names)])
-    following = following_part(model, displacements=displacements, modes=modes, by_load=by_load, by_mode=by_mode)
-    return GeometricStiffness(tuple(names), by_load, following)
+    by_load, by_mode = np.split(found, [len(names)])
+    mode = _stretched(by_mode, np.sqrt(stiffness))
+    return Stiffening(GeometricStiffness(tuple(names), by_load), ModalStretch(mode, by_mode[mode]))
+
+
+def _stretched(by_mode: FloatArray, omega: FloatArray) -> IntArray:
+    """The modes whose strain takes much of the second-order strain of slower ones.
+
+    Much, relative to the mode that takes most, where all modes have the same energy. Slower ones alone, since a
+    mode's own second-order strain and that of stiffer modes is of the size of the strain itself, not of the square
+    of a rotation: without modes of the section's second-order rotation it would be wrong as well as small.
+    """
+    share = np.zeros(len(omega))
+    for k in range(len(omega)):
+        share[k] = np.linalg.norm(by_mode[k, :k, :k] / np.outer(omega[:k], omega[:k])) / omega[k]
+    return np.flatnonzero((share > 0.0) & (share >= _STRETCHED * share.max(initial=0.0)))

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray
@@ -27,10 +26,13 @@ from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
-from flexmbd.reduction.geometric_stiffness import UnitLoads, geometric_group, joined, note, unit_loads
+from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
+from flexmbd.reduction.ghosts import with_ghosts
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.statics import Statics
 from flexmbd.reduction.stress_modes import stress_group
+
+_NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the strains of its sections"
 
 
 @dataclass(frozen=True)
@@ -75,14 +77,12 @@ class Responses:
     """Loads and the full model's static response to them.
 
     Attributes:
-        names: (l,) of the loads whose geometric stiffness is wanted, those of the body's motion first,
-            the named ones last; or none.
-        forces: (owned dofs, k) of the named loads.
-        displacements: (owned dofs, l) of all loads, or (owned dofs, k) of the named ones.
+        loads: l of them: where geometric stiffness is wanted those of the body's motion first, then those of
+            the interfaces; the named ones last.
+        displacements: (owned dofs, l).
     """
 
-    names: tuple[str, ...]
-    forces: FloatArray
+    loads: UnitLoads
     displacements: FloatArray
 
 
@@ -92,11 +92,7 @@ def responses(statics: Statics, contents: Contents) -> Responses:
         tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
     )
     loads = joined(unit_loads(statics), named) if contents.geometric_stiffness else named
-    return Responses(
-        names=loads.names if contents.geometric_stiffness else (),
-        forces=named.forces,
-        displacements=statics.static_response(loads.forces),
-    )
+    return Responses(loads, statics.static_response(loads.forces))
 
 
 def optional_parts(
@@ -135,16 +131,17 @@ def optional_parts(
         provenance["damping"] = str(contents.damping)
     if contents.geometric_stiffness:
         displacements = with_ghosts(model, found.displacements)
-        parts["geometric"] = geometric_group(
-            model, found.names, displacements=displacements, modes=modes
-        )
-        provenance["geometric stiffness"] = note(parts["geometric"])
+        groups = stiffening(model, found.loads.names, displacements=displacements, modes=modes, stiffness=stiffness)
+        if groups is not None:
+            parts["geometric"], parts["stretch"] = groups.geometric, groups.stretch
+        provenance["geometric stiffness"] = _NO_STIFFENING if groups is None else groups.note
     if contents.loads:
-        group = loads_group(model, contents.loads, forces=found.forces, modes=own, p=p, R=R)
+        forces = found.loads.forces[:, -len(contents.loads) :]
+        group = loads_group(model, contents.loads, forces=forces, modes=own, p=p, R=R)
         parts["loads"] = group
         missing = missing_energy(
             model,
-            forces=found.forces,
+            forces=forces,
             displacements=found.displacements[:, -len(contents.loads) :],
             modal=group.modal,
             stiffness=stiffness,
@@ -158,17 +155,6 @@ def optional_parts(
     if contents.stress:
         parts["stress"] = stress_group(model, modes, R=R)
     return parts, provenance
-
-
-def with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
-    """A block (owned dofs, k) with the rows of this rank's ghosts below its own. Collective."""
-    field = fem.Function(model.space)
-    whole = np.empty((len(field.x.array), block.shape[1]), order="F")
-    for i in range(block.shape[1]):
-        field.x.array[: model.n_owned] = block[:, i]
-        field.x.scatter_forward()
-        whole[:, i] = field.x.array
-    return whole
 
 
 def nodal_group(

@@ -15,8 +15,9 @@ from flexmbd.continuum.interface import FoundInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.reduction.ghosts import with_ghosts
 from flexmbd.reduction.normal_form import normal_form
-from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts, with_ghosts
+from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
 from flexmbd.reduction.signs import determined_rotation
 
 # Bound on what should vanish in the reduced matrices, relative to the diagonal.

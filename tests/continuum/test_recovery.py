@@ -97,8 +97,8 @@ def test_record_of_another_degree():
 def test_another_reduction_of_the_same_model_is_told_apart():
     body_model = model(comm=MPI.COMM_SELF)
     few, many = reduced(body_model), craig_bampton(body_model, modes=5, frame="x_max")
-    assert nodal_modes(few, body_model).shape[1] == 9
-    assert nodal_modes(many, body_model).shape[1] == 11
-    stranger = dataclasses.replace(few, damping=np.eye(9))
+    assert nodal_modes(few, body_model).shape[1] == few.n_modes < many.n_modes
+    assert nodal_modes(many, body_model).shape[1] == many.n_modes
+    stranger = dataclasses.replace(few, damping=np.eye(few.n_modes))
     with pytest.raises(RecordError, match="holds no nodal modes"):
         nodal_modes(stranger, body_model)

@@ -1,8 +1,4 @@
-"""Flexible bodies made of particles: a reduced record whose every integral is a plain sum.
-
-A second-order displacement is carried by pairs of particles of opposite mass at one place, displaced
-by opposite amounts: what is of first order in it adds up, the rest cancels.
-"""
+"""Flexible bodies made of particles: a reduced record whose every integral is a plain sum."""
 
 from __future__ import annotations
 
@@ -10,30 +6,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexmbd.reduced import FRAME_DOFS, GeometricStiffness, InterfaceFrame, ReducedBody
+from flexmbd.reduced import InterfaceFrame, ModalStretch, ReducedBody
 
 
 @dataclass(frozen=True)
 class Particles:
-    """Masses (k,), places (k, 3), mode displacements (k, 3, n) and their slopes (k, 3, n, n)."""
+    """Masses (k,), places (k, 3) and mode displacements (k, 3, n) of a body's particles."""
 
     mass: np.ndarray
     x: np.ndarray
     phi: np.ndarray
-    bend: np.ndarray
     record: ReducedBody
-
-    def places(self, q: np.ndarray) -> np.ndarray:
-        """(k, 3) positions in the body frame."""
-        return self.x + self.phi @ q + 0.5 * self.bend @ q @ q
 
 
 def particle_body(
-    seed: int, *, modes: int, damping: float = 0.0, size: float = 0.3, bends: bool = False
+    seed: int, *, modes: int, damping: float = 0.0, size: float = 0.3, stretched: tuple[int, ...] = ()
 ) -> Particles:
     """A body of random particles with mass-orthonormal random modes and two interfaces.
 
-    "root" carries the body frame; "tip" moves and turns with the modes.
+    "root" carries the body frame; "tip" moves and turns with the modes. The modes ``stretched`` have a strain of
+    second order.
     """
     rng = np.random.default_rng(seed)
     k = 12
@@ -60,34 +52,22 @@ def particle_body(
         partition=np.eye(modes),
         partition_names=tuple(f"mode {i}" for i in range(modes)),
     )
-    bend = np.zeros((k, 3, modes, modes))
-    if bends:
-        bend = symmetric(rng.standard_normal((k, 3, modes, modes)))
-        stiffening = geometric(mass, x, bend, tip_bend=symmetric(rng.standard_normal((6, modes, modes))) * 0.3)
-        record = replace(record, geometric=stiffening)
-        mass = np.concatenate([mass, 0.5 * mass, -0.5 * mass])
-        x, phi = np.tile(x, (3, 1)), np.concatenate([phi, 0 * phi, 0 * phi])
-        bend = np.concatenate([0 * bend, bend, -bend])
-    return Particles(mass, x, phi, bend, record)
+    if stretched:
+        P = rng.standard_normal((len(stretched), modes, modes)) * 100.0
+        record = replace(record, stretch=ModalStretch(np.array(stretched), P + P.transpose(0, 2, 1)))
+    return Particles(mass, x, phi, record)
 
 
-def symmetric(matrices: np.ndarray) -> np.ndarray:
-    """The symmetric part of each (..., n, n)."""
-    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
+def strain_energy(record: ReducedBody, q: np.ndarray) -> np.ndarray:
+    """K_kk (q_k + q^T P_k q / 2 K_kk)^2 / 2 over all modes."""
+    strain = q.copy()
+    if record.stretch is not None:
+        for k, P in zip(record.stretch.mode, record.stretch.P, strict=True):
+            strain[k] += q @ P @ q / (2.0 * record.stiffness[k])
+    return 0.5 * np.sum(record.stiffness * strain**2)
 
 
-def geometric(mass: np.ndarray, x: np.ndarray, bend: np.ndarray, *, tip_bend: np.ndarray) -> GeometricStiffness:
-    """K of each load: minus the work of its force field on the second derivatives of the displacement."""
-    e = np.eye(3)
-    fields = {f"acceleration {a}": np.tile(-e[i], (len(x), 1)) for i, a in enumerate("xyz")}
-    fields |= {f"angular acceleration {a}": -np.cross(e[i], x) for i, a in enumerate("xyz")}
-    for i, a in enumerate("xyz"):
-        fields[f"angular velocity {a}{a}"] = -np.cross(e[i], np.cross(e[i], x))
-        for j, b in enumerate("xyz"):
-            if j > i:
-                both = np.cross(e[i], np.cross(e[j], x)) + np.cross(e[j], np.cross(e[i], x))
-                fields[f"angular velocity {a}{b}"] = -both
-    matrices = {name: -np.einsum("k,ka,kaij->ij", mass, f, bend) for name, f in fields.items()}
-    matrices |= {f"tip.{dof}": -tip_bend[i] for i, dof in enumerate(FRAME_DOFS)}
-    K = np.array(list(matrices.values()))
-    return GeometricStiffness(tuple(matrices), K, following=K)
+def elastic_forces(record: ReducedBody, q: np.ndarray) -> np.ndarray:
+    """Derivatives of the strain energy, by complex steps."""
+    steps = 1e-30j * np.eye(len(q))
+    return np.array([strain_energy(record, q + step).imag for step in steps]) / 1e-30

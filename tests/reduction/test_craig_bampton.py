@@ -77,7 +77,8 @@ def test_frequencies_fall_to_those_of_the_full_model(model, full):
     ):
         errors = []
         for modes in (0, 1, 2, 4, 8, 16, 32, 64, 128):
-            found = craig_bampton(model, modes=modes, frame="root").frequencies(clamped)[:6]
+            body = craig_bampton(model, modes=modes, frame="root", geometric_stiffness=False)
+            found = body.frequencies(clamped)[:6]
             errors.append(found / exact - 1.0)
         # from above and never rising, round-off apart
         assert np.min(errors) > -1e-11
@@ -145,7 +146,7 @@ def test_guyan_is_craig_bampton_without_modes(model, full):
 
 
 def test_normal_form_and_partition(model):
-    body = craig_bampton(model, modes=7, frame="root")
+    body = craig_bampton(model, modes=7, frame="root", geometric_stiffness=False)
     assert abs(body.modal_mass() - np.eye(19)).max() < 1e-12
     assert (np.diff(body.stiffness) > 0).all()
     assert body.partition_names[:7] == (
@@ -360,7 +361,8 @@ def test_part_that_hangs_on_nothing_is_refused(coupling, frame, monkeypatch):
 
 @pytest.mark.mpi
 def test_two_pieces_without_interfaces_are_refused(monkeypatch):
-    assert craig_bampton(two_blocks(0.0, monkeypatch, []), modes=1, frame=None).n_modes == 1
+    sound = two_blocks(0.0, monkeypatch, [])
+    assert craig_bampton(sound, modes=1, frame=None, geometric_stiffness=False).n_modes == 1
     with pytest.raises(ReductionError, match="a part of the body is connected to no"):
         craig_bampton(two_blocks(0.5, monkeypatch, []), modes=1, frame=None)
 

@@ -55,6 +55,11 @@ class Case:
         return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=modes == 6)
 
     @functools.cache  # noqa: B019
+    def plain(self, modes: int) -> ReducedBody:
+        # no modes but those that were asked for
+        return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=False)
+
+    @functools.cache  # noqa: B019
     def floating(self) -> ReducedBody:
         return craig_bampton(self.model, modes=6, frame=None, geometric_stiffness=False)
 
@@ -185,7 +190,7 @@ def test_static_response_to_loads_on_an_interface_is_exact(case, modes):
 def test_frequencies_fall_to_those_of_the_full_model(case):
     whole, name = full(case), reduced(case).ends[0]
     exact = whole.frequencies()
-    found = [reduced(case).body(modes).frequencies([name])[:4] for modes in (0, 6, 14)]
+    found = [reduced(case).plain(modes).frequencies([name])[:4] for modes in (0, 6, 14)]
     assert (found[2] >= exact * (1 - 1e-9)).all()
     for more, fewer in zip(found[1:], found[:-1], strict=True):
         assert (more <= fewer * (1 + 1e-9)).all()

@@ -46,51 +46,12 @@ def add_rigid_wrench(mass, first, second, row):
 
 
 @kernel
-def add_bending(plan, i, q, qd, qdd, load, row, out):
-    """Add the modal forces of the second-order displacement; write its integrals into the row.
-
-    With g = q^T G(x) q / 2, each of the twelve integrals of rho g_a and rho g_a x_b is written with
-    its two time derivatives.  ``load`` holds what works on each of them: a_a and W_ab.  Dual to the
-    geometric stiffness of these loads, so that energy is kept (Kane, Ryan & Banerjee 1987,
-    doi:10.2514/3.20195, for the effect; the terms from the Lagrangian to second order in q).
-    """
-    flex = plan.flex[plan.tree[i, at.FLEX]]
-    modal = plan.modal
-    n = flex[at.N_MODES]
-    for m in range(at.N_BEND):
-        value = rate = rate2 = 0.0
-        o = flex[at.BEND + m]
-        if o >= 0:
-            c = load[m]
-            for j in range(n):
-                gq = gv = 0.0
-                for k in range(n):
-                    gq += modal[o + k] * q[k]
-                    gv += modal[o + k] * qd[k]
-                o += n
-                out[j] += c * gq
-                value += 0.5 * q[j] * gq
-                rate += qd[j] * gq
-                rate2 += qdd[j] * gq + qd[j] * gv
-        row[at.B_BEND + 3 * m] = value
-        row[at.B_BEND + 3 * m + 1] = rate
-        row[at.B_BEND + 3 * m + 2] = rate2
-
-
-@kernel
-def bending(row, m, order):
-    """Second-order integral m of a body (0 value, 1 rate, 2 second rate)."""
-    return row[at.B_BEND + 3 * m + order]
-
-
-@kernel
 def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass over the pairs
-    """Write the wrench of reduced body i and its modal forces, elastic ones included.
+    """Write the wrench of reduced body i and the modal forces of its inertia.
 
     With r = x + Phi q and a = a_B + dw x r + w x (w x r) + 2 w x (Phi qd) + Phi qdd: F, T as for
-    a rigid body, and out_i = integral of rho phi_i . a + K_ii q_i + (D qd)_i; exact up to
-    second order in q (theory: seed 3 eq. 3.23-3.29; Ambrosio & Nikravesh 1992, eq. 31-34).
-    With a geometric stiffness r has a second-order part, kept where it is multiplied by x alone.
+    a rigid body, and out_i = integral of rho phi_i . a (theory: seed 3 eq. 3.23-3.29; Ambrosio &
+    Nikravesh 1992, eq. 31-34).
     """
     flex = plan.flex[plan.tree[i, at.FLEX]]
     modal = plan.modal
@@ -99,8 +60,6 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
     c0 = flex[at.MODAL_FIRST]
     s0 = flex[at.MODAL_SECOND]
     p0 = flex[at.MODAL_PAIR]
-    k0 = flex[at.MODAL_STIFFNESS]
-    d0 = flex[at.MODAL_DAMPING]
     w = load3(row, at.B_W)
     dw = load3(row, at.B_DW)
     a = load3(row, at.B_A)
@@ -185,41 +144,7 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
         load += w20 * v6 + w21 * v7 + w22 * v8
         # 2 phi_j . (w x Phi qd) = 2 w . sum phi_k x phi_j qd_k
         load += 2.0 * (w[0] * (u7 - u5) + w[1] * (u2 - u6) + w[2] * (u3 - u1))
-        out[j] = load + e + modal[k0 + j] * f
-    if d0 >= 0:
-        for j in range(n):
-            t = 0.0
-            for k in range(n):
-                t += modal[d0 + n * j + k] * qd[k]
-            out[j] += t
-    if flex[at.BENDS] > 0:
-        load = (a[0], a[1], a[2], w00, w01, w02, w10, w11, w12, w20, w21, w22)
-        add_bending(plan, i, q, qd, qdd, load, row, out)
-        hx += bending(row, 0, 0)
-        hy += bending(row, 1, 0)
-        hz += bending(row, 2, 0)
-        vx += bending(row, 0, 1)
-        vy += bending(row, 1, 1)
-        vz += bending(row, 2, 1)
-        ax += bending(row, 0, 2)
-        ay += bending(row, 1, 2)
-        az += bending(row, 2, 2)
-        xx += 2.0 * bending(row, 3, 0)
-        yy += 2.0 * bending(row, 7, 0)
-        zz += 2.0 * bending(row, 11, 0)
-        xy += bending(row, 4, 0) + bending(row, 6, 0)
-        xz += bending(row, 5, 0) + bending(row, 9, 0)
-        yz += bending(row, 8, 0) + bending(row, 10, 0)
-        tx += bending(row, 10, 2) - bending(row, 8, 2)
-        ty += bending(row, 5, 2) - bending(row, 9, 2)
-        tz += bending(row, 6, 2) - bending(row, 4, 2)
-        v0, v1, v2 = bending(row, 3, 1), bending(row, 4, 1), bending(row, 5, 1)
-        v3, v4, v5 = bending(row, 6, 1), bending(row, 7, 1), bending(row, 8, 1)
-        v6, v7, v8 = bending(row, 9, 1), bending(row, 10, 1), bending(row, 11, 1)
-        trace = v0 + v4 + v8
-        tx += 2.0 * (w[0] * trace - v0 * w[0] - v1 * w[1] - v2 * w[2])
-        ty += 2.0 * (w[1] * trace - v3 * w[0] - v4 * w[1] - v5 * w[2])
-        tz += 2.0 * (w[2] * trace - v6 * w[0] - v7 * w[1] - v8 * w[2])
+        out[j] = load + e
     add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), row)
     coriolis = cross3(w, (vx, vy, vz))
     store3(

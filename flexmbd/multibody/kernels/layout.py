@@ -33,10 +33,8 @@ N_TREE = 9
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
 
 # Columns of Plan.frame_of: the body (-1 ground) and the offset of its 6 x n mode rows in
-# Plan.modal (-1: the frame does not deform against the body frame); offsets of the second
-# derivatives (n, n) of its six displacements by q (-1: none), and of their products with q (6, n)
-# in Work.slope (-1: no second derivatives at all).
-FRAME_BODY, FRAME_MODES, FRAME_BEND, FRAME_SLOPE, N_FRAME_OF = 0, 1, 2, 8, 9
+# Plan.modal (-1: the frame does not deform against the body frame).
+FRAME_BODY, FRAME_MODES, N_FRAME_OF = 0, 1, 2
 
 # Columns of Plan.rigid: mass, first moment (3), second moment xx xy xz yy yz zz, all about B.
 MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
@@ -48,11 +46,10 @@ MODAL_SECOND = 2  # (n, 9) integral of rho phi_i x^T
 MODAL_PAIR = 3  # (n, 9, n) integral of rho phi_i,a phi_j,b at [i, 3 a + b, j]
 MODAL_STIFFNESS = 4  # (n,) diagonal of K_qq
 MODAL_DAMPING = 5  # (n, n) D_qq, or -1 where it is zero
-# Second-order displacement q^T G(x) q / 2: (n, n) integrals of rho G_a, and of rho G_a x_b at 3 + 3 a + b, or -1.
-BENDS = 6  # whether there is any of them
-BEND = 7
-N_BEND = 12
-N_FLEX = BEND + N_BEND
+# Rows of stretch: the mode k, and the lower triangle of C_k (n (n + 1) / 2); their number, 0 where there are none.
+STRETCH = 6
+N_STRETCH = 7
+N_FLEX = 8
 
 # Columns of Plan.rows, one row a scalar loop constraint between frames F and G.
 ROW_F, ROW_G, ROW_KIND, ROW_INDEX, N_ROW = 0, 1, 2, 3, 4
@@ -100,8 +97,7 @@ B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
 B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
 B_F, B_T = 24, 27  # wrench about B's origin that the motion asks for, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
-B_BEND = 42  # each second-order integral, its rate and its second rate, three a piece
-N_BODY_WORK = B_BEND + 3 * N_BEND
+N_BODY_WORK = 42
 
 # Columns of Work.frame.
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body
@@ -116,19 +112,12 @@ class Work(NamedTuple):
     body: FloatArray
     frame: FloatArray
     time: FloatArray
-    slope: FloatArray
 
 
 def new_work(plan: Plan) -> Work:
     """Allocate the scratch space of ``plan``."""
-    slopes = 0
-    for f in range(len(plan.frame_of)):
-        if plan.frame_of[f, FRAME_SLOPE] >= 0:
-            flex = plan.tree[plan.frame_of[f, FRAME_BODY], FLEX]
-            slopes = max(slopes, plan.frame_of[f, FRAME_SLOPE] + 6 * plan.flex[flex, N_MODES])
     return Work(
         np.zeros((len(plan.tree), N_BODY_WORK)),
         np.zeros((len(plan.frames), N_FRAME_WORK)),
         np.zeros((max(1, len(plan.times)), 3)),
-        np.zeros(max(1, slopes)),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
     flexible_inertia,
@@ -51,41 +52,7 @@ def modal_sum(modal, o, n, q):
 
 
 @kernel
-def bend_frame(plan, f, q, qd, qdd, slope, row):
-    """Add the second-order part of frame f's six displacements and of their rates to its row.
-
-    Each is q^T G q / 2, dual to the geometric stiffness -G of a force or moment on the frame;
-    G q goes into ``slope`` (6, n).
-    """
-    modal = plan.modal
-    n = len(q)
-    s = plan.frame_of[f, at.FRAME_SLOPE]
-    for m in range(6):
-        o = plan.frame_of[f, at.FRAME_BEND + m]
-        value = rate = rate2 = 0.0
-        for j in range(n):
-            gq = gv = 0.0
-            if o >= 0:
-                for k in range(n):
-                    gq += modal[o + n * j + k] * q[k]
-                    gv += modal[o + n * j + k] * qd[k]
-            slope[s + n * m + j] = gq
-            value += 0.5 * q[j] * gq
-            rate += qd[j] * gq
-            rate2 += qdd[j] * gq + qd[j] * gv
-        # shift and its rates, or rotation vector and its rates
-        row[_BENT[m]] += value
-        row[_BENT_RATE[m]] += rate
-        row[_BENT_RATE2[m]] += rate2
-
-
-_BENT = (at.F_P, at.F_P + 1, at.F_P + 2, at.F_THETA, at.F_THETA + 1, at.F_THETA + 2)
-_BENT_RATE = (at.F_V, at.F_V + 1, at.F_V + 2, at.F_W, at.F_W + 1, at.F_W + 2)
-_BENT_RATE2 = (at.F_A, at.F_A + 1, at.F_A + 2, at.F_DW, at.F_DW + 1, at.F_DW + 2)
-
-
-@kernel
-def deform_frame(plan, f, x, v, a, slope, row):
+def deform_frame(plan, f, x, v, a, row):
     """Write pose and motion of frame f against its body into its work row.
 
     The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
@@ -107,18 +74,11 @@ def deform_frame(plan, f, x, v, a, slope, row):
     velocity, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
     acceleration, theta_rate2 = modal_sum(plan.modal, o, n, a[qv : qv + n])
     store3(row, at.F_P, add3(p, shift))
+    store9(row, at.F_R, compose(exp_rotation(theta), r))
     store3(row, at.F_THETA, theta)
     store3(row, at.F_V, velocity)
-    store3(row, at.F_W, theta_rate)
-    store3(row, at.F_A, acceleration)
-    store3(row, at.F_DW, theta_rate2)
-    if plan.frame_of[f, at.FRAME_SLOPE] >= 0:
-        bend_frame(plan, f, x[qx : qx + n], v[qv : qv + n], a[qv : qv + n], slope, row)
-        theta = load3(row, at.F_THETA)
-        theta_rate = load3(row, at.F_W)
-        theta_rate2 = load3(row, at.F_DW)
-    store9(row, at.F_R, compose(exp_rotation(theta), r))
     store3(row, at.F_W, left_jacobian(theta, theta_rate))
+    store3(row, at.F_A, acceleration)
     store3(
         row,
         at.F_DW,
@@ -172,7 +132,7 @@ def frame_motion(plan, work, f):
 def forward(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
-        deform_frame(plan, f, x, v, a, work.slope, work.frame[f])
+        deform_frame(plan, f, x, v, a, work.frame[f])
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
@@ -224,18 +184,13 @@ def ask_inertia(plan, work, x, v, a, out):
                 work.body[i],
             )
         else:
-            n = plan.flex[tree[at.FLEX], at.N_MODES]
+            flex = plan.flex[tree[at.FLEX]]
+            n = flex[at.N_MODES]
             qx = tree[at.MODAL_X]
             qv = tree[at.MODAL_V]
-            flexible_inertia(
-                plan,
-                i,
-                x[qx : qx + n],
-                v[qv : qv + n],
-                a[qv : qv + n],
-                work.body[i],
-                out[qv : qv + n],
-            )
+            q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
+            flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+            add_elastic_forces(plan, flex, q, qd, force)
 
 
 @kernel
@@ -268,18 +223,6 @@ def load_frame(plan, work, f, force_F, torque_F, out):
                 + modal[o + 4 * n + k] * turn[1]
                 + modal[o + 5 * n + k] * turn[2]
             )
-        s = plan.frame_of[f, at.FRAME_SLOPE]
-        if s >= 0:
-            slope = work.slope
-            for k in range(n):
-                out[qv + k] += (
-                    slope[s + k] * force[0]
-                    + slope[s + n + k] * force[1]
-                    + slope[s + 2 * n + k] * force[2]
-                    + slope[s + 3 * n + k] * turn[0]
-                    + slope[s + 4 * n + k] * turn[1]
-                    + slope[s + 5 * n + k] * turn[2]
-                )
     store3(body, at.B_F, add3(load3(body, at.B_F), force))
     store3(
         body,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.elasticity import elastic_energy
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
-    bending,
     flexible_inertia,
     rigid_second_moment,
 )
@@ -69,14 +69,11 @@ def _body_energy(plan, work, i, x, v, none, out):
         q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
         qd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
         flexible_inertia(plan, i, q, none[:n], qd, row, out[:n])
+        elastic = elastic_energy(plan, flex, q)
         for j in range(n):
-            force = plan.modal[flex[at.MODAL_STIFFNESS] + j] * q[j]
-            elastic += 0.5 * force * q[j]
-            kinetic += 0.5 * qd[j] * (out[j] - force)
+            kinetic += 0.5 * qd[j] * out[j]
             o = flex[at.MODAL_FIRST] + 3 * j
             first = add3(first, scale3(q[j], load3(plan.modal, o)))
-        if flex[at.BENDS] > 0:
-            first = add3(first, (bending(row, 0, 0), bending(row, 1, 0), bending(row, 2, 0)))
     kinetic += 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(w, load3(row, at.B_T)))
     g = load3(plan.gravity, 0)
     moment = add3(
