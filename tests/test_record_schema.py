@@ -13,8 +13,8 @@ from flexmbd.record_file import FORMAT, VERSION, read_tree, write_tree
 from flexmbd.reduced import (
     DistributedLoads,
     GeometricStiffness,
-    ModalStretch,
     InterfaceFrame,
+    ModalStretch,
     NodalModes,
     ReducedBody,
     StressModes,
