@@ -27,7 +27,8 @@ STAGES = (
     ("flexmbd.reduction.interior", "continued", "static"),
     ("flexmbd.reduction.truncation", "fixed_interface_modes", "modes"),
     ("flexmbd.reduction.optional_groups", "responses", "geometric"),
-    ("flexmbd.reduction.geometric_stiffness", "geometric_group", "geometric"),
+    ("flexmbd.reduction.stretch_modes", "stretch_modes", "geometric"),
+    ("flexmbd.reduction.geometric_stiffness", "stiffening", "geometric"),
 )
 
 
