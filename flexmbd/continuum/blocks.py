@@ -27,11 +27,26 @@ def multiply(matrix: PETSc.Mat, block: FloatArray) -> FloatArray:
     """
     if block.shape[1] == 0:
         return np.zeros((matrix.getLocalSize()[0], 0))
+    if not np.diff(matrix.getOwnershipRangesColumn()).all():
+        return _one_by_one(matrix, block)
     factor = to_dense(matrix.comm, block)
     product = matrix.matMult(factor)
     result = from_dense(product)
     product.destroy()
     factor.destroy()
+    return result
+
+
+def _one_by_one(matrix: PETSc.Mat, block: FloatArray) -> FloatArray:
+    """Matrix times block where a rank has no columns, with which PETSc 3.25 multiplies no block. Collective."""
+    right, left = matrix.createVecs()
+    result = np.empty((matrix.getLocalSize()[0], block.shape[1]), order="F")
+    for i in range(block.shape[1]):
+        right.setArray(block[:, i])
+        matrix.mult(right, left)
+        result[:, i] = left.array_r
+    right.destroy()
+    left.destroy()
     return result
 
 
