@@ -1,4 +1,4 @@
-"""The README's example runs as it stands."""
+"""The README's examples run as they stand."""
 
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ def test_the_example_is_short():
     assert len(lines) <= 27  # twenty-five statements, two of them on two lines
 
 
-def test_the_example_runs(tmp_path):
+def test_the_examples_run(tmp_path):
+    """The second goes on where the first ends."""
     script = tmp_path / "example.py"
-    script.write_text(example())
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    script.write_text("\n".join(blocks))
     done = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, cwd=tmp_path, check=False
     )
@@ -32,3 +35,5 @@ def test_the_example_runs(tmp_path):
     assert "loops, closed by multipliers" in done.stdout
     # nothing but the note of the first run on a machine
     assert all(line.startswith("flexmbd: compiling") for line in done.stderr.splitlines())
+    assert "modes below" in done.stdout or "tolerance of eigenvalues" in done.stdout
+    assert (tmp_path / "rod.h5").exists()
