@@ -16,6 +16,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.cell_group import CellGroup
+from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import FormulationError
@@ -36,7 +37,7 @@ def section_gram(
     state: FloatArray = np.zeros(model.n_owned)
     if isinstance(model, PrestressedModel):
         state = model.state.displacement[: model.n_owned]
-    fields = _with_ghosts(model, np.hstack([rotations, state[:, None], modes]))
+    fields = with_ghosts(model, np.hstack([rotations, state[:, None], modes]))
     gram = np.zeros((4 + 3 * modes.shape[1],) * 2)
     for group in model.groups:
         sections = _Sections(model, group)
@@ -102,14 +103,3 @@ class _Sections:
         weighted = inertia.reshape(-1, m, m) @ values
         gram: FloatArray = np.tensordot(values, weighted, axes=((0, 1), (0, 1)))
         return gram
-
-
-def _with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
-    """The block with the rows of this rank's ghosts below its own. Collective."""
-    field = fem.Function(model.space)
-    whole = np.empty((len(field.x.array), block.shape[1]), order="F")
-    for i in range(block.shape[1]):
-        field.x.array[: model.n_owned] = block[:, i]
-        field.x.scatter_forward()
-        whole[:, i] = field.x.array
-    return whole

@@ -19,6 +19,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.loads import Load, check_loads, load_vectors
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
@@ -27,7 +28,6 @@ from flexmbd.errors import ReductionError
 from flexmbd.reduced import NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
 from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
-from flexmbd.reduction.ghosts import with_ghosts
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.statics import Statics
 from flexmbd.reduction.stress_modes import stress_group

@@ -10,12 +10,12 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
+from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.inertia import gram_matrix
 from flexmbd.continuum.interface import FoundInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
-from flexmbd.reduction.ghosts import with_ghosts
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
 from flexmbd.reduction.signs import determined_rotation

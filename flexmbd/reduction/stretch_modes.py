@@ -15,14 +15,16 @@ import scipy.linalg
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.stress_stiffness import stress_stiffness
 from flexmbd.reduction.eigen import Modes
-from flexmbd.reduction.ghosts import with_ghosts
 from flexmbd.reduction.signs import determined_rotation
 from flexmbd.reduction.statics import Statics
 
 # A mode is added for what makes this part of a kind of load's geometric stiffness.
 _EFFECT = 0.05
+# Not for a kind that stiffens less than this beside another, where both strain the body with the same energy.
+_STIFFENS = 1e-3
 
 
 def stretch_modes(
@@ -57,7 +59,9 @@ def stretch_modes(
     found = stress_stiffness(model, fields, with_ghosts(model, basis / np.sqrt(energy)))
     if found is None:
         return Modes(np.zeros(0), np.zeros((len(rest), 0), order="F"))
-    chosen = parallel.on_root(comm, lambda: _combinations(found, names))
+    work = np.einsum("ij,ij->j", displacements, multiply(model.K, displacements))
+    strain = np.sqrt(np.maximum(comm.allreduce(work), 0.0))
+    chosen = parallel.on_root(comm, lambda: _combinations(found, names, strain))
     shapes = np.asfortranarray(rest @ chosen)
     # what rounding left of the modes
     shapes = np.asfortranarray(shapes - fixed.shapes @ inner(comm, fixed.shapes, multiply(model.M, shapes)))
@@ -75,19 +79,23 @@ def stretch_modes(
     return Modes(eigenvalues, np.asfortranarray(shapes @ x))
 
 
-def _combinations(found: FloatArray, names: tuple[str, ...]) -> FloatArray:
+def _combinations(found: FloatArray, names: tuple[str, ...], strain: FloatArray) -> FloatArray:
     """(l, m) the combinations of rests that matter.
 
     Args:
         found: (2 l, n, n) stress stiffness of the rests, and of the whole displacements, in modes of equal energy.
         names: (l,) of the loads.
+        strain: (l,) roots of the strain energy of the whole displacements.
     """
     rest, whole = np.split(found.reshape(2 * len(names), -1), 2)
     kinds = np.array([name.rsplit(" ", 1)[0] for name in names])
-    size = np.zeros(len(names))
-    for kind in kinds:
-        size[kinds == kind] = np.linalg.norm(whole[kinds == kind], axis=1).max()
-    weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    norms = np.linalg.norm(whole, axis=1)
+    rate = np.divide(norms, strain, out=np.zeros_like(norms), where=strain > 0.0)
+    weights = np.zeros(len(names))
+    for kind in set(kinds):
+        one = kinds == kind
+        if rate[one].max() > _STIFFENS * rate.max():
+            weights[one] = 1.0 / norms[one].max()
     left, effect, _ = np.linalg.svd(rest * weights[:, None], full_matrices=False)
     chosen: FloatArray = weights[:, None] * left[:, effect > _EFFECT]
     return chosen
