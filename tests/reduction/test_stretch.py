@@ -89,7 +89,7 @@ def test_buckling_by_the_modes(beam):
 
 
 def test_stretch_modes_are_there_for_the_tension_of_a_spin(model, beam):
-    """Two more modes along the beam; with them its elongation by a spin is exact, without it lacks a third inside."""
+    """Two more modes along the beam; with them its elongation by a spin is exact, without it lacks a sixth."""
     added = [name for name in beam.partition_names if name.startswith("stretch")]
     assert 1 <= len(added) <= 4
     assert beam.provenance["stretch modes"] == str(len(added))
