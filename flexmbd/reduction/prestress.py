@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from flexmbd.continuum import assembly, parallel
 from flexmbd.continuum.blocks import FloatArray, inner
+from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.loads import Load, check_loads, load_vectors
 from flexmbd.continuum.model import ContinuumModel
@@ -303,7 +304,7 @@ class _Equilibrium:
             arm = tangent.node_x[nodes] - interface.p
             u[model.displacement_dofs[nodes]] = before + motion[:3] + arm @ turned.T
             frames.append(replace(interface, p=interface.p + motion[:3], R=interface.R + turned @ interface.R))
-        whole = self._with_ghosts(u)
+        whole = with_ghosts(model, u[:, None])[:, 0]
         for i, rest in enumerate(model.interfaces):
             if isinstance(rest, AveragedInterface):
                 frames[i] = followed_average(model, rest, frames[i], whole)
@@ -325,13 +326,6 @@ class _Equilibrium:
         # centrifugal forces go with the square
         self._forms.spin.value[:] = np.sqrt(part) * self._spin
         return self._forms
-
-    def _with_ghosts(self, u: FloatArray) -> FloatArray:
-        field = fem.Function(self._model.space)
-        field.x.array[: len(u)] = u
-        field.x.scatter_forward()
-        whole: FloatArray = field.x.array.copy()
-        return whole
 
     def _check_stability(self, state: StaticState, part: float) -> None:
         """Refuse a state in which some small displacement needs no force. Collective."""

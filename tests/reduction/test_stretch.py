@@ -106,6 +106,16 @@ def test_stretch_modes_are_there_for_the_tension_of_a_spin(model, beam):
     assert energy["plain"] == pytest.approx(exact * (1 - 1 / 6), rel=0.02)
 
 
+def test_none_are_added_to_all_modes_there_are():
+    mesh = meshes.block(1.0, 0.1, 0.1, divisions=(3, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF)
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, solid_linear, MATERIAL, degree=1, interfaces=ends)
+    # eight nodes are not on the ends
+    body = craig_bampton(model, modes=24, frame="x_min")
+    assert body.n_modes == 6 + 24
+    assert body.provenance["stretch modes"] == "0"
+
+
 def test_guyan_has_no_further_modes(model):
     assert guyan(model, frame="x_min").n_modes == 6
 
