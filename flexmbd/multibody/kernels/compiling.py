@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
 import sys
@@ -16,6 +17,7 @@ from numba.core import caching
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parents[2]
+_KERNEL_FOLDERS = ("multibody/kernels", "integrate")
 
 
 def cache_folder() -> Path:
@@ -32,13 +34,37 @@ def cache_folder() -> Path:
 
 
 @cache
-def _source_stamp() -> str:
-    """Digest of every kernel source: numba alone would miss a change in a called kernel."""
+def _source_stamp(path: Path) -> str:
+    """Digest of a source and of all kernel sources that it imports, which numba would not look at."""
     digest = hashlib.sha256()
-    for folder in ("multibody/kernels", "integrate"):
-        for path in sorted((_PACKAGE / folder).glob("*.py")):
-            digest.update(path.read_bytes())
+    for source in sorted(_kernel_sources(path)):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
+
+
+def _kernel_sources(path: Path) -> set[Path]:
+    """``path`` and the kernel sources that it imports, directly or not."""
+    found: set[Path] = set()
+    waiting = [path]
+    while waiting:
+        source = waiting.pop()
+        if source not in found:
+            found.add(source)
+            waiting.extend(_imported(source))
+    return found
+
+
+@cache
+def _imported(source: Path) -> tuple[Path, ...]:
+    modules: list[str] = []
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            modules += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            modules += [alias.name for alias in node.names]
+    paths = [_PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in modules]
+    folders = {_PACKAGE / folder for folder in _KERNEL_FOLDERS}
+    return tuple(path for path in paths if path.parent in folders and path.is_file())
 
 
 class _KernelCacheLocator(caching._CacheLocator):
@@ -46,13 +72,15 @@ class _KernelCacheLocator(caching._CacheLocator):
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
-        self._path = _version_folder() / self.get_suitable_cache_subpath(py_file)
+        self._stamp = _source_stamp(Path(py_file).resolve())
+        # a folder for these very sources: numba cannot even read what others left under its names
+        self._path = _version_folder(self._stamp) / self.get_suitable_cache_subpath(py_file)
 
     def get_cache_path(self) -> str:
         return str(self._path)
 
     def get_source_stamp(self) -> str:
-        return _source_stamp()
+        return self._stamp
 
     def get_disambiguator(self) -> str:
         return str(self._line)
@@ -98,12 +126,15 @@ def mark_compiled() -> None:
 
 
 def _marker() -> Path:
-    return _version_folder() / "compiled"
+    digest = hashlib.sha256()
+    for folder in _KERNEL_FOLDERS:
+        for path in sorted((_PACKAGE / folder).glob("*.py")):
+            digest.update(path.read_bytes())
+    return _version_folder(digest.hexdigest()) / "compiled"
 
 
-def _version_folder() -> Path:
-    """A folder for these very sources: numba cannot even read what others left under its names."""
-    return cache_folder() / f"flexmbd-{_source_stamp()[:16]}"
+def _version_folder(stamp: str) -> Path:
+    return cache_folder() / f"flexmbd-{stamp[:16]}"
 
 
 _announced = False
