@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from flexmbd.multibody.kernels import compiling
+
 SCENE = """
 import sys
 from pathlib import Path
@@ -58,6 +60,18 @@ def test_kernels_of_other_sources_are_not_touched(tmp_path):
     folder = Path(done.stdout.strip())
     assert tmp_path in folder.parents
     version = folder.relative_to(tmp_path).parts[0]
-    stamp = "from flexmbd.multibody.kernels import compiling; print(compiling._source_stamp())"
+    stamp = (
+        "from pathlib import Path; from flexmbd.multibody.kernels import compiling, so3; "
+        "print(compiling._source_stamp(Path(so3.__file__)))"
+    )
     known = subprocess.run([sys.executable, "-c", stamp], capture_output=True, text=True, check=True)
     assert version == f"flexmbd-{known.stdout.strip()[:16]}"
+
+
+def test_a_kernel_is_stamped_with_all_that_it_calls():
+    """The stamp of a kernel's file tells of the kernels it calls, and of no others."""
+    kernels = Path(compiling.__file__).parent
+    sources = {path.name for path in compiling._kernel_sources(kernels / "joints.py")}
+    assert sources == {"joints.py", "layout.py", "compiling.py", "so3.py"}
+    loop = compiling._kernel_sources(kernels.parents[1] / "integrate" / "generalized_alpha.py")
+    assert {"state.py", "implicit_step.py", "recursion.py", "closure.py"} <= {path.name for path in loop}
