@@ -11,19 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError, SimulationError
-from flexmbd.integrate import generalized_alpha as ga
 from flexmbd.integrate import state as st
-from flexmbd.integrate.implicit_step import new_scratch
+from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
-from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.team import Team
-from flexmbd.multibody.time_function import ask_python
 from flexmbd.trajectory import Stats, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -31,41 +28,16 @@ FloatArray = NDArray[np.float64]
 _BUFFER = 1024  # rows of the output buffer: how often compiled stepping returns
 
 
-def ask_inputs(scene: CompiledScene, t: float) -> FloatArray:
-    """Values, rates and accelerations (k, 3) that the scene's Python callables give at t.
-
-    Raises:
-        SceneError: a callable gave a wrong shape or no finite number.
-    """
-    asked = np.zeros((max(1, len(scene.time_rows)), 3))
-    driven = set(scene.plan.driven[:, at.DRIVEN_TIME])
-    for k, (row, name) in enumerate(zip(scene.time_rows, scene.time_names, strict=True)):
-        if row.call is not None:
-            asked[k] = ask_python(row, t, name, motion=k in driven)
-    return asked
-
-
-def _agreed_inputs(scene: CompiledScene, team: Team, t: float) -> FloatArray:
-    """Rank 0's answers of the Python callables; an error of any rank is raised on all."""
-    asked: FloatArray = np.zeros((max(1, len(scene.time_rows)), 3))
-    error: Exception | None = None
-    if all(row.call is None for row in scene.time_rows):
-        return asked
-    try:
-        asked = ask_inputs(scene, t)
-    except Exception as reason:  # noqa: BLE001  (the others wait to hear of it)
-        error = reason
-    team.fail(error)
-    return team.agree(asked)
-
-
-def evaluate_inputs(scene: CompiledScene, work: Work, team: Team, t: float) -> None:
+def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
     """Bring ``work.time`` up to date for time t (s).  Collective over the team.
 
     Raises:
-        SceneError: a function of time gives no finite number; the message names it.
+        SceneError: a function of time failed or gives no finite number; the message names it.
     """
-    evaluate_times(scene.plan, t, _agreed_inputs(scene, team, t), work.time)
+    scene.callbacks.reset()
+    evaluate_times(scene.plan, t, work.time)
+    if scene.callbacks.error is not None:
+        raise scene.callbacks.error
     for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")
@@ -80,47 +52,45 @@ def run(
     t_end: float,
     rtol: float,
     h: float | None,
-    method: ga.GeneralizedAlpha,
+    method: Integrator,
     progress: bool,
 ) -> Trajectory:
     """Integrate from a consistent start; see ``System.simulate``."""
     _check(t_start, t_end, rtol, h)
     scene = start.scene
+    method.check(scene)
     state = _new_state(start, t_start, t_end, rtol, h, method)
-    groups = _new_groups(scene)
     output = _Output(scene, start, t_start)
+    stepper, _ = method.stepper(scene, state, _new_groups(scene), new_work(scene.plan))
     began = time.perf_counter()
     compiled = began
     code = st.OUTPUT
-    error: Exception | None = None
-    asked: FloatArray = np.zeros((max(1, len(scene.time_rows)), 3))
-    work = new_work(scene.plan)
-    scratch = new_scratch(scene.plan, scene.nx, scene.nv)
     with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
-        while code in (st.OUTPUT, st.NEED_INPUT):
-            code = ga.advance(
-                scene.plan, work, state, groups, scratch, asked, output.record
-            )
+        while code == st.OUTPUT:
+            code = stepper(output.record)
             if compiled == began:
                 compiled = time.perf_counter()
-            if code == st.NEED_INPUT:
-                try:
-                    asked = _agreed_inputs(scene, team, float(state.numbers[st.INPUT_TIME]))
-                except Exception as reason:  # noqa: BLE001  (a user's function: any error, told below)
-                    error = reason
-                    break
-            else:
-                bar.update(output.flush(state))
-    output.flush(state)
+            bar.update(output.flush(state))
     mark_compiled()
     seconds = time.perf_counter() - began
     trajectory = _finish(start, bodies, team, output, state, seconds, compiled - began)
-    if error is not None:
-        at_time = f"at t = {state.numbers[st.INPUT_TIME]:g} s a function of time failed: {error}"
-        raise SimulationError(at_time, trajectory) from error
+    if code == st.CALLBACK_FAILED:
+        raise _callback_failure(scene, trajectory)
     if code != st.DONE:
         raise SimulationError(_failure(scene, state, code), trajectory)
     return trajectory
+
+
+def _callback_failure(scene: CompiledScene, trajectory: Trajectory) -> BaseException:
+    """The error of a user's function, with the time and what was computed; an interrupt as it is."""
+    error = scene.callbacks.error
+    if error is None or not isinstance(error, Exception):
+        return error or KeyboardInterrupt()
+    failure = SimulationError(
+        f"at t = {scene.callbacks.t:g} s a function of time failed: {error}", trajectory
+    )
+    failure.__cause__ = error
+    return failure
 
 
 def _check(t_start: float, t_end: float, rtol: float, h: float | None) -> None:
@@ -134,43 +104,37 @@ def _check(t_start: float, t_end: float, rtol: float, h: float | None) -> None:
 
 def _new_state(
     start: Start, t_start: float, t_end: float, rtol: float, h: float | None,
-    method: ga.GeneralizedAlpha,
+    method: Integrator,
 ) -> st.State:
     number = np.zeros(st.N_NUMBER)
     span = t_end - t_start
     number[st.TIME], number[st.TIME_END] = t_start, t_end
-    number[st.STEP] = h if h is not None else _first_step(start, rtol, span)
+    number[st.STEP] = h if h is not None else _first_step(start, rtol, span, method.order)
     number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
     number[st.SLOWEST] = 1.0 / span
     number[st.TOLERANCE] = rtol
-    number[st.ALPHA_M : st.GAMMA + 1] = method.coefficients()
-    number[st.INPUT_TIME] = np.nan
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
-    count[st.ASKS_INPUT] = any(row.call is not None for row in start.scene.time_rows)
-    count[st.FILTERS] = len(start.scene.plan.flex) > 0
     return st.State(
         start.x.copy(),
         start.v.copy(),
         start.a.copy(),
-        start.a.copy(),
-        start.a.copy(),
-        start.a.copy(),
         start.multipliers.copy(),
+        np.zeros((method.memory_rows, start.scene.nv)),
         number,
         count,
     )
 
 
-def _first_step(start: Start, rtol: float, span: float) -> float:
+def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
     """A step that the method's starting error does not show in: the rate is the machine's."""
     scene = start.scene
     rate = 1.0 / span
     for k in scene.plan.free:
         floor = scene.group_full[scene.group_of[k]]
         rate = max(rate, abs(start.v[k]) / floor, np.sqrt(abs(start.a[k]) / floor))
-    return 0.1 * float(np.sqrt(rtol)) / rate
+    return float(0.1 * rtol ** (1.0 / order) / rate)
 
 
 def _new_groups(scene: CompiledScene) -> st.Groups:

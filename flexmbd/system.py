@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.explain import explain
@@ -125,7 +126,7 @@ class System:
         """
         topology = span(self.ground, self._bodies, self._connections)
         gravity = np.array(self.gravity, dtype=np.float64)
-        return build(topology, self.ground, self._forces, gravity)
+        return build(topology, self.ground, self._forces, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
@@ -138,7 +139,7 @@ class System:
         if self.team.is_root:
             announce()
         work = new_work(scene.plan)
-        evaluate_inputs(scene, work, self.team, t)
+        evaluate_inputs(scene, work, t)
         x, v = scene.start.copy(), np.zeros(scene.nv)
         held_x, held_v = np.zeros((2, scene.nv), bool)
         flying = {id(b.outer.body) for b in scene.topology.branches if b.connection is None}
@@ -180,7 +181,7 @@ class System:
         rtol: float = 1e-6,
         h: float | None = None,
         t_start: float = 0.0,
-        integrator: GeneralizedAlpha | None = None,
+        integrator: Integrator | None = None,
         progress: bool = False,
     ) -> Trajectory:
         """Run the machine from ``t_start`` to ``t_end`` (s).

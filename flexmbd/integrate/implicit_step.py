@@ -21,6 +21,18 @@ from flexmbd.multibody.kernels.residual import drive, residual
 
 FloatArray = NDArray[np.float64]
 
+# The method's entries of State.numbers: its coefficients; the step the factors belong to; the step
+# that the auxiliary acceleration belongs to; the step before the last; how much a Newton iteration
+# with the factors at hand leaves of the error.
+ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
+STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
+# Its entries of State.counts: how many accelerations it remembers; whether it filters its error;
+# steps without growth left.
+KNOWN_BEFORE, FILTERS, HOLD = st.METHOD_COUNT, st.METHOD_COUNT + 1, st.METHOD_COUNT + 2
+# Rows of State.memory: the method's acceleration; the true one one and two steps ago; each
+# coordinate's own rate (1/s).
+AUXILIARY, BEFORE, EARLIER, RATE, N_MEMORY = range(5)
+
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
 
@@ -47,7 +59,6 @@ class Scratch(NamedTuple):
     error_v: FloatArray
     scale_x: FloatArray
     scale_v: FloatArray
-    rate: FloatArray
     phi: FloatArray
     phi_rate: FloatArray
     phi_rate2: FloatArray
@@ -81,7 +92,6 @@ def new_scratch(plan: Plan, nx: int, nv: int) -> Scratch:
         error_v=zeros((1, nu)),
         scale_x=zeros(nv),
         scale_v=zeros(nv),
-        rate=zeros(nv),
         phi=zeros(m),
         phi_rate=zeros(m),
         phi_rate2=zeros(m),
@@ -94,8 +104,8 @@ def new_scratch(plan: Plan, nx: int, nv: int) -> Scratch:
 @kernel
 def coefficients(number, h):
     """Position and velocity per unit of the new true acceleration."""
-    share = (1.0 - number[st.ALPHA_F]) / (1.0 - number[st.ALPHA_M])
-    return number[st.BETA] * share * h * h, number[st.GAMMA] * share * h
+    share = (1.0 - number[ALPHA_F]) / (1.0 - number[ALPHA_M])
+    return number[BETA] * share * h * h, number[GAMMA] * share * h
 
 
 @kernel
@@ -104,8 +114,8 @@ def update(plan, work, state, s, h, unknown):
     number = state.numbers
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    beta = number[st.BETA]
-    gamma = number[st.GAMMA]
+    beta = number[BETA]
+    gamma = number[GAMMA]
     per_x, _ = coefficients(number, h)
     for k in range(s.move.shape[0]):
         s.move[k] = 0.0
@@ -113,16 +123,16 @@ def update(plan, work, state, s, h, unknown):
         k = plan.free[j]
         new = unknown[j]
         auxiliary = (
-            (1.0 - number[st.ALPHA_F]) * new
-            + number[st.ALPHA_F] * state.a[k]
-            - number[st.ALPHA_M] * state.auxiliary[k]
-        ) / (1.0 - number[st.ALPHA_M])
+            (1.0 - number[ALPHA_F]) * new
+            + number[ALPHA_F] * state.a[k]
+            - number[ALPHA_M] * state.memory[AUXILIARY, k]
+        ) / (1.0 - number[ALPHA_M])
         s.a[k] = new
         s.auxiliary[k] = auxiliary
         s.move[k] = h * state.v[k] + h * h * (
-            (0.5 - beta) * state.auxiliary[k] + beta * auxiliary
+            (0.5 - beta) * state.memory[AUXILIARY, k] + beta * auxiliary
         )
-        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.auxiliary[k] + gamma * auxiliary)
+        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.memory[AUXILIARY, k] + gamma * auxiliary)
     for i in range(m):
         s.multipliers[i] = unknown[nu + i]
         shift = per_x * unknown[nu + m + i]
@@ -187,8 +197,8 @@ def _linearise(plan, work, state, groups, s, h):
     m = plan.rows.shape[0]
     n = nu + 2 * m
     state.counts[st.FACTORISATIONS] += 1
-    state.numbers[st.STEP_FACTORED] = h
-    state.numbers[st.CONTRACTION] = 1.0
+    state.numbers[STEP_FACTORED] = h
+    state.numbers[CONTRACTION] = 1.0
     regular = True
     first, last = 0, nu + m
     for _ in range(2 if m > 0 else 1):
@@ -220,7 +230,7 @@ def _newton(plan, work, state, s, h, tolerance):
     per_x, per_v = coefficients(state.numbers, h)
     before = 0.0
     # what the same factors did in the step before lets a good guess pass after one iteration
-    contraction = max(state.numbers[st.CONTRACTION], 1e-3) ** 0.8
+    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
     for iteration in range(_MAX_ITERATIONS):
         trial(plan, work, state, s, h, s.unknown, s.equation)
         state.counts[st.ITERATIONS] += 1
@@ -254,11 +264,11 @@ def _newton(plan, work, state, s, h, tolerance):
         if size * left <= tolerance or size <= 1e-15:
             update(plan, work, state, s, h, s.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
-                state.numbers[st.CONTRACTION] = min(1.3 * contraction, 1.0)
+                state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
                 return 1
-            state.numbers[st.CONTRACTION] = min(contraction, 1.0)
+            state.numbers[CONTRACTION] = min(contraction, 1.0)
             if contraction > _RENEW:
-                state.numbers[st.STEP_FACTORED] = 0.0
+                state.numbers[STEP_FACTORED] = 0.0
             return 1
     return 0
 
@@ -268,15 +278,15 @@ def _start_newton(plan, state, s, h, extrapolate):
     """First guess: multipliers as they were, accelerations too or on their last parabola."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = state.counts[st.KNOWN_BEFORE]
+    known = state.counts[KNOWN_BEFORE]
     h1 = state.numbers[st.STEP_BEFORE]
-    h2 = state.numbers[st.STEP_EARLIER]
+    h2 = state.numbers[STEP_EARLIER]
     for j in range(nu):
         k = plan.free[j]
         guess = state.a[k]
         if extrapolate and known > 1:
-            slope = (state.a[k] - state.before[k]) / h1
-            half_curve = (slope - (state.before[k] - state.earlier[k]) / h2) / (h1 + h2)
+            slope = (state.a[k] - state.memory[BEFORE, k]) / h1
+            half_curve = (slope - (state.memory[BEFORE, k] - state.memory[EARLIER, k]) / h2) / (h1 + h2)
             guess += h * (slope + (h + h1) * half_curve)
         s.unknown[j] = guess
     for i in range(m):
@@ -292,7 +302,7 @@ def solve_step(plan, work, state, groups, s, h, tolerance):
     """
     for attempt in range(3):
         if attempt == 0:
-            if state.numbers[st.STEP_FACTORED] != h:
+            if state.numbers[STEP_FACTORED] != h:
                 continue
             # a fixed step may leave vibrations unresolved, which no parabola foretells
             _start_newton(plan, state, s, h, state.counts[st.FIXED_STEP] == 0)
@@ -308,5 +318,5 @@ def solve_step(plan, work, state, groups, s, h, tolerance):
             break
         if _newton(plan, work, state, s, h, tolerance) == 1:
             return True
-    state.numbers[st.STEP_FACTORED] = 0.0
+    state.numbers[STEP_FACTORED] = 0.0
     return False

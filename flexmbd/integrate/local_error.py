@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmbd.integrate import implicit_step as step
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import part_of_kernel
@@ -26,15 +27,16 @@ def _difference(plan, state, groups, s, h):
         a0 = state.a[k]
         a1 = s.a[k]
         curve = 0.0
-        if state.counts[st.KNOWN_BEFORE] > 0:
-            curve = ((a1 - a0) / h - (a0 - state.before[k]) / h_before) / (h + h_before)
+        if state.counts[step.KNOWN_BEFORE] > 0:
+            curve = ((a1 - a0) / h - (a0 - state.memory[step.BEFORE, k]) / h_before) / (h + h_before)
         speed = h * 0.5 * (a0 + a1) - h**3 / 6.0 * curve
         travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
         s.error_x[j] = (s.move[k] - h * state.v[k]) - travel
         s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
         size = groups.acceleration[groups.of[k]]
         rate = np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
-        s.rate[k] = max(rate, _FADE * s.rate[k])  # a vibration's curvature passes through zero
+        # a vibration's curvature passes through zero
+        state.memory[step.RATE, k] = max(rate, _FADE * state.memory[step.RATE, k])
 
 
 @part_of_kernel
@@ -74,16 +76,16 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
     what it displaces, for it swings and does not drift.
     """
     _difference(plan, state, groups, s, h)
-    if state.counts[st.FILTERS] == 1:
+    if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        share = min(1.0, h * max(machine_rate, s.rate[k]))
+        share = min(1.0, h * max(machine_rate, state.memory[step.RATE, k]))
         limit = state.numbers[st.TOLERANCE] * share
-        speed = max(st.group_speed(groups, g, machine_rate), s.rate[k] * size)
+        speed = max(st.group_speed(groups, g, machine_rate), state.memory[step.RATE, k] * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(s.error_v[0, j]) / max(limit * speed, least * machine_rate)

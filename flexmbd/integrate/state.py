@@ -13,20 +13,17 @@ from flexmbd.multibody.kernels.compiling import kernel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# What ``advance`` returns.
-DONE, OUTPUT, NEED_INPUT, STEP_FLOOR, NEWTON_FAILED = range(5)
+# What a stepper returns.
+DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR, NEWTON_FAILED = range(5)
 
-# Entries of ``State.numbers``.
-TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING = 0, 1, 2, 3, 4, 5
-TOLERANCE, ALPHA_M, ALPHA_F, BETA, GAMMA, INPUT_TIME, STEP_FACTORED = range(6, 13)
-# The step that the auxiliary acceleration belongs to; the step before the last; how much a
-# Newton iteration with the factors at hand leaves of the error.
-STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = 13, 14, 15
-SLOWEST, N_NUMBER = 16, 17  # the machine's rate (1/s) is taken as at least this
+# Entries of ``State.numbers``; from METHOD on they are the method's own.
+TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
+SLOWEST = 7  # the machine's rate (1/s) is taken as at least this
+METHOD, N_NUMBER = 8, 20
 
-# Entries of ``State.counts``.
-STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS, KNOWN_BEFORE = 0, 1, 2, 3, 4, 5
-FIXED_STEP, WORST, STORED, ASKS_INPUT, FILTERS, HOLD, N_COUNT = range(6, 13)
+# Entries of ``State.counts``; from METHOD_COUNT on they are the method's own.
+STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
+FIXED_STEP, WORST, STORED, METHOD_COUNT, N_COUNT = 5, 6, 7, 8, 14
 
 #: No relative error is asked for below this.
 ROUND_OFF = 1e-12
@@ -35,19 +32,20 @@ ROUND_OFF = 1e-12
 class State(NamedTuple):
     """Where the integration stands; every array is written in place.
 
+    With ``Groups`` it is all that a method remembers from step to step, but for factors of its
+    iteration matrix, which ``drop_factors`` makes it forget: copies of both restart it to the bit.
+
     x, v, a: configuration, velocity, true acceleration at TIME.
-    auxiliary: the method's acceleration.
-    before, earlier: the true acceleration one and two steps ago; KNOWN_BEFORE counts them.
-    multipliers: one a constraint row.  numbers, counts: scalars by the entries named above.
+    multipliers: one a constraint row.
+    memory: (k, nv) the method's own.
+    numbers, counts: scalars by the entries named above.
     """
 
     x: FloatArray
     v: FloatArray
     a: FloatArray
-    auxiliary: FloatArray
-    before: FloatArray
-    earlier: FloatArray
     multipliers: FloatArray
+    memory: FloatArray
     numbers: FloatArray
     counts: IntArray
 
@@ -71,7 +69,7 @@ class Groups(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Output buffer: STORED rows are filled when ``advance`` returns."""
+    """Output buffer: STORED rows are filled when a stepper returns."""
 
     t: FloatArray
     x: FloatArray
@@ -127,3 +125,70 @@ def set_scales(state, groups, s, rate, limit):
         least = groups.full[g] * ROUND_OFF / limit
         s.scale_x[k] = max(groups.position[g], least)
         s.scale_v[k] = max(group_speed(groups, g, rate), least * rate) + 1e-300
+
+
+@kernel
+def end_of_step(state, h):
+    """The time after a step of h from TIME: TIME_END itself where the step reaches it."""
+    t = state.numbers[TIME]
+    end = state.numbers[TIME_END]
+    return end if end - t <= h else t + h
+
+
+@kernel
+def next_step(state, h):
+    """The step to try instead of h: one that ends on TIME_END, or half of what is left before it."""
+    left = state.numbers[TIME_END] - state.numbers[TIME]
+    if left <= h * (1.0 + 1e-6):  # no sliver of a step from rounding the time
+        return left
+    if left < 2.0 * h and state.counts[FIXED_STEP] == 0:
+        return 0.5 * left
+    return h
+
+
+@kernel
+def store(plan, state, groups, record, h):
+    """Advance TIME by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.FLEX] >= 0:
+            for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
+                g = groups.of[row[at.MODAL_V] + k]
+                size = abs(state.x[row[at.MODAL_X] + k])
+                groups.position[g] = max(groups.position[g], size)
+    state.numbers[TIME] = end_of_step(state, h)
+    state.numbers[STEP_BEFORE] = h
+    state.counts[STEPS] += 1
+    r = state.counts[STORED]
+    record.t[r] = state.numbers[TIME]
+    for k in range(state.x.shape[0]):
+        record.x[r, k] = state.x[k]
+    for k in range(state.v.shape[0]):
+        record.v[r, k] = state.v[k]
+        record.a[r, k] = state.a[k]
+    for i in range(state.multipliers.shape[0]):
+        record.multipliers[r, i] = state.multipliers[i]
+    state.counts[STORED] = r + 1
+
+
+@kernel
+def error_ratio(plan, state, groups, error_x, error_v, h, rate):
+    """Largest local error (nv,) of a step over what is tolerated: rtol per radian of the machine's motion.
+
+    ``error_x`` is a tangent vector.  For methods that do not filter their errors of stiff modes.
+    Every integrator means the same by rtol: sizes are 1 rad, the machine's extent, the largest
+    deformation met; a step of h is given min(1, h rate) of it.
+    """
+    limit = state.numbers[TOLERANCE] * min(1.0, h * rate)
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        g = groups.of[k]
+        size = groups.position[g]
+        least = ROUND_OFF * groups.full[g]
+        part = abs(error_v[k]) / max(limit * group_speed(groups, g, rate), least * rate)
+        part = max(part, abs(error_x[k]) / max(limit * size, least))
+        if not part <= largest:
+            largest = part
+            state.counts[WORST] = k
+    return largest

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.callback import Callbacks
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.free import Free
@@ -17,6 +18,7 @@ from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.native import lapack_addresses
+from flexmbd.multibody.team import Team
 from flexmbd.multibody.time_function import TimeRow, as_row
 from flexmbd.multibody.topology import Branch, Topology
 from flexmbd.reduced import ReducedBody
@@ -57,8 +59,9 @@ class CompiledScene:
         start: (nx,) configuration with every joint at its own zero.
         time_rows: functions of time, row by row of ``plan.times``.
         time_names: what each is for.
+        callbacks: the Python callables among them.
         extent: the machine's size (m).
-        group_of, group_kind, group_full, group_floor: error-norm groups (see generalized_alpha.Groups).
+        group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
         redundant: names of constraint rows left out as redundant.
     """
 
@@ -73,6 +76,7 @@ class CompiledScene:
     start: FloatArray
     time_rows: tuple[TimeRow, ...]
     time_names: tuple[str, ...]
+    callbacks: Callbacks
     extent: float
     group_of: IntArray
     group_kind: IntArray
@@ -106,7 +110,7 @@ class CompiledScene:
 class _Builder:
     """Growing lists of the plan's arrays."""
 
-    def __init__(self, ground: Body, extent: float) -> None:
+    def __init__(self, ground: Body, extent: float, callbacks: Callbacks) -> None:
         self.extent = extent
         self.row_of: dict[int, int] = {id(ground): -1}
         self.tree: list[list[int]] = []
@@ -124,6 +128,7 @@ class _Builder:
         self.flex: list[list[int]] = []
         self.times: list[TimeRow] = []
         self.time_names: list[str] = []
+        self.callbacks = callbacks
 
     def add_branch(self, branch: Branch) -> None:
         """Append a body with its inboard joint."""
@@ -221,8 +226,10 @@ class _Builder:
         share = group.P / record.stiffness[group.mode][:, None, None]
         return self.add_modal(np.column_stack([group.mode, share[:, row, column]])), len(group.mode)
 
-    def add_time(self, row: TimeRow, name: str) -> int:
+    def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
         """Append a function of time; return its row."""
+        if row.call is not None:
+            row = replace(row, addresses=(self.callbacks.of_time(row, name, motion=motion), 0, 0))
         self.times.append(row)
         self.time_names.append(name)
         return len(self.times) - 1
@@ -233,6 +240,7 @@ def build(
     ground: Body,
     forces: Sequence[Force],
     gravity: FloatArray,
+    team: Team,
 ) -> CompiledScene:
     """Number the coordinates and fill the plan.
 
@@ -240,7 +248,7 @@ def build(
         SceneError: a force on a joint that has no coordinate in the tree, or a prescribed joint
             that closes a loop.
     """
-    b = _Builder(ground, _extent(topology))
+    b = _Builder(ground, _extent(topology), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
     rows, row_names, row_connections = _closure_rows(b, topology)
@@ -264,6 +272,7 @@ def build(
         free=np.array(free, np.int64),
         gravity=gravity,
         lapack=lapack_addresses(),
+        flag=b.callbacks.flag,
     )
     return CompiledScene(
         plan=plan,
@@ -277,6 +286,7 @@ def build(
         start=np.array(b.start, float),
         time_rows=tuple(b.times),
         time_names=tuple(b.time_names),
+        callbacks=b.callbacks,
         extent=b.extent,
         group_of=np.array(b.group_of, np.int64),
         group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),
@@ -329,7 +339,7 @@ def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
         if connection is not None and connection.motion is not None:
             what = f"motion of joint {connection.name!r}"
             slots = b.joint_slots[id(connection)]
-            time = b.add_time(as_row(connection.motion, what, motion=True), what)
+            time = b.add_time(as_row(connection.motion, what, motion=True), what, motion=True)
             rows.append([slots.v.start, slots.x.start, time])
     return rows
 
@@ -345,7 +355,7 @@ def _force_rows(b: _Builder, forces: Sequence[Force]) -> list[list[int]]:
                 "make it earlier than the joint that may close the loop instead"
             )
         what = f"{type(force).__name__} on joint {name!r}"
-        time = b.add_time(as_row(force.value, what, motion=False), what)
+        time = b.add_time(as_row(force.value, what, motion=False), what, motion=False)
         rows.append([slots.v.start, time])
     return rows
 

@@ -73,7 +73,10 @@ GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
 
 
 class Plan(NamedTuple):
-    """The constant arrays of a compiled scene (SI units; see the column names above)."""
+    """The constant arrays of a compiled scene (SI units; see the column names above).
+
+    Only ``flag`` (1,) changes: a failed Python callable sets it, and the step stops.
+    """
 
     tree: IntArray
     frames: FloatArray
@@ -89,6 +92,7 @@ class Plan(NamedTuple):
     free: IntArray
     gravity: FloatArray
     lapack: IntArray
+    flag: IntArray
 
 
 # Columns of Work.body.

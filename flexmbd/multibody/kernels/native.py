@@ -33,6 +33,20 @@ def call_scalar(typingctx, address, t):
     return types.float64(types.int64, types.float64), codegen
 
 
+@intrinsic
+def call_row(typingctx, address, t, pointer):
+    """Call void f(double, double*) at an address, the pointer given as an integer."""
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        kind = ir.FunctionType(ir.VoidType(), [double, double.as_pointer()])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        builder.call(function, [args[1], builder.inttoptr(args[2], double.as_pointer())])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, types.int64), codegen
+
+
 def _caller(n_pointers):
     """Make an intrinsic that calls void f(pointer, ...) with addresses given as integers."""
 

@@ -6,7 +6,7 @@ import math
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
-from flexmbd.multibody.kernels.native import call_scalar
+from flexmbd.multibody.kernels.native import call_row, call_scalar
 
 
 @kernel
@@ -43,10 +43,10 @@ def _sine(data, o, t):
 
 
 @kernel
-def evaluate_times(plan, t, asked, out):
+def evaluate_times(plan, t, out):
     """Write value, rate and acceleration of every function of time at t.
 
-    ``asked`` holds what Python callables gave for this t, one row a function.
+    Where a Python callable fails, it raises ``plan.flag`` and gives NaN.
     """
     for i in range(plan.times.shape[0]):
         row = plan.times[i]
@@ -63,5 +63,4 @@ def evaluate_times(plan, t, asked, out):
                 address = row[at.TIME_ADDRESS + k]
                 out[i, k] = call_scalar(address, t) if address != 0 else 0.0
         else:
-            for k in range(3):
-                out[i, k] = asked[i, k]
+            call_row(row[at.TIME_ADDRESS], t, out.ctypes.data + 24 * i)
