@@ -1,0 +1,222 @@
+"""Rigid mechanisms with reference solutions, for tests and benchmarks: builders, and the references as numbers.
+
+The references are closed forms or independent integrations at two tolerances; SI units, angles in rad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import flexmbd as fm
+
+G = 9.81
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A scene, and what to look at in it.
+
+    Attributes:
+        scene: the machine at its start.
+        point: the frame whose position is compared.
+        plane: which components of the position the reference gives.
+        reference: time (s) to position (m).
+        joint: the joint that drives or tells the mechanism's motion.
+    """
+
+    scene: fm.System
+    point: fm.multibody.body.Frame
+    plane: tuple[int, ...]
+    reference: Mapping[float, tuple[float, ...]]
+    joint: fm.multibody.connection.Connection | None = field(default=None)
+
+    def error(self, run: fm.Trajectory, at: float) -> float:
+        """Distance (m) of the point from its reference at the time ``at`` (s), where the run must have a step."""
+        k = int(np.argmin(np.abs(run.t - at)))
+        if abs(run.t[k] - at) > 1e-9:
+            raise ValueError(f"the run has no instant {at} s")
+        found = run.position(self.point)[k, list(self.plane)]
+        return float(np.linalg.norm(found - np.array(self.reference[at])))
+
+
+def rod(length: float, mass: float, *, along: int = 0, thin: float = 1e-6) -> fm.RigidBody:
+    """A uniform thin rod from the body frame along one of its axes; ``thin`` is its own share of the inertia."""
+    across = mass * length**2 / 12.0
+    inertia, com = np.full(3, across), np.zeros(3)
+    inertia[along] = thin * across
+    com[along] = 0.5 * length
+    return fm.RigidBody(mass, tuple(inertia), tuple(com))
+
+
+# -- pendulums ---------------------------------------------------------------------------------------------------------
+
+PENDULUM = {
+    1.0: (0.986291751132, -0.165010853126),
+    5.0: (-0.942305435044, -0.334754338414),
+    10.0: (-0.275087462576, -0.961419205099),
+}
+PERIOD_POINT, PERIOD_BAR = 2.36784194757624, 1.93333485437325
+
+
+def pendulum(*, bar: bool = False) -> Mechanism:
+    """1 m long, from the horizontal at -x, at rest: a point mass of 1 kg, or a uniform bar."""
+    scene = fm.System(gravity=(0.0, -G, 0.0))
+    mass = rod(1.0, 1.0) if bar else fm.RigidBody(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    bob = scene.add(mass, name="bob")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), bob.frame())
+    hinge.position = np.pi
+    return Mechanism(scene, bob.frame(p=(1.0, 0.0, 0.0)), (0, 1), {} if bar else PENDULUM, hinge)
+
+
+DOUBLE_PENDULUM = {
+    ("rods", "both horizontal"): {
+        1.0: (-1.6621151358, -1.0414666372),
+        3.0: (1.3304368251, -1.3986448605),
+        5.0: (1.8552219378, -0.7395679325),
+    },
+    ("rods", "second hanging"): {
+        1.0: (-1.4419899284, -0.5402322145),
+        3.0: (-0.7953051438, 0.2018162218),
+        5.0: (-1.0991590247, -1.3491665132),
+    },
+    ("tip masses", "both horizontal"): {
+        1.0: (-1.6086686674, -1.1489693011),
+        3.0: (1.8233706314, -0.3942082255),
+        5.0: (-0.3397062646, -1.9499072521),
+    },
+    ("tip masses", "second hanging"): {
+        1.0: (-1.4423958972, -1.3737121046),
+        3.0: (0.1839251072, -0.2715911158),
+        5.0: (-1.1364031888, -1.0220034751),
+    },
+}
+
+
+def double_pendulum(kind: str, start: str) -> Mechanism:
+    """Two uniform rods of 1 m and 1 kg, or the same with a point mass of 1 kg at the end of each."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    links = []
+    for name in ("first", "second"):
+        if kind == "rods":
+            link = rod(1.0, 1.0, along=2)
+        else:  # rod and tip together: 2 kg, their centre at 3/4 of the length
+            across = 1.0 / 12.0 + 0.25**2 + 0.25**2
+            link = fm.RigidBody(2.0, (across, across, 1e-6), (0.0, 0.0, 0.75))
+        links.append(scene.add(link, name=name))
+    hinge = fm.joint.Revolute("y")
+    # the links lie along their own +z; hanging is a half turn
+    first = scene.connect(hinge, scene.ground.frame(), links[0].frame())
+    second = scene.connect(hinge, links[0].frame(p=(0, 0, 1)), links[1].frame())
+    first.position = 0.5 * np.pi
+    second.position = 0.0 if start == "both horizontal" else 0.5 * np.pi
+    reference = DOUBLE_PENDULUM.get((kind, start), {})
+    return Mechanism(scene, links[1].frame(p=(0, 0, 1)), (0, 2), reference, first)
+
+
+# -- closed loops ------------------------------------------------------------------------------------------------------
+
+FOUR_BAR = {
+    2: {
+        0.5: (0.695286633164, 0.718732563436),
+        1.0: (-0.195020301950, -0.980799205662),
+        2.0: (0.057815795768, 0.998327267863),
+        5.0: (-0.811310461003, -0.584615545352),
+        10.0: (0.328458111536, 0.944518538180),
+    },
+    40: {
+        0.5: (0.687925970791, 0.725780861357),
+        1.0: (-0.115356880632, -0.993324111300),
+        2.0: (0.034466307300, 0.999405860330),
+        5.0: (-0.540190050672, -0.841543052467),
+        10.0: (0.180512226684, 0.983572740583),
+    },
+}
+
+
+def four_bars(windows: int) -> Mechanism:
+    """A row of windows of rods of 1 m and 1 kg, upright, its first free corner moving at 1 m/s along x."""
+    scene = fm.System(gravity=(0.0, -G, 0.0))
+    hinge = fm.joint.Revolute("z")
+    upright, joints = [], []
+    for i in range(windows + 1):
+        upright.append(scene.add(rod(1.0, 1.0, along=1), name=f"upright {i}"))
+        joints.append(scene.connect(hinge, scene.ground.frame(p=(i, 0, 0)), upright[i].frame()))
+    for i in range(windows):
+        beam = scene.add(rod(1.0, 1.0), name=f"beam {i}")
+        scene.connect(hinge, upright[i].frame(p=(0, 1, 0)), beam.frame())
+        scene.connect(hinge, beam.frame(p=(1, 0, 0)), upright[i + 1].frame(p=(0, 1, 0)))
+    joints[0].velocity = -1.0
+    return Mechanism(scene, upright[0].frame(p=(0, 1, 0)), (0, 1), FOUR_BAR.get(windows, {}), joints[0])
+
+
+def slider_crank(crank: float, length: float, *, speed: float) -> Mechanism:
+    """Crank, connecting rod of ``length`` and a slider of 1 kg along x, no gravity; the crank starts at x, turning."""
+    scene = fm.System()
+    hinge = fm.joint.Revolute("z")
+    arm = scene.add(rod(crank, 1.0), name="crank")
+    link = scene.add(rod(length, 1.0), name="rod")
+    slider = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01)), name="slider")
+    first = scene.connect(hinge, scene.ground.frame(), arm.frame())
+    scene.connect(hinge, arm.frame(p=(crank, 0, 0)), link.frame())
+    scene.connect(hinge, link.frame(p=(length, 0, 0)), slider.frame())
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="guide")
+    first.velocity = speed
+    return Mechanism(scene, slider.frame(), (0,), {}, first)
+
+
+# -- tops --------------------------------------------------------------------------------------------------------------
+
+HEAVY_TOP = {
+    0.2: (0.605550561377, 0.598957681795, -0.523983027430),
+    0.5: (-0.702468297057, -0.021165184702, -0.711400257652),
+    1.0: (0.173343964098, 0.640088592070, -0.748490791134),
+    2.0: (-0.150416822746, -0.724165591637, -0.673022269560),
+}
+HEAVY_TOP_QUATERNION = (0.122947135042, -0.491079892550, 0.350430030344, -0.787986887550)
+HEAVY_TOP_ENERGY = 5435.6967908655
+
+
+def heavy_top() -> Mechanism:
+    """A top of 15 kg on a fixed point 1 m from its centre (Bruels, Cardona & Arnold 2012, section 6)."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    top = scene.add(fm.RigidBody(15.0, (0.234375, 0.46875, 0.234375), (0.0, 1.0, 0.0)), name="top")
+    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    point.velocity = (0.0, 150.0, -4.61538)
+    return Mechanism(scene, top.frame(p=(0, 1, 0)), (0, 1, 2), HEAVY_TOP, point)
+
+
+FAST_TOP = {
+    1.0: (0.021541105, -0.0500103355, 0.998516373),
+    5.0: (0.0470679597, 0.0241956756, 0.9985986063),
+    10.0: (-0.0471322314, 0.0267486864, 0.9985304505),
+}
+FAST_TOP_ENERGY = 1269.9750052079
+
+
+@dataclass(frozen=True)
+class Nutation:
+    """Range of the tilt (rad), period (s), and precession (rad) in a period."""
+
+    range: tuple[float, float]
+    period: float
+    precession: float
+
+
+NUTATION = {
+    0.05: Nutation((0.05, 0.054551690224342), 0.68545849728962, 0.28610768780066),
+    0.3: Nutation((0.3, 0.32673371464485), 0.68225601583118, 0.28410848611437),
+}
+
+
+def fast_top(tilt: float = 0.05) -> Mechanism:
+    """A symmetric top, inertia (5, 5, 1) about its tip, weight moment 20 N m, spin 50 rad/s (Simo & Wong 1991)."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    mass = 20.0 / G
+    top = scene.add(fm.RigidBody(mass, (5.0 - mass, 5.0 - mass, 1.0), (0.0, 0.0, 1.0)), name="top")
+    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    point.position = (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0)
+    point.velocity = (0.0, 0.0, 50.0)
+    return Mechanism(scene, top.frame(p=(0, 0, 1)), (0, 1, 2), FAST_TOP if tilt == 0.05 else {}, point)
