@@ -12,6 +12,7 @@ from mechanisms import Mechanism
 from scipy.interpolate import CubicHermiteSpline
 
 import flexmbd as fm
+from flexmbd.integrate.protocol import Integrator
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Method:
     """
 
     label: str
-    make: Callable[[], fm.GeneralizedAlpha]
+    make: Callable[[], Integrator]
     rtol: float
     reach: dict[str, float]
 
