@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
@@ -156,7 +157,10 @@ def trial(plan, work, state, s, h, unknown, equation):
     if m > 0:
         constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
         for i in range(m):
-            equation[nu + i] = s.phi[i] / per_x
+            if plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY:
+                equation[nu + i] = unknown[nu + m + i]  # no position to shift
+            else:
+                equation[nu + i] = s.phi[i] / per_x
             equation[nu + m + i] = s.phi_rate[i] / per_v
 
 

@@ -135,7 +135,7 @@ def _pose_by_joint(
     """
     joint = connection.joint
     coordinates = joint.start if connection.position is None else connection.position
-    p, R = joint_pose(joint.kind, np.array([*coordinates, 0.0]), 0)
+    p, R = joint_pose(joint.kind, 0.0, np.array([*coordinates, 0.0]), 0)
     p_FG, R_FG = np.array(p), np.array(R).reshape(3, 3)
     row = work.frame[g if flies else f]
     p_B, R_B = row[at.F_P : at.F_P + 3], row[at.F_R : at.F_R + 9].reshape(3, 3)

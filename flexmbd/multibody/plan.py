@@ -151,7 +151,7 @@ class _Builder:
         first, second = body.moments()
         self.rigid.append([body.mass, *first, *second[np.triu_indices(3)]])
         self.tree.append(
-            [inner_row, joint.kind, *frames, slots.x.start, slots.v.start, *modes]
+            [inner_row, joint.kind, *frames, slots.x.start, slots.v.start, *modes, 0]
         )
 
     def add_joint(self, joint: Joint, label: str) -> Slots:
@@ -264,6 +264,7 @@ def build(
         rigid=np.array(b.rigid, float).reshape(-1, at.N_RIGID),
         flex=_int_table(b.flex, at.N_FLEX),
         modal=np.concatenate([*b.modal, np.zeros(1)]),
+        data=np.zeros(1),
         rows=_int_table(rows, at.N_ROW),
         forces=_int_table(force_rows, at.N_FORCE),
         times=times,
@@ -320,7 +321,7 @@ def _closure_rows(
         f = b.add_frame(connection.parent, b.row_of[id(connection.parent.body)], turn)
         g = b.add_frame(connection.child, b.row_of[id(connection.child.body)], turn)
         for kind, index, name in connection.joint.rows:
-            rows.append([f, g, kind, index])
+            rows.append([f, g, kind, index, 0, at.LEVEL_POSITION, -1])
             names.append(f"{connection.name}: {name}")
             connections.append(connection)
     return rows, names, connections

@@ -1,8 +1,7 @@
-"""Loop closures: scalar constraints between two frames, their rates, and their reactions.
+"""Constraint rows at work: their values, their rates, and their reactions on the bodies.
 
-A row holds p_FG_F[k] = 0, R_FG[a, b] = 0, or one component of the axis of R_FG = 0 (the vector
-of its skew part); the reaction is the virtual-work dual, so it does no work
-(Ambrosio & Nikravesh 1992, eq. 74-77; theory: seed 2 section 8.5).
+The reaction is the virtual-work dual of the row, so it does no work (Ambrosio & Nikravesh 1992,
+eq. 74-77; theory: seed 2 section 8.5).  What a kind of row is stands in ``rows``.
 """
 
 from __future__ import annotations
@@ -10,6 +9,12 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
+from flexmbd.multibody.kernels.rows import (
+    row_value,
+    row_wrench,
+    row_wrench_variation,
+    wrap,
+)
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -23,30 +28,12 @@ from flexmbd.multibody.kernels.so3 import (
 
 
 @kernel
-def _column(m, k):
-    if k == 0:
-        return (m[0], m[3], m[6])
-    if k == 1:
-        return (m[1], m[4], m[7])
-    return (m[2], m[5], m[8])
-
-
-@kernel
-def _unit(k):
-    if k == 0:
-        return (1.0, 0.0, 0.0)
-    if k == 1:
-        return (0.0, 1.0, 0.0)
-    return (0.0, 0.0, 1.0)
-
-
-@kernel
 def _transpose(m):
     return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
 
 
 @kernel
-def _relative(plan, work, f, g):
+def relative_motion(plan, work, f, g):
     """p_FG_F, R_FG and the velocity and acceleration of G against F, all in F's axes."""
     p_F, R_F, v_F, w_F, a_F, dw_F = frame_motion(plan, work, f)
     p_G, R_G, v_G, w_G, a_G, dw_G = frame_motion(plan, work, g)
@@ -67,92 +54,105 @@ def _relative(plan, work, f, g):
 
 
 @kernel
+def relative_pose(plan, work, f, g):
+    """p_FG_F and R_FG."""
+    p_F, R_F, _, _, _, _ = frame_motion(plan, work, f)
+    p_G, R_G, _, _, _, _ = frame_motion(plan, work, g)
+    return rotate_back(R_F, sub3(p_G, p_F)), compose(_transpose(R_F), R_G)
+
+
+@kernel
+def load_relative(plan, work, f, g, d, R, force, torque, out):
+    """Ask the wrench (force at G's origin, torque; F's axes) of G's body, its opposite of F's.
+
+    d = p_FG_F and R = R_FG, as ``relative_pose`` gives them; ``out`` gets modal parts.
+    """
+    load_frame(plan, work, g, rotate_back(R, force), rotate_back(R, torque), out)
+    back = add3(torque, cross3(d, force))
+    load_frame(plan, work, f, scale3(-1.0, force), scale3(-1.0, back), out)
+
+
+@kernel
 def _same_frames(row, other):
     """Whether two rows join the same pair of frames, so that their kinematics can be shared."""
     return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
 
 
 @kernel
-def _skew_axis(m):
-    """Vector of the skew part of m: sin(angle) axis for a rotation."""
-    return (0.5 * (m[7] - m[5]), 0.5 * (m[2] - m[6]), 0.5 * (m[3] - m[1]))
-
-
-@kernel
-def _axis_rate(R, w):
-    """Vector of the skew part of [w] R."""
-    trace = R[0] + R[4] + R[8]
-    return scale3(0.5, sub3(scale3(trace, w), rotate(R, w)))
-
-
-@kernel
-def _spin_twice(w, R):
-    """[w]^2 R."""
-    c0 = cross3(w, cross3(w, _column(R, 0)))
-    c1 = cross3(w, cross3(w, _column(R, 1)))
-    c2 = cross3(w, cross3(w, _column(R, 2)))
-    return (c0[0], c1[0], c2[0], c0[1], c1[1], c2[1], c0[2], c1[2], c2[2])
+def _coupling_sum(plan, work, row, order):
+    """Sum of r_k times coupled coordinates (order 0), their rates (1) or accelerations (2)."""
+    o = row[at.ROW_DATA]
+    total = 0.0
+    for k in range(int(plan.data[o])):
+        body = work.body[int(plan.data[o + 2 + 2 * k])]
+        total += plan.data[o + 3 + 2 * k] * body[at.B_COORDINATE + order]
+    return total
 
 
 @kernel
 def constraints(plan, work, position, velocity, acceleration):
-    """Write every row's residual (m or rad) and its first two time derivatives."""
+    """Write every row's residual (m or rad) and its first two time derivatives.
+
+    The residual of a row that holds velocities alone is 0.
+    """
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
+        if row[at.ROW_KIND] == at.ROW_COUPLING:
+            position[i] = _coupling_sum(plan, work, row, 0) - plan.data[row[at.ROW_DATA] + 1]
+            velocity[i] = _coupling_sum(plan, work, row, 1)
+            acceleration[i] = _coupling_sum(plan, work, row, 2)
+            continue
         if i == 0 or not _same_frames(row, plan.rows[i - 1]):
-            d, R, rate, spin, rate2, spin_rate = _relative(
+            d, R, rate, spin, rate2, spin_rate = relative_motion(
                 plan, work, row[at.ROW_F], row[at.ROW_G]
             )
-        k = row[at.ROW_INDEX]
-        if row[at.ROW_KIND] == at.ROW_TRANSLATION:
-            e = _unit(k)
-            position[i] = dot3(e, d)
-            velocity[i] = dot3(e, rate)
-            acceleration[i] = dot3(e, rate2)
-        elif row[at.ROW_KIND] == at.ROW_DIRECTION:
-            e = _unit(k // 3)
-            z = _column(R, k % 3)
-            z_rate = cross3(spin, z)
-            position[i] = dot3(e, z)
-            velocity[i] = dot3(e, z_rate)
-            acceleration[i] = dot3(e, add3(cross3(spin_rate, z), cross3(spin, z_rate)))
-        else:
-            e = _unit(k)
-            position[i] = dot3(e, _skew_axis(R))
-            velocity[i] = dot3(e, _axis_rate(R, spin))
-            acceleration[i] = dot3(e, _axis_rate(R, spin_rate)) + dot3(
-                e, _skew_axis(_spin_twice(spin, R))
-            )
+        force, torque = row_wrench(plan, row, d, R)
+        force_rate, torque_rate = row_wrench_variation(plan, row, d, R, rate, spin)
+        position[i] = row_value(plan, row, d, R)
+        velocity[i] = dot3(force, rate) + dot3(torque, spin)
+        acceleration[i] = (
+            dot3(force, rate2)
+            + dot3(torque, spin_rate)
+            + dot3(force_rate, rate)
+            + dot3(torque_rate, spin)
+        )
+        f = row[at.ROW_TIME]
+        if f >= 0:
+            position[i] -= work.time[f, 0]
+            velocity[i] -= work.time[f, 1]
+            acceleration[i] -= work.time[f, 2]
+            if row[at.ROW_KIND] == at.ROW_ANGLE:
+                position[i] = wrap(position[i])
 
 
 @kernel
 def load_constraints(plan, work, multipliers, out):
     """Ask the reactions of the rows' multipliers (N or N m) of both frames' bodies.
 
-    Added to what the motion asks for: residual = asked inertia + C^T nu - applied.
+    Added to what the motion asks for: residual = asked inertia + C^T nu - applied.  The reactions
+    of couplings are ``load_couplings``' part.
     """
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
+        if row[at.ROW_KIND] == at.ROW_COUPLING:
+            continue
         f = row[at.ROW_F]
         g = row[at.ROW_G]
         if i == 0 or not _same_frames(row, plan.rows[i - 1]):
-            p_F, R_F, _, _, _, _ = frame_motion(plan, work, f)
-            p_G, R_G, _, _, _, _ = frame_motion(plan, work, g)
-            d = rotate_back(R_F, sub3(p_G, p_F))
-            R = compose(_transpose(R_F), R_G)
-        k = row[at.ROW_INDEX]
-        force = (0.0, 0.0, 0.0)
-        torque = (0.0, 0.0, 0.0)
-        if row[at.ROW_KIND] == at.ROW_TRANSLATION:
-            force = scale3(multipliers[i], _unit(k))
-        elif row[at.ROW_KIND] == at.ROW_DIRECTION:
-            torque = scale3(multipliers[i], cross3(_column(R, k % 3), _unit(k // 3)))
-        else:
-            e = _unit(k)
-            trace = R[0] + R[4] + R[8]
-            torque = scale3(
-                0.5 * multipliers[i], sub3(scale3(trace, e), rotate_back(R, e))
-            )
-        load_frame(plan, work, g, rotate_back(R, force), rotate_back(R, torque), out)
-        back = add3(torque, cross3(d, force))
-        load_frame(plan, work, f, scale3(-1.0, force), scale3(-1.0, back), out)
+            d, R = relative_pose(plan, work, f, g)
+        force, torque = row_wrench(plan, row, d, R)
+        force = scale3(multipliers[i], force)
+        torque = scale3(multipliers[i], torque)
+        load_relative(plan, work, f, g, d, R, force, torque, out)
+
+
+@kernel
+def load_couplings(plan, multipliers, out):
+    """Add the couplings' reactions to the joints' generalised forces; after ``backward``."""
+    for i in range(plan.rows.shape[0]):
+        row = plan.rows[i]
+        if row[at.ROW_KIND] == at.ROW_COUPLING:
+            o = row[at.ROW_DATA]
+            for k in range(int(plan.data[o])):
+                v = plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]
+                out[v] += plan.data[o + 3 + 2 * k] * multipliers[i]

@@ -2,7 +2,8 @@
 
 The joint turns and slides about the z axis of its frames F (on the parent) and G (on the
 child); any other axis is reached by how the frames are laid.  Velocities of a spherical or
-free joint are w_FG_G and the rate of p_FG_F.
+free joint are w_FG_G and the rate of p_FG_F.  ``pitch`` (m/rad) is a screw's advance, and not
+read for other kinds.
 """
 
 from __future__ import annotations
@@ -23,14 +24,16 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @kernel
-def joint_pose(kind, x, o):
+def joint_pose(kind, pitch, x, o):
     """p_FG_F and R_FG from the joint's coordinates x[o:]."""
     p = _ZERO
     r = _IDENTITY
-    if kind == at.REVOLUTE:
+    if kind == at.REVOLUTE or kind == at.SCREW:
         c = math.cos(x[o])
         s = math.sin(x[o])
         r = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+        if kind == at.SCREW:
+            p = (0.0, 0.0, pitch * x[o])
     elif kind == at.PRISMATIC:
         p = (0.0, 0.0, x[o])
     elif kind == at.SPHERICAL:
@@ -42,7 +45,7 @@ def joint_pose(kind, x, o):
 
 
 @kernel
-def joint_motion(kind, v, o):
+def joint_motion(kind, pitch, v, o):
     """Rate of p_FG_F and w_FG_G from the joint's entries v[o:]; for accelerations alike."""
     linear = _ZERO
     angular = _ZERO
@@ -50,6 +53,9 @@ def joint_motion(kind, v, o):
         angular = (0.0, 0.0, v[o])
     elif kind == at.PRISMATIC:
         linear = (0.0, 0.0, v[o])
+    elif kind == at.SCREW:
+        linear = (0.0, 0.0, pitch * v[o])
+        angular = (0.0, 0.0, v[o])
     elif kind == at.SPHERICAL:
         angular = load3(v, o)
     elif kind == at.FREE:
@@ -59,12 +65,14 @@ def joint_motion(kind, v, o):
 
 
 @kernel
-def joint_force(kind, force_F, torque_G, out, o):
+def joint_force(kind, pitch, force_F, torque_G, out, o):
     """Project the wrench at G onto the joint's coordinates: out[o:]."""
     if kind == at.REVOLUTE:
         out[o] = torque_G[2]
     elif kind == at.PRISMATIC:
         out[o] = force_F[2]
+    elif kind == at.SCREW:
+        out[o] = torque_G[2] + pitch * force_F[2]
     elif kind == at.SPHERICAL:
         out[o] = torque_G[0]
         out[o + 1] = torque_G[1]
@@ -76,6 +84,12 @@ def joint_force(kind, force_F, torque_G, out, o):
         out[o + 3] = torque_G[0]
         out[o + 4] = torque_G[1]
         out[o + 5] = torque_G[2]
+
+
+@kernel
+def has_one_coordinate(kind):
+    """Whether the joint is a revolute, prismatic or screw joint."""
+    return kind == at.REVOLUTE or kind == at.PRISMATIC or kind == at.SCREW
 
 
 @kernel
@@ -101,7 +115,7 @@ def retract(plan, x, step, out):
         kind = row[at.JOINT]
         ox = row[at.JOINT_X]
         ov = row[at.JOINT_V]
-        if kind == at.REVOLUTE or kind == at.PRISMATIC:
+        if has_one_coordinate(kind):
             out[ox] = x[ox] + step[ov]
         elif kind == at.SPHERICAL:
             _turn(x, ox, load3(step, ov), out)

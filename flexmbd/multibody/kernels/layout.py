@@ -15,9 +15,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Joint kinds.
-FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE = range(5)
+FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SCREW = range(6)
 
-# Columns of Plan.tree, one row a body, parents before children.
+# Columns of Plan.tree, one row a body, parents before children.  The inner links of a joint of several steps are
+# rows of no mass.
 PARENT = 0  # row of the parent body, -1 the ground
 JOINT = 1  # joint kind of the inboard joint
 FRAME_PARENT = 2  # row of Plan.frames: the joint's frame on the parent
@@ -27,7 +28,8 @@ JOINT_V = 5  # first entry of the joint in the velocity v
 FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
-N_TREE = 9
+JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
+N_TREE = 10
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
@@ -51,10 +53,22 @@ STRETCH = 6
 N_STRETCH = 7
 N_FLEX = 8
 
-# Columns of Plan.rows, one row a scalar loop constraint between frames F and G.
-ROW_F, ROW_G, ROW_KIND, ROW_INDEX, N_ROW = 0, 1, 2, 3, 4
-# ROW_KIND: p_FG_F[index] = 0; R_FG[index // 3, index % 3] = 0; axis of R_FG[index] = 0.
-ROW_TRANSLATION, ROW_DIRECTION, ROW_AXIS = range(3)
+# Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
+# parameters in Plan.data, whether it holds positions or velocities alone, and the function of time (-1: none) that
+# is subtracted from its value.
+ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, N_ROW = range(8)
+# ROW_KIND; d = p_FG_F, R = R_FG, n the z axis of G in F, "angle" that of the turn about z (the twist).
+ROW_TRANSLATION = 0  # d[index] = 0
+ROW_DIRECTION = 1  # R[index // 3, index % 3] = 0
+ROW_AXIS = 2  # component index of the axis of R = 0
+ROW_ANGLE = 3  # angle = 0, to the nearest turn
+ROW_SCREW = 4  # d[2] - pitch angle = 0, to the nearest turn; data: pitch (m/rad)
+ROW_DISTANCE = 5  # |d| = L; data: L (m)
+ROW_TOUCH = 6  # the rim of a disc about n in the plane z = 0; data: its radius (m)
+ROW_ROLL = 7  # the touching point's velocity along axis index of F = 0 (velocity level); data: the radius
+ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, r_k) ...
+# ROW_LEVEL
+LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 
 # Columns of Plan.forces: v index and time function of a joint force.
 FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
@@ -84,6 +98,7 @@ class Plan(NamedTuple):
     rigid: FloatArray
     flex: IntArray
     modal: FloatArray
+    data: FloatArray
     rows: IntArray
     forces: IntArray
     times: IntArray
@@ -101,7 +116,8 @@ B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
 B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
 B_F, B_T = 24, 27  # wrench about B's origin that the motion asks for, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
-N_BODY_WORK = 42
+B_COORDINATE = 42  # coordinate of an inboard joint that has one, its rate and its acceleration
+N_BODY_WORK = 45
 
 # Columns of Work.frame.
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body

@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.inertia import (
     flexible_inertia,
     rigid_second_moment,
 )
-from flexmbd.multibody.kernels.joints import joint_force, joint_motion, joint_pose
+from flexmbd.multibody.kernels.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -138,9 +138,14 @@ def forward(plan, work, x, v, a):
         row = work.body[i]
         kind = tree[at.JOINT]
         p_WF, R_WF, v_F, w_F, a_F, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
-        p, R_FG = joint_pose(kind, x, tree[at.JOINT_X])
-        p_dot, w_rel = joint_motion(kind, v, tree[at.JOINT_V])
-        p_ddot, dw_rel = joint_motion(kind, a, tree[at.JOINT_V])
+        pitch = plan.data[tree[at.JOINT_DATA]]
+        ox = tree[at.JOINT_X]
+        ov = tree[at.JOINT_V]
+        p, R_FG = joint_pose(kind, pitch, x, ox)
+        p_dot, w_rel = joint_motion(kind, pitch, v, ov)
+        p_ddot, dw_rel = joint_motion(kind, pitch, a, ov)
+        if has_one_coordinate(kind):
+            store3(row, at.B_COORDINATE, (x[ox], v[ov], a[ov]))
         store3(row, at.B_JOINT_P, p)
         store9(row, at.B_JOINT_R, R_FG)
         wp = cross3(w_F, p)
@@ -244,7 +249,8 @@ def backward(plan, work, out):
         torque_G = rotate_back(R_BG, torque_B)
         R_FG = load9(row, at.B_JOINT_R)
         force_F = rotate(R_FG, rotate_back(R_BG, force_B))
-        joint_force(tree[at.JOINT], force_F, torque_G, out, tree[at.JOINT_V])
+        pitch = plan.data[tree[at.JOINT_DATA]]
+        joint_force(tree[at.JOINT], pitch, force_F, torque_G, out, tree[at.JOINT_V])
         torque_F = add3(
             rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F)
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.closure import load_constraints
+from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.recursion import ask_inertia, backward, forward
 
@@ -32,5 +32,6 @@ def residual(plan, work, x, v, a, multipliers, out):
     ask_inertia(plan, work, x, v, a, out)
     load_constraints(plan, work, multipliers, out)
     backward(plan, work, out)
+    load_couplings(plan, multipliers, out)
     for i in range(plan.forces.shape[0]):
         out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
