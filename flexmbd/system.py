@@ -31,6 +31,7 @@ from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody)
+AnyForceT = TypeVar("AnyForceT", bound=Force)
 
 
 @dataclass(eq=False)
@@ -88,10 +89,7 @@ class System:
                 taken.
         """
         for frame in (parent, child):
-            if frame.body is not self.ground and not any(frame.body is b for b in self._bodies):
-                raise SceneError(
-                    f"frame {frame.label} is on a body that is not in this scene; add the body first"
-                )
+            self._refuse_foreign(frame)
         kind = type(joint).__name__.lower()
         chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
         if parent.body is child.body:
@@ -105,17 +103,26 @@ class System:
         self._connections.append(connection)
         return connection
 
-    def add_force(self, force: Force) -> Force:
+    def add_force(self, force: AnyForceT) -> AnyForceT:
         """Put a force element into the scene and return it.
 
         Raises:
-            SceneError: it acts on a joint of another scene, or one that cannot take it.
+            SceneError: it acts on a joint or frame of another scene, or one that cannot take it.
         """
-        if not any(force.connection is c for c in self._connections):
-            raise SceneError(f"joint {force.connection.name!r} is not in this scene")
+        for connection in force.connections:
+            if not any(connection is c for c in self._connections):
+                raise SceneError(f"joint {connection.name!r} is not in this scene")
+        for frame in force.frames:
+            self._refuse_foreign(frame)
         force.check()
         self._forces.append(force)
         return force
+
+    def _refuse_foreign(self, frame: Frame) -> None:
+        if frame.body is not self.ground and not any(frame.body is b for b in self._bodies):
+            raise SceneError(
+                f"frame {frame.label} is on a body that is not in this scene; add the body first"
+            )
 
     def compile(self) -> CompiledScene:
         """Decide what will be computed and lay it out flat.

@@ -64,11 +64,12 @@ class Energy:
     kinetic: FloatArray
     elastic: FloatArray
     gravitational: FloatArray
+    spring: FloatArray
 
     @property
     def total(self) -> FloatArray:
-        """Sum of the three."""
-        return self.kinetic + self.elastic + self.gravitational
+        """Sum of the four."""
+        return self.kinetic + self.elastic + self.gravitational + self.spring
 
 
 class StressModel(Protocol):
@@ -142,7 +143,7 @@ class Trajectory:
         return self.v[:, self._modal_slots(body).v]
 
     def energy(self) -> Energy:
-        """Kinetic, elastic and gravitational energy at each instant."""
+        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant."""
         return self._energy
 
     def drive(self, connection: Connection) -> FloatArray:
@@ -240,7 +241,7 @@ class Trajectory:
     @cached_property
     def _energy(self) -> Energy:
         plan = self.scene.plan
-        out = np.zeros((len(self.t), 3))
+        out = np.zeros((len(self.t), 4))
         none, scratch = np.zeros((2, self.scene.nv))
         energy_series(plan, new_work(plan), self.x, self.v, none, scratch, out)
         return Energy(*out.T)

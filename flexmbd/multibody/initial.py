@@ -14,7 +14,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.joints import joint_pose, retract
-from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.kernels.layout import Work, without_forces
 from flexmbd.multibody.kernels.recursion import forward, frame_motion
 from flexmbd.multibody.kernels.residual import drive, residual
 from flexmbd.multibody.plan import CompiledScene
@@ -183,9 +183,7 @@ def constraint_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> Floa
 
 def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """M (nv, nv) of the tree at configuration x, without its loops."""
-    plan = scene.plan._replace(
-        gravity=np.zeros(3), forces=np.zeros((0, at.N_FORCE), np.int64)
-    )
+    plan = without_forces(scene.plan)
     rest = np.zeros(scene.nv)
     none = np.zeros(len(plan.rows))
     offset, column = np.zeros(scene.nv), np.zeros(scene.nv)

@@ -18,6 +18,7 @@ from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.native import lapack_addresses
+from flexmbd.multibody.plan_forces import lay_forces
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.time_function import TimeRow, as_row
 from flexmbd.multibody.topology import Branch, Topology
@@ -60,6 +61,7 @@ class CompiledScene:
         time_rows: functions of time, row by row of ``plan.times``.
         time_names: what each is for.
         callbacks: the Python callables among them.
+        element_names: name of each row of ``plan.elements``.
         extent: the machine's size (m).
         group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
         redundant: names of constraint rows left out as redundant.
@@ -77,6 +79,7 @@ class CompiledScene:
     time_rows: tuple[TimeRow, ...]
     time_names: tuple[str, ...]
     callbacks: Callbacks
+    element_names: tuple[str, ...]
     extent: float
     group_of: IntArray
     group_kind: IntArray
@@ -129,6 +132,8 @@ class _Builder:
         self.times: list[TimeRow] = []
         self.time_names: list[str] = []
         self.callbacks = callbacks
+        self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
+        self.data_size = 1
 
     def add_branch(self, branch: Branch) -> None:
         """Append a body with its inboard joint."""
@@ -183,6 +188,21 @@ class _Builder:
         self.groups.append((at.GROUP_MODAL, full, _MODAL_SHARE * full))
         self.group_of.extend([len(self.groups) - 1] * n)
         return [self.add_flex(record), x, v]
+
+    def find_slots(self, connection: Connection) -> Slots | None:
+        """Where a joint's coordinates lie; None if it has none in the tree."""
+        return self.joint_slots.get(id(connection))
+
+    def find_body(self, body: Body) -> int | None:
+        """The body's row, -1 for the ground; None if it is not in the scene."""
+        return self.row_of.get(id(body))
+
+    def add_data(self, values: FloatArray) -> int:
+        """Append parameters of joints, rows or elements; return their offset."""
+        offset = self.data_size
+        self.data.append(np.ravel(values))
+        self.data_size += values.size
+        return offset
 
     def add_modal(self, values: FloatArray) -> int:
         """Append numbers to the modal store; return their offset."""
@@ -253,7 +273,7 @@ def build(
         b.add_branch(branch)
     rows, row_names, row_connections = _closure_rows(b, topology)
     driven = _driven(b, topology)
-    force_rows = _force_rows(b, forces)
+    table = lay_forces(b, ground, forces)
     driven_v = {row[at.DRIVEN_V] for row in driven}
     free = [k for k in range(len(b.names)) if k not in driven_v]
     times, time_data = _time_table(b.times)
@@ -264,9 +284,8 @@ def build(
         rigid=np.array(b.rigid, float).reshape(-1, at.N_RIGID),
         flex=_int_table(b.flex, at.N_FLEX),
         modal=np.concatenate([*b.modal, np.zeros(1)]),
-        data=np.zeros(1),
         rows=_int_table(rows, at.N_ROW),
-        forces=_int_table(force_rows, at.N_FORCE),
+        forces=_int_table(table.forces, at.N_FORCE),
         times=times,
         time_data=time_data,
         driven=_int_table(driven, at.N_DRIVEN),
@@ -274,6 +293,8 @@ def build(
         gravity=gravity,
         lapack=lapack_addresses(),
         flag=b.callbacks.flag,
+        elements=_int_table(table.elements, at.N_ELEMENT),
+        data=np.concatenate(b.data),
     )
     return CompiledScene(
         plan=plan,
@@ -288,6 +309,7 @@ def build(
         time_rows=tuple(b.times),
         time_names=tuple(b.time_names),
         callbacks=b.callbacks,
+        element_names=tuple(table.names),
         extent=b.extent,
         group_of=np.array(b.group_of, np.int64),
         group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),
@@ -342,22 +364,6 @@ def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
             slots = b.joint_slots[id(connection)]
             time = b.add_time(as_row(connection.motion, what, motion=True), what, motion=True)
             rows.append([slots.v.start, slots.x.start, time])
-    return rows
-
-
-def _force_rows(b: _Builder, forces: Sequence[Force]) -> list[list[int]]:
-    rows: list[list[int]] = []
-    for force in forces:
-        name = force.connection.name
-        slots = b.joint_slots.get(id(force.connection))
-        if slots is None:
-            raise SceneError(
-                f"joint {name!r} closes a loop and has no coordinate for a force to act on; "
-                "make it earlier than the joint that may close the loop instead"
-            )
-        what = f"{type(force).__name__} on joint {name!r}"
-        time = b.add_time(as_row(force.value, what, motion=False), what, motion=False)
-        rows.append([slots.v.start, time])
     return rows
 
 

@@ -113,7 +113,7 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         values = [function.offset, function.amplitude, function.omega, function.phase]
         return TimeRow(at.TIME_SINE, np.array(values, float), 0, none, None, "sine")
     if isinstance(function, Table):
-        function = _spline(function, what)
+        function = spline(function, what)
     if isinstance(function, PPoly):
         return _piecewise(function, what)
     if isinstance(function, Motion):
@@ -146,7 +146,8 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     )
 
 
-def _spline(table: Table, what: str) -> PPoly:
+def spline(table: Table, what: str) -> PPoly:
+    """The cubic spline through a table's points; SceneError where there is none."""
     t = np.asarray(table.t, dtype=np.float64)
     y = np.asarray(table.y, dtype=np.float64)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:

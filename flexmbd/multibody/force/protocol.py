@@ -1,23 +1,130 @@
-"""What the machine asks of a force element so far: a function of time on one joint velocity."""
+"""What the machine asks of a force element, and what a force element may ask of the machine."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.time_function import TimeFunction
 
 
+class Table(Protocol):
+    """Where force elements lay themselves out (``plan_forces.ForceTable``)."""
+
+    def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
+        """Places in x and v of a joint's coordinate.
+
+        Raises:
+            SceneError: the joint has no coordinate in the tree.
+        """
+
+    def frame(self, frame: Frame) -> int:
+        """Row of ``Plan.frames``."""
+
+    def ground(self) -> int:
+        """Row of ``Plan.frames`` of the inertial frame."""
+
+    def numbers(self, values: ArrayLike) -> int:
+        """Offset in ``Plan.data`` of the values, appended."""
+
+    def time(self, function: TimeFunction, what: str) -> int:
+        """Row of ``Plan.times``; ``what`` is its name in messages."""
+
+    def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
+        """Let a function of time act on a joint's only coordinate."""
+
+    def element(
+        self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        data: int = 0, count: int = 0, address: int = 0,
+    ) -> None:
+        """Append a row of ``Plan.elements``; ``what`` is its name in messages."""
+
+
 class Force(Protocol):
-    """A generalised force on a joint's only coordinate."""
+    """A force element."""
 
     @property
-    def connection(self) -> Connection:
-        """The joint that it drives."""
+    def connections(self) -> tuple[Connection, ...]:
+        """The joints that it acts on."""
 
     @property
-    def value(self) -> TimeFunction:
-        """N m or N as a function of time."""
+    def frames(self) -> tuple[Frame, ...]:
+        """The frames that it acts on."""
 
     def check(self) -> None:
-        """Raise SceneError if the joint cannot take this force."""
+        """Raise SceneError if the joints or frames cannot take this force."""
+
+    def lay(self, table: Table) -> None:
+        """Append what the kernels need of it."""
+
+
+class OnCoordinate:
+    """What forces on one coordinate of a joint share; a base for frozen dataclasses.
+
+    Attributes:
+        connection: the joint.
+        coordinate: which of its coordinates, from 0.
+    """
+
+    connection: Connection
+    coordinate: int
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """The joint."""
+        return (self.connection,)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None: it acts on a coordinate."""
+        return ()
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        which = f"coordinate {self.coordinate} of " if self.coordinate else ""
+        return f"{type(self).__name__} on {which}joint {self.connection.name!r}"
+
+    def check(self) -> None:
+        """Raise SceneError if the joint has no such coordinate that a number tells."""
+        joint = self.connection.joint
+        count = len(joint.velocity_names)
+        if len(joint.start) != count or count == 0:
+            raise SceneError(
+                f"{self.what}: a {type(joint).__name__} has no coordinate that is one number; act on frames instead"
+            )
+        if not 0 <= self.coordinate < count:
+            raise SceneError(f"{self.what}: a {type(joint).__name__} has coordinates 0 to {count - 1}")
+
+
+def check_numbers(
+    what: str, *, positive: dict[str, float] | None = None, least: dict[str, float] | None = None
+) -> None:
+    """Check named numbers; those of ``least`` may be 0.
+
+    Raises:
+        SceneError: one is not finite or negative, or one of ``positive`` is 0.
+    """
+    above = positive or {}
+    for name, value in {**above, **(least or {})}.items():
+        if not np.isfinite(value):
+            raise SceneError(f"{what}: {name} = {value} is not a finite number")
+        if value < 0.0 or (name in above and value == 0.0):
+            raise SceneError(f"{what}: {name} = {value} must {'be positive' if name in above else 'not be negative'}")
+
+
+def vector(value: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """Finite numbers of a shape.
+
+    Raises:
+        SceneError: they are not; ``what`` names them.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise SceneError(f"{what} must be finite numbers of shape {shape}, got {value!r}")
+    return array

@@ -73,6 +73,17 @@ LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 # Columns of Plan.forces: v index and time function of a joint force.
 FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 
+# Columns of Plan.elements, one row a force element: its kind; frames F and G; index in x and in v of its coordinate;
+# row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the address of a user's function.
+EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS, N_ELEMENT = range(10)
+# EL_KIND, those on coordinates.  A spring: k, rest, c.  A characteristic of EL_COUNT pieces: rest, c, force and
+# potential over the deflection as piecewise polynomials.  A stop: lower, upper, k, damping, transition.  Friction:
+# Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  Forces on modes: EL_COUNT numbers.
+ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE = range(7)
+# Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
+# torque (3) in F's or in G's axes.
+BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G = range(7, 11)
+
 # Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
 DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
 
@@ -86,10 +97,15 @@ TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)
 GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
 
 
+# Values of Plan.flag.
+FLAG_PYTHON, FLAG_ELEMENT, FLAG_TIME = 1, 2, -1
+
+
 class Plan(NamedTuple):
     """The constant arrays of a compiled scene (SI units; see the column names above).
 
-    Only ``flag`` (1,) changes: a failed Python callable sets it, and the step stops.
+    Only ``flag`` (1,) changes: a user's function that fails sets it, and the step stops.  FLAG_PYTHON: an exception
+    that ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
     """
 
     tree: IntArray
@@ -108,6 +124,7 @@ class Plan(NamedTuple):
     gravity: FloatArray
     lapack: IntArray
     flag: IntArray
+    elements: IntArray
 
 
 # Columns of Work.body.
@@ -127,11 +144,16 @@ N_FRAME_WORK = 27
 
 
 class Work(NamedTuple):
-    """Scratch arrays of one evaluation; written before they are read."""
+    """Scratch arrays of one evaluation; written before they are read.
+
+    time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
+    generalized: (nv,) what a user's function of the state gives.
+    """
 
     body: FloatArray
     frame: FloatArray
     time: FloatArray
+    generalized: FloatArray
 
 
 def new_work(plan: Plan) -> Work:
@@ -139,5 +161,15 @@ def new_work(plan: Plan) -> Work:
     return Work(
         np.zeros((len(plan.tree), N_BODY_WORK)),
         np.zeros((len(plan.frames), N_FRAME_WORK)),
-        np.zeros((max(1, len(plan.times)), 3)),
+        np.zeros((len(plan.times) + 1, 3)),
+        np.zeros(len(plan.free) + len(plan.driven)),
+    )
+
+
+def without_forces(plan: Plan) -> Plan:
+    """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
+    return plan._replace(
+        gravity=np.zeros(3),
+        forces=np.zeros((0, N_FORCE), np.int64),
+        elements=np.zeros((0, N_ELEMENT), np.int64),
     )

@@ -47,6 +47,45 @@ def call_row(typingctx, address, t, pointer):
     return types.void(types.int64, types.float64, types.int64), codegen
 
 
+@intrinsic
+def call_law(typingctx, address, t, beta, rate):
+    """Call double f(double, double, double) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        function = builder.inttoptr(args[0], ir.FunctionType(double, [double] * 3).as_pointer())
+        return builder.call(function, args[1:])
+
+    return types.float64(types.int64, types.float64, types.float64, types.float64), codegen
+
+
+@intrinsic
+def _call_state(typingctx, address, t, sizes, pointers):
+    """Call void f(double, int64, int64, double*, double*, double*) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double, whole, pointer = ir.DoubleType(), ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [double, whole, whole, pointer, pointer, pointer])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        counts = [builder.extract_value(args[2], k) for k in range(2)]
+        addresses = [builder.inttoptr(builder.extract_value(args[3], k), pointer) for k in range(3)]
+        builder.call(function, [args[1], *counts, *addresses])
+        return context.get_dummy_value()
+
+    signature = types.void(
+        types.int64, types.float64, types.UniTuple(types.int64, 2), types.UniTuple(types.int64, 3)
+    )
+    return signature, codegen
+
+
+@kernel
+def call_state(address, t, x, v, out):
+    """Let the user's function at an address write its generalised forces (nv,) into ``out``."""
+    _call_state(
+        address, t, (x.shape[0], v.shape[0]), (x.ctypes.data, v.ctypes.data, out.ctypes.data)
+    )
+
+
 def _caller(n_pointers):
     """Make an intrinsic that calls void f(pointer, ...) with addresses given as integers."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
 from flexmbd.multibody.kernels.recursion import ask_inertia, backward, forward
 
 
@@ -31,7 +32,11 @@ def residual(plan, work, x, v, a, multipliers, out):
     forward(plan, work, x, v, a)
     ask_inertia(plan, work, x, v, a, out)
     load_constraints(plan, work, multipliers, out)
+    if plan.elements.shape[0] > 0:
+        load_elements(plan, work, out)
     backward(plan, work, out)
     load_couplings(plan, multipliers, out)
+    if plan.elements.shape[0] > 0:
+        push_coordinates(plan, work, x, v, out)
     for i in range(plan.forces.shape[0]):
         out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]

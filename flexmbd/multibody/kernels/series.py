@@ -6,6 +6,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.elasticity import elastic_energy
+from flexmbd.multibody.kernels.elements import elements_energy
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
     flexible_inertia,
@@ -84,7 +85,7 @@ def _body_energy(plan, work, i, x, v, none, out):
 
 @kernel
 def energy_series(plan, work, x, v, none, scratch, out):
-    """out[k] = kinetic, elastic, gravitational energy of the machine (J).
+    """out[k] = kinetic, elastic, gravitational energy of the machine, and its springs' (J).
 
     ``none`` is (nv,) zeros, ``scratch`` (nv,).
     """
@@ -97,6 +98,8 @@ def energy_series(plan, work, x, v, none, scratch, out):
             out[k, 0] += kinetic
             out[k, 1] += elastic
             out[k, 2] += gravitational
+        if plan.elements.shape[0] > 0:
+            out[k, 3] += elements_energy(plan, work, x[k])
 
 
 @kernel

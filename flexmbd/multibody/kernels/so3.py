@@ -218,6 +218,68 @@ def left_jacobian_rate(v, u):
 
 
 @kernel
+def rotation_vector(m):
+    """The rotation vector of a rotation matrix, its angle at most pi (Shepperd 1978)."""
+    trace = m[0] + m[4] + m[8]
+    if trace >= max(m[0], m[4], m[8]):
+        w, v = 1.0 + trace, (m[7] - m[5], m[2] - m[6], m[3] - m[1])
+    elif m[0] >= m[4] and m[0] >= m[8]:
+        w, v = m[7] - m[5], (1.0 + m[0] - m[4] - m[8], m[1] + m[3], m[2] + m[6])
+    elif m[4] >= m[8]:
+        w, v = m[2] - m[6], (m[1] + m[3], 1.0 - m[0] + m[4] - m[8], m[5] + m[7])
+    else:
+        w, v = m[3] - m[1], (m[2] + m[6], m[5] + m[7], 1.0 - m[0] - m[4] + m[8])
+    length = math.sqrt(dot3(v, v))
+    if length < 1e-150:
+        return (0.0, 0.0, 0.0)
+    angle = 2.0 * math.atan2(length, abs(w))
+    return scale3(angle / length if w >= 0.0 else -angle / length, v)
+
+
+@kernel
+def inverse_coefficient(x):
+    """(e, de/dx) with inverse left Jacobian I - [v] / 2 + e [v]^2, x = |v|^2 below (2 pi)^2."""
+    if x < 0.25:
+        c = 3617.0 / 10670622842880000.0
+        e = 1.0 / 74724249600.0 + x * c
+        slope = 6.0 / 74724249600.0 + 7.0 * x * c
+        e = 691.0 / 1307674368000.0 + x * e
+        slope = 5.0 * 691.0 / 1307674368000.0 + x * slope
+        e = 1.0 / 47900160.0 + x * e
+        slope = 4.0 / 47900160.0 + x * slope
+        e = 1.0 / 1209600.0 + x * e
+        slope = 3.0 / 1209600.0 + x * slope
+        e = 1.0 / 30240.0 + x * e
+        slope = 2.0 / 30240.0 + x * slope
+        e = 1.0 / 720.0 + x * e
+        slope = 1.0 / 720.0 + x * slope
+        e = 1.0 / 12.0 + x * e
+    else:
+        half = 0.5 * math.sqrt(x)
+        sine = math.sin(half)
+        a = half * math.cos(half) / sine
+        e = (1.0 - a) / x
+        slope = (0.125 / (sine * sine) - 0.5 * a / x - e) / x
+    return e, slope
+
+
+@kernel
+def left_jacobian_inverse(v, u):
+    """J_l(v)^-1 u: dv/dt of the rotation exp(v(t)) with the angular velocity u, |v| < 2 pi."""
+    e, _ = inverse_coefficient(dot3(v, v))
+    vu = cross3(v, u)
+    return add3(u, add3(scale3(-0.5, vu), scale3(e, cross3(v, vu))))
+
+
+@kernel
+def left_jacobian_inverse_transposed(v, u):
+    """J_l(v)^-T u: the torque of a potential with the derivative u by v."""
+    e, _ = inverse_coefficient(dot3(v, v))
+    vu = cross3(v, u)
+    return add3(u, add3(scale3(0.5, vu), scale3(e, cross3(v, vu))))
+
+
+@kernel
 def quaternion_matrix(q):
     """Rotation matrix of a unit scalar-first quaternion."""
     w, x, y, z = q

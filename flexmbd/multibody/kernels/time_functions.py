@@ -10,7 +10,7 @@ from flexmbd.multibody.kernels.native import call_row, call_scalar
 
 
 @kernel
-def _piecewise(data, o, pieces, t):
+def piecewise(data, o, pieces, t):
     """Value and derivatives of a piecewise polynomial; the end pieces go on outside.
 
     data[o:]: order k, pieces + 1 breakpoints, then k coefficients a piece, highest power first.
@@ -46,14 +46,15 @@ def _sine(data, o, t):
 def evaluate_times(plan, t, out):
     """Write value, rate and acceleration of every function of time at t.
 
-    Where a Python callable fails, it raises ``plan.flag`` and gives NaN.
+    The last row of ``out`` gets t.  Where a user's function fails or gives no finite number, ``plan.flag`` says so.
     """
+    out[plan.times.shape[0], 0] = t
     for i in range(plan.times.shape[0]):
         row = plan.times[i]
         kind = row[at.TIME_KIND]
         o = row[at.TIME_OFFSET]
         if kind == at.TIME_PIECEWISE:
-            out[i, 0], out[i, 1], out[i, 2] = _piecewise(
+            out[i, 0], out[i, 1], out[i, 2] = piecewise(
                 plan.time_data, o, row[at.TIME_COUNT], t
             )
         elif kind == at.TIME_SINE:
@@ -62,5 +63,7 @@ def evaluate_times(plan, t, out):
             for k in range(3):
                 address = row[at.TIME_ADDRESS + k]
                 out[i, k] = call_scalar(address, t) if address != 0 else 0.0
+                if plan.flag[0] == 0 and not math.isfinite(out[i, k]):
+                    plan.flag[0] = at.FLAG_TIME - i
         else:
             call_row(row[at.TIME_ADDRESS], t, out.ctypes.data + 24 * i)

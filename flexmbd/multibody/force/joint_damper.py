@@ -1,0 +1,34 @@
+"""A viscous damper on a joint's coordinate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True, eq=False)
+class JointDamper(OnCoordinate):
+    """-damping d(beta)/dt on a joint coordinate beta.
+
+    Attributes:
+        connection: a joint with coordinates that are numbers.
+        damping: N s/m or N m s/rad.
+        coordinate: which of the joint's coordinates, from 0.
+    """
+
+    connection: Connection
+    damping: float
+    coordinate: int = 0
+
+    def check(self) -> None:
+        """Raise SceneError for a joint without that coordinate, or negative damping."""
+        super().check()
+        check_numbers(self.what, least={"damping": self.damping})
+
+    def lay(self, table: Table) -> None:
+        """One row, a spring without stiffness."""
+        x, v = table.coordinate(self.connection, self.coordinate)
+        table.element(at.ON_SPRING, self.what, x=x, v=v, data=table.numbers([0.0, 0.0, self.damping]))

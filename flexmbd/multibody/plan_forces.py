@@ -1,0 +1,120 @@
+"""From force elements to the rows of the plan that the kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.time_function import TimeFunction, TimeRow, as_row
+
+
+class Slots(Protocol):
+    """Where something lies in the configuration x and the velocity v."""
+
+    @property
+    def x(self) -> slice:
+        """In x."""
+
+    @property
+    def v(self) -> slice:
+        """In v."""
+
+
+class Numbering(Protocol):
+    """What force elements need of the numbering of the bodies and joints."""
+
+    def find_slots(self, connection: Connection) -> Slots | None:
+        """Where a joint's coordinates lie; None if it has none in the tree."""
+
+    def find_body(self, body: Body) -> int | None:
+        """The body's row, -1 for the ground; None if it is not in the scene."""
+
+    def add_frame(self, frame: Frame, row: int, turn: np.ndarray) -> int:
+        """Append a frame of the body in ``row``, its axes turned by ``turn``; return its row."""
+
+    def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
+        """Append a function of time; return its row."""
+
+    def add_data(self, values: np.ndarray) -> int:
+        """Append parameters; return their offset."""
+
+
+class ForceTable:
+    """Growing rows of ``Plan.forces`` and ``Plan.elements``; what force elements lay themselves out in.
+
+    Attributes:
+        forces: functions of time on coordinates: index in v, row of ``Plan.times``.
+        elements: rows of ``Plan.elements``.
+        names: of each element, in messages.
+    """
+
+    def __init__(self, numbering: Numbering, ground: Body) -> None:
+        self.forces: list[list[int]] = []
+        self.elements: list[list[int]] = []
+        self.names: list[str] = []
+        self._numbering = numbering
+        self._ground = ground
+        self._frames: dict[int, int] = {}
+        self._origin: int | None = None
+
+    def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
+        """Places in x and v of a joint's coordinate."""
+        slots = self._numbering.find_slots(connection)
+        if slots is None:
+            raise SceneError(
+                f"joint {connection.name!r} closes a loop and has no coordinate for a force to act on; "
+                "make it earlier than the joint that may close the loop instead"
+            )
+        return slots.x.start + index, slots.v.start + index
+
+    def frame(self, frame: Frame) -> int:
+        """Row of ``Plan.frames``; a frame that several elements share has one."""
+        if id(frame) not in self._frames:
+            row = self._numbering.find_body(frame.body)
+            if row is None:
+                raise SceneError(f"frame {frame.label} belongs to no body of this scene")
+            self._frames[id(frame)] = self._numbering.add_frame(frame, row, np.eye(3))
+        return self._frames[id(frame)]
+
+    def ground(self) -> int:
+        """Row of ``Plan.frames`` of the inertial frame."""
+        if self._origin is None:
+            origin = Frame(self._ground, np.zeros(3), np.eye(3), None, "ground")
+            self._origin = self._numbering.add_frame(origin, -1, np.eye(3))
+        return self._origin
+
+    def numbers(self, values: ArrayLike) -> int:
+        """Offset in ``Plan.data`` of the values, appended."""
+        return self._numbering.add_data(np.asarray(values, dtype=np.float64))
+
+    def time(self, function: TimeFunction, what: str) -> int:
+        """Row of ``Plan.times``."""
+        return self._numbering.add_time(as_row(function, what, motion=False), what, motion=False)
+
+    def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
+        """Let a function of time act on a joint's only coordinate."""
+        _, v = self.coordinate(connection, 0)
+        self.forces.append([v, self.time(function, what)])
+
+    def element(
+        self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        data: int = 0, count: int = 0, address: int = 0,
+    ) -> None:
+        """Append a row of ``Plan.elements``."""
+        self.elements.append([kind, f, g, x, v, time, data, count, address])
+        self.names.append(what)
+
+
+def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:
+    """Let every force element lay itself out, in the order in which they were added."""
+    table = ForceTable(numbering, ground)
+    for force in forces:
+        force.lay(table)
+    return table
