@@ -15,6 +15,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
@@ -61,7 +62,9 @@ def run(
     method.check(scene)
     state = _new_state(start, t_start, t_end, rtol, h, method)
     output = _Output(scene, start, t_start)
-    stepper, _ = method.stepper(scene, state, _new_groups(scene), new_work(scene.plan))
+    work = new_work(scene.plan)
+    scene.callbacks.reset()
+    stepper, _ = method.stepper(scene, state, _new_groups(scene), work)
     began = time.perf_counter()
     compiled = began
     code = st.OUTPUT
@@ -75,20 +78,24 @@ def run(
     seconds = time.perf_counter() - began
     trajectory = _finish(start, bodies, team, output, state, seconds, compiled - began)
     if code == st.CALLBACK_FAILED:
-        raise _callback_failure(scene, trajectory)
+        raise _callback_failure(scene, work, trajectory)
     if code != st.DONE:
         raise SimulationError(_failure(scene, state, code), trajectory)
     return trajectory
 
 
-def _callback_failure(scene: CompiledScene, trajectory: Trajectory) -> BaseException:
+def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
     """The error of a user's function, with the time and what was computed; an interrupt as it is."""
-    error = scene.callbacks.error
-    if error is None or not isinstance(error, Exception):
-        return error or KeyboardInterrupt()
-    failure = SimulationError(
-        f"at t = {scene.callbacks.t:g} s a function of time failed: {error}", trajectory
-    )
+    flag, error = int(scene.plan.flag[0]), scene.callbacks.error
+    if error is not None and not isinstance(error, Exception):
+        return error
+    t = float(work.time[-1, 0])
+    if error is None:
+        compiled = flag >= at.FLAG_ELEMENT
+        names = scene.element_names if compiled else scene.time_names
+        which = flag - at.FLAG_ELEMENT if compiled else at.FLAG_TIME - flag
+        error = SceneError(f"{names[which]}: at t = {t:g} s the compiled function gave no finite number")
+    failure = SimulationError(f"at t = {t:g} s a user's function failed: {error}", trajectory)
     failure.__cause__ = error
     return failure
 
