@@ -1,0 +1,152 @@
+"""The analytic tangent against differences of the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from particles import particle_body
+from scipy.spatial.transform import Rotation
+from test_recursion import mixed_scene
+
+import flexmbd as fm
+from flexmbd.multibody.initial import mass_matrix
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.residual import residual
+from flexmbd.multibody.kernels.tangent import tangent
+from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+
+# central differences of order 8
+WEIGHTS = ((1, 4.0 / 5.0), (2, -1.0 / 5.0), (3, 4.0 / 105.0), (4, -1.0 / 280.0))
+
+
+def tree_only(compiled):
+    """The plan without its loops."""
+    return compiled.plan._replace(rows=np.zeros((0, compiled.plan.rows.shape[1]), np.int64))
+
+
+def random_state(compiled, seed, spread=0.5):
+    rng = np.random.default_rng(seed)
+    x = np.empty(compiled.nx)
+    retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * spread, x)
+    v, a = rng.standard_normal((2, compiled.nv))
+    return x, v, a, rng.standard_normal(len(compiled.plan.rows))
+
+
+def analytic(plan, state, weights):
+    x, v, a, multipliers = state
+    matrix = np.full((len(v), len(v)), np.nan)
+    tangent(plan, new_work(plan), new_tangent_work(plan, len(v)), x, v, a, multipliers, *weights, matrix)
+    return matrix
+
+
+def differenced(plan, state, which, step):
+    """Derivative by x, v or a (0, 1, 2), by differences of order 8."""
+    x, v, a, multipliers = state
+    work = new_work(plan)
+    matrix = np.zeros((len(v), len(v)))
+    for j, unit in enumerate(np.eye(len(v))):
+        for k, weight in WEIGHTS:
+            for sign in (1.0, -1.0):
+                place = [x.copy(), v.copy(), a.copy()]
+                if which == 0:
+                    retract(plan, x, sign * k * step * unit, place[0])
+                else:
+                    place[which] += sign * k * step * unit
+                out = np.zeros(len(v))
+                residual(plan, work, *place, multipliers, out)
+                matrix[:, j] += sign * weight / step * out
+    return matrix
+
+
+def compare(plan, state):
+    for which, step in enumerate((1e-2, 0.5, 0.5)):
+        weights = np.eye(3)[which]
+        expected = differenced(plan, state, which, step)
+        # each entry over what its row and column make of the matrix
+        rows = np.abs(expected).max(axis=1, keepdims=True)
+        columns = np.abs(expected).max(axis=0, keepdims=True)
+        scale = np.sqrt(rows * columns) + 1e-4 * np.abs(expected).max()
+        error = np.abs(analytic(plan, state, weights) - expected) / scale
+        assert error.max() < 1e-10, (which, error.max(), np.unravel_index(error.argmax(), error.shape))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tree_of_every_joint_and_body(seed):
+    """Rigid and flexible parents, stretch, damping, a reversed joint, children on deforming frames."""
+    scene, *_ = mixed_scene()
+    compiled = scene.compile()
+    state = random_state(compiled, seed, spread=(0.5, 0.01, 1.0, 2.0)[seed])
+    compare(tree_only(compiled), state)
+
+
+def branched_scene():
+    """A flexible parent with children on both of its frames and on its body, twice over."""
+    scene = fm.System(gravity=(1.0, -9.81, 2.0))
+    turn = Rotation.from_rotvec([0.7, 0.2, -0.4]).as_matrix()
+    trunk = particle_body(5, modes=4, damping=1.0, stretched=(1,))
+    bodies = [scene.add(fm.FlexibleBody(trunk.record), name="trunk")]
+    scene.connect(fm.joint.Free(), scene.ground.frame(p=(0.2, 0.1, -0.3), R=turn), bodies[0].frame())
+    for k, name in enumerate(("tip", "tip", "root", None)):
+        joint = (fm.joint.Spherical(), fm.joint.Revolute("y"), fm.joint.Prismatic("x"), fm.joint.Fixed())[k]
+        limb = scene.add(fm.FlexibleBody(particle_body(6 + k, modes=2).record), name=f"limb {k}")
+        scene.connect(joint, bodies[0].frame(name), limb.frame("root"))
+        hand = scene.add(fm.RigidBody(0.3 + k, (0.01, 0.02, 0.02), (0.1, 0.2, 0.3)), name=f"hand {k}")
+        scene.connect(fm.joint.Revolute((1.0, k, 2.0)), limb.frame("tip"), hand.frame(R=turn))
+        bodies += [limb, hand]
+    return scene
+
+
+def test_branches_on_a_flexible_body():
+    compiled = branched_scene().compile()
+    compare(tree_only(compiled), random_state(compiled, 1))
+    matrix = analytic(tree_only(compiled), random_state(compiled, 1), (1.0, 1.0, 1.0))
+    names = np.array(compiled.velocity_names)
+    first = np.char.find(names, "limb 0.q") >= 0
+    second = np.char.find(names, "limb 1.q") >= 0
+    assert not matrix[np.ix_(first, second)].any()
+    assert np.abs(matrix[np.ix_(first, first)]).min() > 0.0
+
+
+def test_far_from_the_origin():
+    """A machine that flies fast and far away has the tangent that it has at home."""
+    compiled = branched_scene().compile()
+    x, v, a, none = random_state(compiled, 2)
+    plan = tree_only(compiled)
+    here = analytic(plan, (x, v, a, none), (1.0, 0.5, 0.2))
+    x, v = x.copy(), v.copy()
+    x[:3] += 1e6
+    v[:3] += 1e4
+    np.testing.assert_allclose(analytic(plan, (x, v, a, none), (1.0, 0.5, 0.2)), here, atol=1e-7)
+
+
+def test_driven_joints_keep_their_rows():
+    scene, *_ = mixed_scene()
+    hinge = scene._connections[1]
+    hinge.prescribe(lambda t: (t, 1.0, 0.0))
+    compiled = scene.compile()
+    assert len(compiled.plan.driven) == 1
+    compare(tree_only(compiled), random_state(compiled, 3))
+
+
+def test_mass_matrix():
+    scene, *_ = mixed_scene()
+    compiled = scene.compile()
+    state = random_state(compiled, 5)
+    expected = mass_matrix(compiled, new_work(compiled.plan), state[0])
+    np.testing.assert_allclose(analytic(tree_only(compiled), state, (0.0, 0.0, 1.0)), expected, atol=1e-12)
+
+
+def test_weights_add_up():
+    scene, *_ = mixed_scene()
+    compiled = scene.compile()
+    plan, state = tree_only(compiled), random_state(compiled, 6)
+    parts = [analytic(plan, state, unit) for unit in np.eye(3)]
+    both = analytic(plan, state, (3.0, -0.7, 0.2))
+    np.testing.assert_allclose(both, 3.0 * parts[0] - 0.7 * parts[1] + 0.2 * parts[2], atol=1e-11)
+
+
+def test_joint_kinds_are_all_there():
+    kinds = set(mixed_scene()[0].compile().plan.tree[:, at.JOINT])
+    assert kinds == {at.FIXED, at.REVOLUTE, at.PRISMATIC, at.SPHERICAL, at.FREE}
