@@ -3,8 +3,12 @@
 This root loads numpy, scipy and numba only; DOLFINx and PETSc load with ``flexmbd.continuum``.
 """
 
+from flexmbd.checkpoint import Checkpoint as Checkpoint
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import FlexmbdError as FlexmbdError
+from flexmbd.event import Direction as Direction
+from flexmbd.event import Event as Event
+from flexmbd.event import Moment as Moment
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint

@@ -12,7 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import SceneError
+from flexmbd.event import Event
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
@@ -26,7 +28,8 @@ from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
-from flexmbd.simulation import evaluate_inputs, run
+from flexmbd.simulation import check_times, run
+from flexmbd.stepping import evaluate_inputs, new_snapshot
 from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -189,6 +192,9 @@ class System:
         h: float | None = None,
         t_start: float = 0.0,
         integrator: Integrator | None = None,
+        events: Sequence[Event] = (),
+        checkpoints: Sequence[float] = (),
+        restart: Checkpoint | None = None,
         progress: bool = False,
     ) -> Trajectory:
         """Run the machine from ``t_start`` to ``t_end`` (s).
@@ -200,6 +206,12 @@ class System:
             h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
             t_start: start time (s).
             integrator: the method; by default GeneralizedAlpha(rho=0.8).
+            events: what to look for; each is located to the method's own accuracy and listed in the
+                trajectory's ``events``.  One that never takes place is not listed.
+            checkpoints: times (s) to stop at and keep what a restart needs, in the trajectory's
+                ``checkpoints``.
+            restart: a checkpoint to go on from instead of the scene's start, with its rtol or h; the
+                numbers are those of going on without a stop, to the bit.
             progress: show a progress bar.
 
         Raises:
@@ -207,14 +219,25 @@ class System:
             SimulationError: the step reached its floor or a fixed step failed; its
                 ``trajectory`` holds what was computed up to then.
         """
+        if restart is not None:
+            t_start = restart.t
+        check_times(t_start, t_end, rtol, h, checkpoints)
+        method = integrator or GeneralizedAlpha()
+        begun = t_start if restart is None else restart.t_start
+        start = self.start(t=begun)
+        if restart is None:
+            snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
+        else:
+            snapshot = restart.of(start.scene, method)
         return run(
-            self.start(t=t_start),
+            start,
             {body.name: body for body in self._bodies},
             self.team,
-            t_start=t_start,
+            begun=begun,
+            snapshot=snapshot,
             t_end=t_end,
-            rtol=rtol,
-            h=h,
-            method=integrator or GeneralizedAlpha(),
+            method=method,
+            events=events,
+            checkpoints=checkpoints,
             progress=progress,
         )

@@ -24,6 +24,8 @@ from flexmbd.reduced import ReducedBody
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from flexmbd.checkpoint import Checkpoint
+    from flexmbd.event import Occurrence
     from flexmbd.visual import StressPicture
 
 FloatArray = NDArray[np.float64]
@@ -55,6 +57,9 @@ class Stats:
     start_moved: tuple[tuple[str, float, float], ...]
     start_residual: float
     constraint_residual: float
+
+
+NOTHING_SPENT = Stats(0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +96,8 @@ class Trajectory:
         stats: cost and residuals.
         bodies: name to body.
         team: who writes files.
+        events: what took place, in order.
+        checkpoints: states to restart from, at the times asked for.
     """
 
     scene: CompiledScene
@@ -102,6 +109,8 @@ class Trajectory:
     stats: Stats
     bodies: Mapping[str, Body]
     team: Team
+    events: tuple[Occurrence, ...] = ()
+    checkpoints: tuple[Checkpoint, ...] = ()
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""

@@ -324,6 +324,28 @@ def _match_velocities(
     )
 
 
+def match_motion(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, *, held: Mask
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Velocities near v that keep the loops closed, with accelerations and multipliers.
+
+    Args:
+        scene: without redundant rows.
+        work: scratch; ``work.time`` holds the functions of time at the instant.
+        x: (nx,) configuration, loops closed.
+        v: (nv,) wanted velocities.
+        held: (nv,) those that stay where the others can follow.
+
+    Raises:
+        AssemblyError: the velocities contradict the loops.
+    """
+    velocity = v.copy()
+    drive(scene.plan, work, x.copy(), velocity, np.zeros(scene.nv))
+    velocity, _ = _match_velocities(scene, work, x, velocity, held)
+    a, multipliers = _accelerations(scene, work, x, velocity)
+    return velocity, a, multipliers
+
+
 def _accelerations(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

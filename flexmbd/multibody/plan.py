@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -96,6 +97,16 @@ class CompiledScene:
     def nv(self) -> int:
         """Number of generalised velocities, prescribed ones included."""
         return len(self.velocity_names)
+
+    def digest(self) -> str:
+        """Tells compiled scenes of other numbers or other structure apart."""
+        plan = self.plan
+        places = {"lapack", "flag", "times"}  # addresses differ from process to process
+        digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
+        for name, part in zip(plan._fields, plan, strict=True):
+            if name not in places:
+                digest.update(f"{name} {part.shape}".encode() + part.tobytes())
+        return digest.hexdigest()
 
     def keep_rows(self, kept: Sequence[int]) -> CompiledScene:
         """Return the scene with only these constraint rows; the others are redundant."""

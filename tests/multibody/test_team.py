@@ -54,3 +54,42 @@ def test_only_the_root_shows_a_bar(capfd):
     scene.simulate(0.01, progress=True)
     shown = capfd.readouterr().err
     assert ("100%" in shown) == (MPI.COMM_WORLD.rank == 0)
+
+
+def test_events_are_found_alike_and_an_action_of_rank_0_counts():
+    """Ranks whose event functions and actions differ do as rank 0 does, rejected steps included."""
+    rank = MPI.COMM_WORLD.rank
+
+    def outcome(shift, team):
+        scene, _ = machine(1.0)
+        scene.team = team
+        crank = scene._connections[0]
+
+        def kick(moment):
+            moment.set_rate(crank, 30.0 + shift)
+
+        event = fm.Event(lambda m: m.beta(crank) - 0.5 - shift, action=kick)
+        # no step fits this bang, so some are rejected on the way to it
+        scene.add_force(fm.force.JointTorque(crank, lambda t: 50.0 * (t > 0.03)))
+        return scene.simulate(0.05, rtol=1e-6, events=[event])
+
+    run = outcome(0.1 * rank, MpiTeam(MPI.COMM_WORLD))
+    exact = outcome(0.0, fm.System().team)
+    assert len(run.events) == 1
+    assert run.stats.rejected == exact.stats.rejected > 0
+    assert run.events[0].t == exact.events[0].t
+    np.testing.assert_array_equal(run.x, exact.x)
+
+
+def test_an_event_that_fails_on_the_last_rank_stops_all():
+    last = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+
+    def function(moment):
+        if last and moment.t > 0.02:
+            raise ValueError("the probe is gone")
+        return 1.0
+
+    scene, _ = machine(1.0)
+    with pytest.raises(SimulationError, match=r"event 'probe' at t = 0\.02.*the probe is gone") as caught:
+        scene.simulate(0.05, rtol=1e-4, events=[fm.Event(function, name="probe")])
+    assert 0.01 < caught.value.trajectory.t[-1] <= 0.03

@@ -1,0 +1,96 @@
+"""Checkpoints: what an integrator remembers, kept so that a restart goes on to the bit."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmbd.errors import RecordError, SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.stepping import Snapshot
+
+_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """The state of a simulation at one instant.
+
+    Attributes:
+        method: the integrator's name with its options.
+        scene: digest of the compiled scene.
+        t_start: start time (s) of the simulation.
+        snapshot: what the method remembers; factors were dropped, in the simulation that went on too.
+    """
+
+    method: str
+    scene: str
+    t_start: float
+    snapshot: Snapshot
+
+    @property
+    def t(self) -> float:
+        """Time (s) of the checkpoint."""
+        return float(self.snapshot.state.numbers[st.TIME])
+
+    def of(self, scene: CompiledScene, method: Integrator) -> Snapshot:
+        """Return the snapshot if it belongs to this scene and method.
+
+        Raises:
+            SceneError: it was made by another one.
+        """
+        if self.method != method.name:
+            raise SceneError(
+                f"the checkpoint was made by {self.method}, this is {method.name}; give the same integrator"
+            )
+        if self.scene != scene.digest():
+            raise SceneError("the checkpoint was made by another scene: bodies, joints or forces differ")
+        return self.snapshot
+
+    def save(self, path: str | Path) -> Path:
+        """Write to ``path`` (.npz), under a temporary name first."""
+        target = Path(path)
+        snapshot = self.snapshot
+        parts: dict[str, Any] = {
+            "version": _VERSION,
+            "method": self.method,
+            "scene": self.scene,
+            "times": np.array([self.t_start, snapshot.first_step]),
+            **{f"state.{name}": part for name, part in snapshot.state._asdict().items()},
+            **{f"groups.{name}": part for name, part in snapshot.groups._asdict().items()},
+        }
+        temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
+        try:
+            with temporary.open("wb") as file:
+                np.savez(file, **parts)
+            temporary.replace(target)
+        except OSError as reason:
+            temporary.unlink(missing_ok=True)
+            raise RecordError(f"the checkpoint cannot be written to {target}: {reason}") from reason
+        return target
+
+    @staticmethod
+    def load(path: str | Path) -> Checkpoint:
+        """Read a checkpoint.
+
+        Raises:
+            RecordError: no such file, or none of ours.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                if int(file["version"]) != _VERSION:
+                    raise RecordError(f"{path}: a checkpoint of version {file['version']}, not {_VERSION}")
+                state = st.State(*(file[f"state.{name}"] for name in st.State._fields))
+                groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
+                t_start, first_step = file["times"]
+                snapshot = Snapshot(state, groups, float(first_step))
+                return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as reason:
+            raise RecordError(f"{path} is no checkpoint that can be read: {reason}") from reason

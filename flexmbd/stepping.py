@@ -1,0 +1,180 @@
+"""One integration in progress: a method's stepper, the state it moves, and the rows it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.initial import Start
+from flexmbd.multibody.kernels.layout import Work, new_work
+from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.team import Team
+
+FloatArray = NDArray[np.float64]
+
+_BUFFER = 1024  # rows of the output buffer: how often compiled stepping returns
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """Copies of all that a method remembers, but for the factors of its iteration matrix.
+
+    Attributes:
+        state, groups: the copies.
+        first_step: the step (s) that the integration began with.
+    """
+
+    state: st.State
+    groups: st.Groups
+    first_step: float
+
+
+class Integration:
+    """A scene being integrated.
+
+    Attributes:
+        start: the consistent start; its scene is what moves.
+        method: the integrator.
+        state, groups: where it stands.
+        stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far.
+    """
+
+    def __init__(
+        self, start: Start, method: Integrator, team: Team, at: Snapshot, *, one_by_one: bool
+    ) -> None:
+        scene = start.scene
+        self.start = start
+        self.method = method
+        self.state, self.groups = _copy(at.state), _copy_groups(at.groups)
+        self.work = new_work(scene.plan)
+        self._team = team
+        self._first_step = at.first_step
+        self._stepper, self._drop_factors = method.stepper(scene, self.state, self.groups, self.work)
+        rows = 1 if one_by_one else _BUFFER
+        m = len(scene.plan.rows)
+        sizes = (scene.nx, scene.nv, scene.nv, m)
+        self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
+        self.stored: list[tuple[FloatArray, ...]] = []
+        self.keep_state()
+
+    @property
+    def t(self) -> float:
+        """Time (s) reached."""
+        return float(self.state.numbers[st.TIME])
+
+    def begin_anew(self) -> None:
+        """Forget what the method remembers of earlier steps, for the state was changed by hand."""
+        count, number = self.state.counts, self.state.numbers
+        steps = int(count[st.STEPS])
+        count[st.STEPS] = 0
+        count[st.METHOD_COUNT :] = 0
+        number[st.METHOD :] = 0.0
+        number[st.STEP_BEFORE] = 0.0
+        self.state.memory[:] = 0.0
+        if count[st.FIXED_STEP] == 0:
+            number[st.STEP] = min(number[st.STEP], self._first_step)
+        scene = self.start.scene
+        self._stepper, self._drop_factors = self.method.stepper(scene, self.state, self.groups, self.work)
+        count[st.STEPS] = steps
+
+    def advance(self, t_end: float) -> int:
+        """Step until ``t_end`` (s), a full buffer or a failure; rank 0's outcome on every rank.
+
+        Returns the stepper's code; the buffer holds the rows of the new steps.
+        """
+        self.state.counts[st.STORED] = 0
+        self.state.numbers[st.TIME_END] = t_end
+        code = self._stepper(self.record)
+        return int(self._team.agree(np.array([float(code)]))[0])
+
+    def keep_rows(self) -> None:
+        """Take the buffer's rows into ``stored``."""
+        stored = int(self.state.counts[st.STORED])
+        self.stored.append(tuple(part[:stored].copy() for part in self.record))
+
+    def keep_state(self) -> None:
+        """Take the state as it stands into ``stored``, as a row of its own."""
+        s = self.state
+        self.stored.append(
+            (np.array([self.t]), *(part[None].copy() for part in (s.x, s.v, s.a, s.multipliers)))
+        )
+
+    def series(self) -> tuple[FloatArray, ...]:
+        """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken."""
+        return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
+
+    def snapshot(self) -> Snapshot:
+        """Copy what the method remembers."""
+        return Snapshot(_copy(self.state), _copy_groups(self.groups), self._first_step)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this integration."""
+        for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
+            for part, kept in zip(here, there, strict=True):
+                part[...] = kept
+
+    def checkpoint(self) -> Snapshot:
+        """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
+        self._drop_factors()
+        return self.snapshot()
+
+
+def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
+    """Bring ``work.time`` up to date for time t (s).  Collective over the team.
+
+    Raises:
+        SceneError: a function of time failed or gives no finite number; the message names it.
+    """
+    scene.callbacks.reset()
+    evaluate_times(scene.plan, t, work.time)
+    if scene.callbacks.error is not None:
+        raise scene.callbacks.error
+    for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
+        if not np.isfinite(values).all():
+            raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")
+
+
+def new_snapshot(
+    start: Start, method: Integrator, *, t_start: float, t_end: float, rtol: float, h: float | None
+) -> Snapshot:
+    """The state at a consistent start: error control with ``rtol``, or fixed steps ``h`` (s)."""
+    scene = start.scene
+    number = np.zeros(st.N_NUMBER)
+    span = t_end - t_start
+    number[st.TIME], number[st.TIME_END] = t_start, t_end
+    number[st.STEP] = h if h is not None else _first_step(start, rtol, span, method.order)
+    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
+    number[st.STEP_CEILING] = 0.1 * span
+    number[st.SLOWEST] = 1.0 / span
+    number[st.TOLERANCE] = rtol
+    count = np.zeros(st.N_COUNT, np.int64)
+    count[st.FIXED_STEP] = h is not None
+    parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
+    memory = np.zeros((method.memory_rows, scene.nv))
+    sizes = np.zeros((3, len(scene.group_floor)))
+    groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes)
+    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]))
+
+
+def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
+    """A step that the method's starting error does not show in: the rate is the machine's."""
+    scene = start.scene
+    rate = 1.0 / span
+    for k in scene.plan.free:
+        floor = scene.group_full[scene.group_of[k]]
+        rate = max(rate, abs(start.v[k]) / floor, np.sqrt(abs(start.a[k]) / floor))
+    return float(0.1 * rtol ** (1.0 / order) / rate)
+
+
+def _copy(state: st.State) -> st.State:
+    return state._replace(**{name: part.copy() for name, part in state._asdict().items()})
+
+
+def _copy_groups(groups: st.Groups) -> st.Groups:
+    return groups._replace(**{name: part.copy() for name, part in groups._asdict().items()})

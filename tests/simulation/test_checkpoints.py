@@ -1,0 +1,93 @@
+"""Checkpoints: a restart gives the numbers of the run that went on, to the bit."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.errors import RecordError, SceneError
+
+sys.path.append(str(Path(__file__).parents[1] / "multibody"))
+from machines import pendulum, slider_crank
+from particles import particle_body
+
+METHODS = [fm.GeneralizedAlpha(), fm.GeneralizedAlpha(rho=0.5)]
+
+
+def tree():
+    return pendulum()[0], 2.0
+
+
+def loop():
+    scene, _, crank = slider_crank()
+    crank.velocity = 50.0
+    scene.add_force(fm.force.JointTorque(crank, lambda t: 0.3 * np.cos(20.0 * t)))
+    return scene, 0.2
+
+
+def flexible():
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.FlexibleBody(particle_body(3, modes=4, damping=0.5).record), name="flexible")
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame())
+    return scene, 1.0
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+@pytest.mark.parametrize("machine", [tree, loop, flexible])
+@pytest.mark.parametrize("fixed", [False, True])
+def test_a_restart_goes_on_to_the_bit(machine, method, fixed, tmp_path):
+    scene, end = machine()
+    how = {"h": end / 300} if fixed else {"rtol": 1e-6}
+    whole = scene.simulate(end, integrator=method, checkpoints=[0.31 * end, 0.7 * end], **how)
+    assert [c.t for c in whole.checkpoints] == [0.31 * end, 0.7 * end]
+    stored = whole.checkpoints[0].save(tmp_path / "kept.npz")
+    again, _ = machine()
+    rest = again.simulate(
+        end, integrator=method, restart=fm.Checkpoint.load(stored), checkpoints=[0.7 * end], **how
+    )
+    first = len(whole.t) - len(rest.t)
+    assert rest.t[0] == 0.31 * end
+    assert first > 5
+    assert rest.stats.steps == whole.stats.steps
+    for name in ("t", "x", "v", "a", "multipliers"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name)[first:])
+
+
+def test_a_checkpoint_belongs_to_its_scene_and_method(tmp_path):
+    scene, _ = tree()
+    kept = scene.simulate(1.0, checkpoints=[0.5]).checkpoints[0]
+    with pytest.raises(SceneError, match="give the same integrator"):
+        scene.simulate(1.0, restart=kept, integrator=fm.GeneralizedAlpha(rho=0.1))
+    with pytest.raises(SceneError, match="another scene"):
+        pendulum(1.1)[0].simulate(1.0, restart=kept)
+    with pytest.raises(SceneError, match="t_end = 0.4 s must lie after the start, 0.5"):
+        scene.simulate(0.4, restart=kept)
+    with pytest.raises(SceneError, match="checkpoints at 2 s lie outside"):
+        scene.simulate(1.0, checkpoints=[2.0])
+    with pytest.raises(RecordError, match="no checkpoint that can be read"):
+        fm.Checkpoint.load(tmp_path / "missing.npz")
+    (tmp_path / "other.npz").write_bytes(b"something else")
+    with pytest.raises(RecordError, match="no checkpoint that can be read"):
+        fm.Checkpoint.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"t_end": -1.0}, "must lie after the start"),
+        ({"t_end": np.nan}, "must lie after the start"),
+        ({"t_end": 1.0, "h": 0.0}, "h = 0.0 s must be positive"),
+        ({"t_end": 1.0, "h": -1e-3}, "must be positive"),
+        ({"t_end": 1.0, "h": np.inf}, "must be positive and finite"),
+        ({"t_end": 1.0, "rtol": 0.0}, "rtol = 0.0 must lie between"),
+        ({"t_end": 1.0, "rtol": -1e-6}, "must lie between"),
+        ({"t_end": 1.0, "rtol": np.nan}, "must lie between"),
+    ],
+)
+def test_arguments_that_make_no_simulation(arguments, message):
+    with pytest.raises(SceneError, match=message):
+        tree()[0].simulate(**arguments)
