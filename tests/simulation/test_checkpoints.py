@@ -41,16 +41,19 @@ def flexible():
 @pytest.mark.parametrize("fixed", [False, True])
 def test_a_restart_goes_on_to_the_bit(machine, method, fixed, tmp_path):
     scene, end = machine()
-    how = {"h": end / 300} if fixed else {"rtol": 1e-6}
-    whole = scene.simulate(end, integrator=method, checkpoints=[0.31 * end, 0.7 * end], **how)
-    assert [c.t for c in whole.checkpoints] == [0.31 * end, 0.7 * end]
+    # with steps of a power of two no step is cut at the checkpoints, so old factors would fit
+    h = 2.0 ** np.floor(np.log2(end / 200))
+    how = {"h": h} if fixed else {"rtol": 1e-6}
+    places = [64 * h, 128 * h]
+    whole = scene.simulate(end, integrator=method, checkpoints=places, **how)
+    assert [c.t for c in whole.checkpoints] == places
     stored = whole.checkpoints[0].save(tmp_path / "kept.npz")
     again, _ = machine()
     rest = again.simulate(
-        end, integrator=method, restart=fm.Checkpoint.load(stored), checkpoints=[0.7 * end], **how
+        end, integrator=method, restart=fm.Checkpoint.load(stored), checkpoints=places[1:], **how
     )
     first = len(whole.t) - len(rest.t)
-    assert rest.t[0] == 0.31 * end
+    assert rest.t[0] == places[0]
     assert first > 5
     assert rest.stats.steps == whole.stats.steps
     for name in ("t", "x", "v", "a", "multipliers"):
@@ -64,7 +67,7 @@ def test_a_checkpoint_belongs_to_its_scene_and_method(tmp_path):
         scene.simulate(1.0, restart=kept, integrator=fm.GeneralizedAlpha(rho=0.1))
     with pytest.raises(SceneError, match="another scene"):
         pendulum(1.1)[0].simulate(1.0, restart=kept)
-    with pytest.raises(SceneError, match="t_end = 0.4 s must lie after the start, 0.5"):
+    with pytest.raises(SceneError, match=r"t_end = 0\.4 s must lie after the start, 0\.5"):
         scene.simulate(0.4, restart=kept)
     with pytest.raises(SceneError, match="checkpoints at 2 s lie outside"):
         scene.simulate(1.0, checkpoints=[2.0])
