@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.articulated_flexible import (
     modal_wrench,
     prepare_body,
 )
-from flexmbd.multibody.kernels.closure import load_constraints
+from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import joint_motion, joint_pose
 from flexmbd.multibody.kernels.recursion import forward
@@ -63,9 +63,11 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
     their accelerations are taken from there.  Leaves the factors for ``solve_mass``.
 
     Args:
-        plan, work: the scene.
+        plan: the scene.
+        work: its scratch space, with the functions of time.
         aw: ``new_articulated_work(plan)``.
-        x, v: (nx,), (nv,) configuration and velocity.
+        x: (nx,) configuration.
+        v: (nv,) velocity.
         a: (nv,) output.
         multipliers: (m,) of the loops' rows (N or N m).
         extra: (nv,) added to the mass matrix's diagonal, or (0,) for nothing.
@@ -82,6 +84,7 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
             for k in range(at.B_F, at.B_T + 3):
                 work.body[i, k] = 0.0
         load_constraints(plan, work, multipliers, asked)
+        load_couplings(plan, multipliers, asked)
     for i in range(plan.forces.shape[0]):
         asked[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
     _factor(plan, work, aw, x, v, a, extra, loaded)
@@ -114,11 +117,11 @@ def solve_mass(plan, work, aw, rhs, out):
 def _factor(plan, work, aw, x, v, a, extra, loaded):
     """Outwards with velocities, inwards with inertia and wrenches."""
     _move(plan, aw, x, v, a, extra)
-    _articulate_bodies(plan, work, aw, v, extra, loaded)
+    _articulate_bodies(plan, work, aw, extra, loaded)
 
 
 @part_of_kernel
-def _move(plan, aw, x, v, a, extra):
+def _move(plan, aw, x, v, a, extra):  # noqa: PLR0915  one pass
     """Velocities and bias accelerations of all bodies, outwards."""
     w = (0.0, 0.0, 0.0)
     for i in range(aw.link.shape[0]):
@@ -162,8 +165,8 @@ def _move(plan, aw, x, v, a, extra):
             p = (0.0, 0.0, slide * position)
             R_FG = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
             if link[to.FORM] == to.SEVERAL:
-                p, R_FG = joint_pose(link[to.KIND], x, link[to.JOINT_X])
-                p_dot, relative = joint_motion(link[to.KIND], v, link[to.JOINT_V])
+                p, R_FG = joint_pose(link[to.KIND], 0.0, x, link[to.JOINT_X])
+                p_dot, relative = joint_motion(link[to.KIND], 0.0, v, link[to.JOINT_V])
                 _set_subspace(aw.subspace[link[to.MULTI], 0], link[to.FREEDOMS], R_FG)
             R_AG = compose(R, R_FG)
             r = add3(r, rotate(R, p))
@@ -202,7 +205,7 @@ def _set_subspace(S, freedoms, R_FG):
 
 
 @part_of_kernel
-def _articulate_bodies(plan, work, aw, v, extra, loaded):
+def _articulate_bodies(plan, work, aw, extra, loaded):  # noqa: PLR0915  one pass
     """Articulated inertia and asked wrench of all bodies, inwards."""
     for i in range(aw.link.shape[0] - 1, -1, -1):
         link = aw.link[i]

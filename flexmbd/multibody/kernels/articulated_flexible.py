@@ -23,7 +23,6 @@ from flexmbd.multibody.kernels.so3 import (
     left_jacobian_transposed,
     load3,
     load9,
-    rotate,
     scale3,
     store3,
     store9,
@@ -58,8 +57,8 @@ def deform_interface(plan, aw, slot, x, v, w):
 
 
 @kernel
-def prepare_body(plan, aw, k, x, v, w, extra):
-    """Write the rigid inertia, coupling and bias forces of flexible body k at rest in gravity-free space.
+def prepare_body(plan, aw, k, x, v, w, extra):  # noqa: PLR0915  one pass over the pairs
+    """Write the rigid inertia, coupling and bias forces of flexible body k.
 
     Bias is what the motion asks for where B turns at w without acceleration and qdd = 0: centrifugal,
     Coriolis, elastic and viscous forces (theory: seed 3 eq. 3.23-3.29).
@@ -93,7 +92,6 @@ def prepare_body(plan, aw, k, x, v, w, extra):
     w02 = w[0] * w[2]
     w12 = w[1] * w[2]
     constant = aw.constant[info[to.F_BODY]]
-    mass = constant[to.C_MASS]
     hx, hy, hz = load3(constant, to.C_FIRST)
     ixx, ixy, ixz, iyy, iyz, izz = load6(constant, to.C_INERTIA)
     vx = vy = vz = 0.0
@@ -174,7 +172,6 @@ def prepare_body(plan, aw, k, x, v, w, extra):
     store3(row, to.B_TORQUE, add3(gyroscopic, (tx, ty, tz)))
     coriolis = add3(cross3(w, first), scale3(2.0, (vx, vy, vz)))
     store3(row, to.B_FORCE, cross3(w, coriolis))
-    return mass
 
 
 @kernel
@@ -244,8 +241,8 @@ def _bear_children(plan, aw, k, a, b, m):
     for i in range(size):
         for j in range(6):
             t = 0.0
-            for l in range(size):
-                t += inertia[i, l] * response[l, j]
+            for e in range(size):
+                t += inertia[i, e] * response[e, j]
             stiff[i, j] = t
     for i in range(size):
         y = response[i]
@@ -309,16 +306,16 @@ def _respond(plan, aw, k):
             mine = o + n * ((i + 3) % 6)
             for j in range(6):
                 t = 0.0
-                for l in range(n):
-                    t += modal[mine + l] * weight[l] * coupling[j, l]
+                for e in range(n):
+                    t += modal[mine + e] * weight[e] * coupling[j, e]
                 response[6 * s + i, j] = -t
             for r in range(s + 1):
                 other = _modes_at(plan, aw, info[to.F_FIRST] + r)
                 for j in range(6):
                     theirs = other + n * ((j + 3) % 6)
                     t = 0.0
-                    for l in range(n):
-                        t += modal[mine + l] * weight[l] * modal[theirs + l]
+                    for e in range(n):
+                        t += modal[mine + e] * weight[e] * modal[theirs + e]
                     compliance[6 * s + i, 6 * r + j] = t
         _turn_rows(theta, response, 6 * s, 6)
         x, y, z = load3(aw.interface[slot], to.I_P)
@@ -371,8 +368,8 @@ def _invert(aw, k, size):
         o = 6 * (i // 6)
         for j in range(size):
             t = 0.0
-            for l in range(6):
-                t += system[i, 2 * size + o + l] * compliance[o + l, j]
+            for e in range(6):
+                t += system[i, 2 * size + o + e] * compliance[o + e, j]
             system[i, j] = t
         system[i, i] += 1.0
         system[i, size + i] = 1.0

@@ -101,8 +101,10 @@ class ArticulatedWork(NamedTuple):
     rest: FloatArray
 
 
-#: Turn and shift per unit of the coordinate; the axis is z.
-_SUBSPACE = {at.FIXED: (0.0, 0.0), at.REVOLUTE: (1.0, 0.0), at.PRISMATIC: (0.0, 1.0)}
+def _subspace(kind: int, pitch: float) -> tuple[float, float] | None:
+    """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
+    known = {at.FIXED: (0.0, 0.0), at.REVOLUTE: (1.0, 0.0), at.PRISMATIC: (0.0, 1.0), at.SCREW: (1.0, pitch)}
+    return known.get(kind)
 
 
 def new_articulated_work(plan: Plan) -> ArticulatedWork:
@@ -119,8 +121,9 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         kind = int(tree[at.JOINT])
         _place(plan, i, constants[i], flex_of)
         slot = slot_of.get(int(tree[at.FRAME_PARENT]), -1)
-        if kind in _SUBSPACE:
-            constants[i, C_TURN : C_TURN + 2] = _SUBSPACE[kind]
+        subspace = _subspace(kind, plan.data[tree[at.JOINT_DATA]])
+        if subspace is not None:
+            constants[i, C_TURN : C_TURN + 2] = subspace
             level = np.array_equal(constants[i, C_R : C_R + 9].reshape(3, 3), np.eye(3))
             form, multi = ALIGNED if level and slot < 0 else TURNED, -1
             freedoms = 0 if kind == at.FIXED or int(tree[at.JOINT_V]) in driven else 1
