@@ -55,6 +55,8 @@ def random_tree(seed, *, driven=True):
     for connection in hinges[:1]:
         law = fm.force.JointTorque if isinstance(connection.joint, fm.joint.Revolute) else fm.force.JointForce
         scene.add_force(law(connection, 1.7))
+    for connection in hinges[2:3]:
+        scene.add_force(fm.force.JointSpring(connection, 30.0, 0.2, 1.5))
     return scene, bodies, clouds
 
 

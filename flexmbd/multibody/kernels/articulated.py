@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.articulated_flexible import (
 )
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
 from flexmbd.multibody.kernels.joints import joint_motion, joint_pose
 from flexmbd.multibody.kernels.recursion import forward
 from flexmbd.multibody.kernels.so3 import (
@@ -77,19 +78,35 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
         asked[k] = 0.0
     for i in range(plan.driven.shape[0]):
         a[plan.driven[i, at.DRIVEN_V]] = work.time[plan.driven[i, at.DRIVEN_TIME], 2]
+    loaded = _ask_loads(plan, work, aw, x, v, multipliers)
+    _factor(plan, work, aw, x, v, a, extra, loaded)
+    g = load3(plan.gravity, 0)
+    _accelerate(plan, aw, scale3(-1.0, g), True, a)
+
+
+@kernel
+def _ask_loads(plan, work, aw, x, v, multipliers):
+    """Add to ``aw.asked`` and, if it returns true, write to the bodies' wrenches what joints, elements and loops ask.
+
+    Only wrenches between frames need poses in the world.
+    """
+    asked = aw.asked
     loaded = plan.rows.shape[0] > 0
+    for i in range(plan.elements.shape[0]):
+        loaded = loaded or plan.elements[i, at.EL_KIND] >= at.BETWEEN_SPRING
     if loaded:
         forward(plan, work, x, v, aw.rest)
         for i in range(plan.tree.shape[0]):
             for k in range(at.B_F, at.B_T + 3):
                 work.body[i, k] = 0.0
         load_constraints(plan, work, multipliers, asked)
+        load_elements(plan, work, asked)
         load_couplings(plan, multipliers, asked)
+    if plan.elements.shape[0] > 0:
+        push_coordinates(plan, work, x, v, asked)
     for i in range(plan.forces.shape[0]):
         asked[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
-    _factor(plan, work, aw, x, v, a, extra, loaded)
-    g = load3(plan.gravity, 0)
-    _accelerate(plan, aw, scale3(-1.0, g), True, a)
+    return loaded
 
 
 @kernel
