@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.compiling import mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.redundancy import minimum_norm_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.stepping import Integration, Snapshot
 from flexmbd.trajectory import Stats, Trajectory
@@ -146,7 +147,11 @@ def _finish(
         start_residual=start.residual,
         constraint_residual=_largest_residual(start, x),
     )
-    return Trajectory(start.scene, t, x, v, a, multipliers, stats, bodies, team)
+    scene = start.unreduced
+    if start.scene.redundant:
+        work = new_work(scene.plan)
+        multipliers = minimum_norm_multipliers(scene, start.scene, work, x, multipliers)
+    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team)
 
 
 def _largest_residual(start: Start, x: FloatArray) -> float:

@@ -89,10 +89,11 @@ class Trajectory:
     """Time series of a machine; arrays run over the accepted steps, start included.
 
     Attributes:
-        scene: the compiled scene.
+        scene: the compiled scene, with its redundant rows.
         t: (nt,) s.
         x: (nt, nx) configurations.  v, a: (nt, nv) velocities and accelerations.
-        multipliers: (nt, m) reactions of the loop rows (N or N m).
+        multipliers: (nt, m) reactions of the loop rows (N or N m), redundant rows included: the
+            smallest that do what the loops need.
         stats: cost and residuals.
         bodies: name to body.
         team: who writes files.

@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.joints import joint_pose, retract
 from flexmbd.multibody.kernels.layout import Work, without_forces
 from flexmbd.multibody.kernels.recursion import forward, frame_motion
 from flexmbd.multibody.kernels.residual import drive, residual
+from flexmbd.multibody.kernels.series import constraint_matrix
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.rotation import to_quaternion
 
@@ -175,9 +176,10 @@ def constraint_values(
 
 def constraint_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """C (m, nv): rates of the rows per unit of each velocity."""
-    jacobian = np.zeros((len(scene.plan.rows), scene.nv))
-    for k, unit in enumerate(np.eye(scene.nv)):
-        jacobian[:, k] = constraint_values(scene, work, x, unit)[1]
+    m = len(scene.plan.rows)
+    jacobian = np.zeros((m, scene.nv))
+    unit, rest = np.zeros((2, scene.nv))
+    constraint_matrix(scene.plan, work, x, unit, rest, np.zeros((4, m)), jacobian)
     return jacobian
 
 

@@ -125,3 +125,20 @@ def largest_residual(plan, work, x, rest, scratch):
         for i in range(scratch.shape[1]):
             largest = max(largest, abs(scratch[0, i]))
     return largest
+
+
+@kernel
+def constraint_matrix(plan, work, x, unit, rest, scratch, out):
+    """out (m, nv): rates of the rows per unit of each velocity.
+
+    ``unit`` and ``rest`` are (nv,) zeros, ``scratch`` (4, m).
+    """
+    forward(plan, work, x, rest, rest)
+    constraints(plan, work, scratch[0], scratch[3], scratch[2])  # rates of prescribed rows
+    for k in range(unit.shape[0]):
+        unit[k] = 1.0
+        forward(plan, work, x, unit, rest)
+        constraints(plan, work, scratch[0], scratch[1], scratch[2])
+        unit[k] = 0.0
+        for i in range(out.shape[0]):
+            out[i, k] = scratch[1, i] - scratch[3, i]

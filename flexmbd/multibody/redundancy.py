@@ -1,0 +1,47 @@
+"""Redundant loop rows: the smallest multipliers that do what those of the independent rows do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.initial import constraint_jacobian
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.plan import CompiledScene
+
+FloatArray = NDArray[np.float64]
+
+_MOMENTS = (at.ROW_DIRECTION, at.ROW_AXIS, at.ROW_ANGLE)  # rows whose multipliers are moments
+_RANK = 1e-9  # singular values below this share of the largest are round-off
+
+
+def minimum_norm_multipliers(
+    full: CompiledScene, kept: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray
+) -> FloatArray:
+    """Spread the reactions of independent rows over all rows.
+
+    Rigid bodies do not tell how redundant joints share their load.  Of all shares with the same
+    effect on the machine, C^T nu, the smallest is taken, in the norm of forces and of moments over
+    the machine's extent (theory: seed 2 section 8.5, closed loops by singular values).
+
+    Args:
+        full: the scene with all its rows.
+        kept: the scene with the independent ones.
+        work: scratch of ``full``, with ``work.time`` of any instant.
+        x: (nt, nx) configurations.
+        multipliers: (nt, m) those of the independent rows (N or N m).
+
+    Returns:
+        (nt, rows of ``full``) N or N m.
+    """
+    chosen = [full.row_names.index(name) for name in kept.row_names]
+    weight = np.where(np.isin(full.plan.rows[:, at.ROW_KIND], _MOMENTS), 1.0 / full.extent, 1.0)
+    spread = np.zeros((len(x), len(full.row_names)))
+    for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
+        jacobian = constraint_jacobian(full, work, place)[:, full.plan.free]
+        load = jacobian[chosen].T @ reaction
+        # weight * nu is to be smallest, so the unknowns are weight * nu
+        share = np.linalg.lstsq((jacobian / weight[:, None]).T, load, rcond=_RANK)[0]
+        spread[k] = share / weight
+    return spread
