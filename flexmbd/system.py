@@ -26,6 +26,7 @@ from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.plan import CompiledScene, build
+from flexmbd.multibody.plan_forces import refuse_crossed_stops
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
 from flexmbd.simulation import check_times, run
@@ -174,7 +175,9 @@ class System:
             if connection.velocity is not None:
                 v[slots.v] = connection.velocity
                 held_v[slots.v] = True
-        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
+        return start
 
     def explain(self) -> str:
         """Say for a person what is computed, what is skipped, and why.

@@ -204,6 +204,10 @@ class _Builder:
         """Where a joint's coordinates lie; None if it has none in the tree."""
         return self.joint_slots.get(id(connection))
 
+    def find_modes(self, body: Body) -> Slots | None:
+        """Where a body's modal coordinates lie; None if it has none."""
+        return self.modal_slots.get(id(body))
+
     def find_body(self, body: Body) -> int | None:
         """The body's row, -1 for the ground; None if it is not in the scene."""
         return self.row_of.get(id(body))

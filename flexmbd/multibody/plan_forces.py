@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.time_function import TimeFunction, TimeRow, as_row
 
 
@@ -35,6 +37,9 @@ class Numbering(Protocol):
 
     def find_body(self, body: Body) -> int | None:
         """The body's row, -1 for the ground; None if it is not in the scene."""
+
+    def find_modes(self, body: Body) -> Slots | None:
+        """Where a body's modal coordinates lie; None if it has none."""
 
     def add_frame(self, frame: Frame, row: int, turn: np.ndarray) -> int:
         """Append a frame of the body in ``row``, its axes turned by ``turn``; return its row."""
@@ -61,7 +66,7 @@ class ForceTable:
         self.names: list[str] = []
         self._numbering = numbering
         self._ground = ground
-        self._frames: dict[int, int] = {}
+        self._frames: dict[int, tuple[Frame, int]] = {}  # with the frame, so that its id stays its own
         self._origin: int | None = None
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
@@ -74,14 +79,21 @@ class ForceTable:
             )
         return slots.x.start + index, slots.v.start + index
 
+    def modes(self, body: Body) -> int:
+        """Place in v of a flexible body's first mode."""
+        slots = self._numbering.find_modes(body)
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modes in this scene")
+        return slots.v.start
+
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``; a frame that several elements share has one."""
         if id(frame) not in self._frames:
             row = self._numbering.find_body(frame.body)
             if row is None:
                 raise SceneError(f"frame {frame.label} belongs to no body of this scene")
-            self._frames[id(frame)] = self._numbering.add_frame(frame, row, np.eye(3))
-        return self._frames[id(frame)]
+            self._frames[id(frame)] = frame, self._numbering.add_frame(frame, row, np.eye(3))
+        return self._frames[id(frame)][1]
 
     def ground(self) -> int:
         """Row of ``Plan.frames`` of the inertial frame."""
@@ -110,6 +122,19 @@ class ForceTable:
         """Append a row of ``Plan.elements``."""
         self.elements.append([kind, f, g, x, v, time, data, count, address])
         self.names.append(what)
+
+
+def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
+    """Raise SceneError where a start (nx,) lies beyond a stop, by more than the stop's transition."""
+    for name, row in zip(names, plan.elements, strict=True):
+        if row[at.EL_KIND] == at.ON_STOP:
+            lower, upper, _, _, transition = plan.data[row[at.EL_DATA] : row[at.EL_DATA] + 5]
+            beta = x[row[at.EL_X]]
+            if not lower - transition <= beta <= upper + transition:
+                raise SceneError(
+                    f"{name}: the start at {beta:.6g} lies beyond the limits {lower:g} to {upper:g} (m or rad); "
+                    "set the joint's position, or the limits"
+                )
 
 
 def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.time_function import TimeFunction
 
@@ -22,6 +22,9 @@ class Table(Protocol):
         Raises:
             SceneError: the joint has no coordinate in the tree.
         """
+
+    def modes(self, body: Body) -> int:
+        """Place in v of a flexible body's first mode."""
 
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``."""
@@ -100,6 +103,32 @@ class OnCoordinate:
             )
         if not 0 <= self.coordinate < count:
             raise SceneError(f"{self.what}: a {type(joint).__name__} has coordinates 0 to {count - 1}")
+
+
+class BetweenFrames:
+    """What elements between two frames share; a base for frozen dataclasses.
+
+    Attributes:
+        frame_F, frame_G: its ends.
+    """
+
+    frame_F: Frame
+    frame_G: Frame
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on frames."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Its ends."""
+        return self.frame_F, self.frame_G
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"{type(self).__name__} {self.frame_F.label} to {self.frame_G.label}"
 
 
 def check_numbers(

@@ -164,7 +164,7 @@ def push_coordinates(plan, work, x, v, out):
 
 
 @kernel
-def relative_motion(plan, work, f, g):
+def relative_rates(plan, work, f, g):
     """d = p_FG_F, R_FG, and the velocity and angular velocity of G against F, all in F's axes."""
     p_F, R_F, v_F, w_F, _, _ = frame_motion(plan, work, f)
     p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
@@ -226,7 +226,7 @@ def load_elements(plan, work, out):
         if row[at.EL_KIND] < at.BETWEEN_SPRING:
             continue
         f, g = row[at.EL_F], row[at.EL_G]
-        d, R, rate, spin = relative_motion(plan, work, f, g)
+        d, R, rate, spin = relative_rates(plan, work, f, g)
         force, torque = element_wrench(plan, work, row, d, R, rate, spin)
         back = add3(torque, cross3(d, force))
         load_frame(plan, work, f, force, back, out)
@@ -245,10 +245,10 @@ def elements_energy(plan, work, x):
         if row[at.EL_KIND] <= at.ON_FRICTION:
             energy += _coordinate_energy(plan, row, x[row[at.EL_X]])
         elif row[at.EL_KIND] == at.BETWEEN_SPRING:
-            d, _, _, _ = relative_motion(plan, work, row[at.EL_F], row[at.EL_G])
+            d, _, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2
         elif row[at.EL_KIND] == at.BETWEEN_BUSHING:
-            d, R, _, _ = relative_motion(plan, work, row[at.EL_F], row[at.EL_G])
+            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             theta = rotation_vector(R)
             force, torque = six_times(plan.data, o, d, theta)
             energy += 0.5 * (dot3(force, d) + dot3(torque, theta))

@@ -1,0 +1,55 @@
+"""An elastic joint: stiffness and damping between two frames in all six directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.force.protocol import BetweenFrames, Table, vector
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True, eq=False)
+class Bushing(BetweenFrames):
+    """The wrench of the energy u^T K u / 2 and of the dissipation u'^T C u' / 2, u = (d, theta).
+
+    d = p_FG_F (m) and theta the rotation vector of R_FG (rad), both in F's axes; slack where G lies on F.  The wrench
+    is the exact derivative at any size of u, so no energy is lost or made; turns stay below half a revolution, where
+    theta changes its direction.
+
+    Attributes:
+        frame_F, frame_G: its ends.
+        stiffness: (6,) diagonal or (6, 6) symmetric, positive semidefinite: N/m and N m/rad, in F's axes.
+        damping: alike: N s/m and N m s/rad.
+    """
+
+    frame_F: Frame
+    frame_G: Frame
+    stiffness: ArrayLike
+    damping: ArrayLike = (0.0,) * 6
+
+    def check(self) -> None:
+        """Raise SceneError for matrices that store or dissipate a negative energy."""
+        self._matrix("stiffness")
+        self._matrix("damping")
+
+    def lay(self, table: Table) -> None:
+        """One row."""
+        data = table.numbers(np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")]))
+        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
+        table.element(at.BETWEEN_BUSHING, self.what, f=f, g=g, data=data)
+
+    def _matrix(self, name: str) -> NDArray[np.float64]:
+        given = np.asarray(getattr(self, name), dtype=np.float64)
+        matrix = np.diag(given) if given.shape == (6,) else given
+        matrix = vector(matrix, (6, 6), f"{self.what}: {name}")
+        largest = np.abs(matrix).max()
+        if np.abs(matrix - matrix.T).max() > 1e-12 * largest:
+            raise SceneError(f"{self.what}: {name} must be symmetric")
+        if np.linalg.eigvalsh(matrix)[0] < -1e-12 * largest:
+            raise SceneError(f"{self.what}: {name} has a negative eigenvalue; none may be negative")
+        return matrix

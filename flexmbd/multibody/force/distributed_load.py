@@ -1,0 +1,71 @@
+"""A distributed load of a reduced body's record: a pressure or traction over part of its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import FlexibleBody, Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.time_function import TimeFunction
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedLoad:
+    """A named load of the record times a factor: work on the modes, and its resultants on the body frame.
+
+    It keeps to the body's axes, and its resultants are those on the undeformed body (`DistributedLoads`).
+
+    Attributes:
+        body: a body whose record has the load.
+        name: the load's.
+        factor: a number or a function of time (s).
+    """
+
+    body: FlexibleBody
+    name: str
+    factor: TimeFunction = 1.0
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on a body."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The body frame."""
+        return (self.body.frame(),)
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"DistributedLoad {self.name!r} on {self.body.name or 'flexible body'}"
+
+    def check(self) -> None:
+        """Raise SceneError if the record has no such load."""
+        loads = self.body.record.loads
+        names = () if loads is None else loads.names
+        if self.name not in names:
+            there = ", ".join(map(repr, names)) or "none; name loads in the reduction"
+            raise SceneError(f"{self.what}: the record has no such load; it has: {there}")
+
+    def lay(self, table: Table) -> None:
+        """A wrench on the body frame, and forces on the modes."""
+        loads = self.body.record.loads
+        if loads is None:
+            raise SceneError(f"{self.what}: the record has no loads")
+        k = loads.names.index(self.name)
+        time = table.time(self.factor, f"factor of {self.what}")
+        wrench = table.numbers(np.concatenate([loads.force[k], loads.moment[k]]))
+        g = table.frame(self.body.frame())
+        table.element(at.BETWEEN_GIVEN_G, self.what, f=table.ground(), g=g, data=wrench, time=time)
+        modal = loads.modal[k]
+        if modal.size:
+            v = table.modes(self.body)
+            table.element(
+                at.ON_MODES, self.what, v=v, data=table.numbers(modal), count=modal.size, time=time
+            )

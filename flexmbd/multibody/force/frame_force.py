@@ -1,0 +1,78 @@
+"""A given force and torque on a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.time_function import TimeFunction
+
+
+class Axes(Enum):
+    """Whose axes a given force keeps to."""
+
+    WORLD = at.BETWEEN_GIVEN_F
+    FRAME = at.BETWEEN_GIVEN_G
+
+
+@dataclass(frozen=True, eq=False)
+class FrameForce:
+    """A force at a frame's origin and a torque, each component a number or a function of time (s).
+
+    Attributes:
+        frame: where they act.
+        force: (3,) N.
+        torque: (3,) N m.
+        axes: whose axes the components are in: inertial ones, or those of the moving frame.
+    """
+
+    frame: Frame
+    force: Sequence[TimeFunction] = (0.0, 0.0, 0.0)
+    torque: Sequence[TimeFunction] = (0.0, 0.0, 0.0)
+    axes: Axes = Axes.WORLD
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on a frame."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The frame."""
+        return (self.frame,)
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"FrameForce on {self.frame.label}"
+
+    def check(self) -> None:
+        """Raise SceneError unless there are three components of each, numbers finite."""
+        for name in ("force", "torque"):
+            if len(getattr(self, name)) != 3:
+                raise SceneError(f"{self.what}: {name} takes three components, got {getattr(self, name)!r}")
+        if not np.isfinite([c for c in (*self.force, *self.torque) if isinstance(c, (int, float))]).all():
+            raise SceneError(f"{self.what}: a component is not a finite number")
+
+    def lay(self, table: Table) -> None:
+        """One row for all numbers, and one for each function of time."""
+        g, ground = table.frame(self.frame), table.ground()
+        components = [*self.force, *self.torque]
+        fixed = np.array([c if isinstance(c, (int, float)) else 0.0 for c in components])
+        if fixed.any():
+            table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(fixed))
+        for unit, component, name in zip(np.eye(6), components, _NAMES, strict=True):
+            if not isinstance(component, (int, float)):
+                time = table.time(component, f"{name} of {self.what}")
+                table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(unit), time=time)
+
+
+_NAMES = [f"{kind} {axis}" for kind in ("force", "torque") for axis in "xyz"]

@@ -1,0 +1,39 @@
+"""A spring and damper from point to point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.force.protocol import BetweenFrames, Table, check_numbers
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True, eq=False)
+class SpringDamper(BetweenFrames):
+    """A pull stiffness (L - length) + damping dL/dt along the line of length L between two frames' origins.
+
+    Attributes:
+        frame_F, frame_G: its ends.
+        stiffness: N/m.
+        length: m, unstretched.  With 0 the ends may meet; with more, the line has no direction where they do.
+        damping: N s/m.
+    """
+
+    frame_F: Frame
+    frame_G: Frame
+    stiffness: float
+    length: float
+    damping: float = 0.0
+
+    def check(self) -> None:
+        """Raise SceneError for numbers that no spring has."""
+        check_numbers(
+            self.what, least={"stiffness": self.stiffness, "length": self.length, "damping": self.damping}
+        )
+
+    def lay(self, table: Table) -> None:
+        """One row."""
+        data = table.numbers([self.stiffness, self.length, self.damping])
+        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
+        table.element(at.BETWEEN_SPRING, self.what, f=f, g=g, data=data)
