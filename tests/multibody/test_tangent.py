@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_recursion import mixed_scene
 
 import flexmbd as fm
-from flexmbd.multibody.initial import mass_matrix
+from flexmbd.multibody.initial import constraint_jacobian, constraint_values, mass_matrix
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import new_work
@@ -79,6 +79,36 @@ def test_tree_of_every_joint_and_body(seed):
     compiled = scene.compile()
     state = random_state(compiled, seed, spread=(0.5, 0.01, 1.0, 2.0)[seed])
     compare(tree_only(compiled), state)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_reactions_of_loops(seed):
+    """Loops between bodies, to the ground, at deforming frames of one body or two."""
+    scene, *_ = mixed_scene()
+    compiled = scene.compile()
+    assert len(compiled.plan.rows) == 16
+    compare(compiled.plan, random_state(compiled, seed))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jacobian_of_rows(seed):
+    scene, *_ = mixed_scene()
+    compiled = scene.compile()
+    x, v, a, multipliers = random_state(compiled, seed)
+    plan, work, tw = compiled.plan, new_work(compiled.plan), new_tangent_work(compiled.plan, compiled.nv)
+    tangent(plan, work, tw, x, v, a, multipliers, 0.3, 0.7, 1.0, np.zeros((compiled.nv, compiled.nv)))
+    expected = constraint_jacobian(compiled, work, x)
+    np.testing.assert_allclose(tw.jacobian, expected, atol=1e-13 * np.abs(expected).max())
+    slope = np.zeros_like(expected)
+    for j, unit in enumerate(np.eye(compiled.nv)):
+        for k, weight in WEIGHTS:
+            for sign in (1.0, -1.0):
+                place = x.copy()
+                retract(plan, x, sign * k * 1e-2 * unit, place)
+                rate = constraint_values(compiled, work, place, v)[1]
+                slope[:, j] += sign * weight / 1e-2 * rate
+    whole = 0.3 * slope + 0.7 * expected
+    np.testing.assert_allclose(tw.rate_jacobian, whole, atol=1e-11 * np.abs(whole).max())
 
 
 def branched_scene():

@@ -12,6 +12,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.recursion import frame_motion, modal_sum
+from flexmbd.multibody.kernels.rows import column
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -68,7 +69,8 @@ def composite_feel(row, angular, linear):
 
 
 @kernel
-def _store(target, o, k, v):
+def store_column(target, o, k, v):
+    """Rows o to o + 2 of column k of ``target``."""
     target[o, k] = v[0]
     target[o + 1, k] = v[1]
     target[o + 2, k] = v[2]
@@ -121,22 +123,13 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
     rate = add3(rate, add3(cross3(v, phi), cross3(c, turn)))
     alpha = add3(add3(rate2, cross3(a, phi)), add3(scale3(2.0, cross3(v, turn)), cross3(c, turn2)))
     at_o = add3(linear, cross3(c, angular))
-    _store(tw.twist, 0, k, angular)
-    _store(tw.twist, 3, k, at_o)
-    _store(tw.motion, 0, k, turn)
-    _store(tw.motion, 3, k, turn2)
-    _store(tw.motion, 6, k, alpha)
-    _store(tw.motion, 9, k, rate)
+    store_column(tw.twist, 0, k, angular)
+    store_column(tw.twist, 3, k, at_o)
+    store_column(tw.motion, 0, k, turn)
+    store_column(tw.motion, 3, k, turn2)
+    store_column(tw.motion, 6, k, alpha)
+    store_column(tw.motion, 9, k, rate)
     _add_column(tw, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
-
-
-@kernel
-def _axis(R, k):
-    if k == 0:
-        return (R[0], R[3], R[6])
-    if k == 1:
-        return (R[1], R[4], R[7])
-    return (R[2], R[5], R[8])
 
 
 @kernel
@@ -176,15 +169,18 @@ def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     for k in range(size):
         angular, linear = zero, zero
         if kind == at.REVOLUTE:
-            angular = _axis(R_G, 2)
+            angular = column(R_G, 2)
         elif kind == at.PRISMATIC:
-            linear = _axis(R_F, 2)
+            linear = column(R_F, 2)
+        elif kind == at.SCREW:
+            angular = column(R_G, 2)
+            linear = scale3(plan.data[tree[at.JOINT_DATA]], angular)
         elif kind == at.SPHERICAL:
-            angular = _axis(R_G, k)
+            angular = column(R_G, k)
         elif k < 3:
-            linear = _axis(R_F, k)
+            linear = column(R_F, k)
         else:
-            angular = _axis(R_G, k - 3)
+            angular = column(R_G, k - 3)
         _joint_column(tw, i, o + k, weights, F, G, angular, linear)
 
 
@@ -261,18 +257,18 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
             add3(rotate(T2, t), cross3(a_F, phi)),
             add3(scale3(2.0, cross3(v_F, turn)), cross3(c, turn2)),
         )
-        _store(tw.edge_twist, 0, edge + k, angular)
-        _store(tw.edge_twist, 3, edge + k, at_o)
-        _store(tw.edge_motion, 0, edge + k, turn)
-        _store(tw.edge_motion, 3, edge + k, turn2)
-        _store(tw.edge_motion, 6, edge + k, alpha)
-        _store(tw.edge_motion, 9, edge + k, rate)
+        store_column(tw.edge_twist, 0, edge + k, angular)
+        store_column(tw.edge_twist, 3, edge + k, at_o)
+        store_column(tw.edge_motion, 0, edge + k, turn)
+        store_column(tw.edge_motion, 3, edge + k, turn2)
+        store_column(tw.edge_motion, 6, edge + k, alpha)
+        store_column(tw.edge_motion, 9, edge + k, rate)
         change, moment = _add_column(tw, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
         # the lever and the axes of the modes' own share go with the frame
         moment = add3(moment, scale3(per_x, cross3(force, shift)))
-        _store(tw.sums, 0, k, change)
-        _store(tw.sums, 3, k, moment)
-        _store(tw.sums, 6, k, scale3(per_x, rotate_back(Q, s)))
+        store_column(tw.sums, 0, k, change)
+        store_column(tw.sums, 3, k, moment)
+        store_column(tw.sums, 6, k, scale3(per_x, rotate_back(Q, s)))
     _add_frame_block(plan, tw, f, first, n, matrix)
 
 

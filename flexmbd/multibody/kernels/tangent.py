@@ -25,6 +25,8 @@ from flexmbd.multibody.kernels.column_tangent import (
     load_column,
 )
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.law_tangent import add_laws
+from flexmbd.multibody.kernels.pair_tangent import add_closures, add_elements
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.kernels.so3 import load3, load9, rotate
 
@@ -101,9 +103,9 @@ def _joint_block(tw, kind, o, matrix):
     for r in range(size):
         for k in range(size):
             if kind == at.FREE and r < 3:
-                matrix[o + r, o + k] = _twist_product(tw, o + r, o + k)
+                matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
             else:
-                matrix[o + r, o + k] = _feel_product(tw, o + r, tw.motion, o + k)
+                matrix[o + r, o + k] += _feel_product(tw, o + r, tw.motion, o + k)
 
 
 @kernel
@@ -124,8 +126,8 @@ def _meet_joint(tw, o, size, start, stop, matrix):
     """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o."""
     for r in range(start, stop):
         for k in range(o, o + size):
-            matrix[r, k] = _feel_product(tw, r, tw.motion, k)
-            matrix[k, r] = _twist_product(tw, k, r)
+            matrix[r, k] += _feel_product(tw, r, tw.motion, k)
+            matrix[k, r] += _twist_product(tw, k, r)
 
 
 @part_of_kernel
@@ -159,11 +161,15 @@ def _pair_sweep(plan, tw, matrix):
 
 
 @kernel
-def tangent_after_residual(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it."""
     matrix[:, :] = 0.0
     _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+    if plan.elements.shape[0] > 0:
+        add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+        add_laws(plan, work, tw, x, v, per_x, per_v, matrix)
     _pair_sweep(plan, tw, matrix)
 
 
@@ -175,4 +181,4 @@ def tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     ``work.time`` must be up to date; ``tw`` is `new_tangent_work`.  M, C and K alone by unit weights.
     """
     residual(plan, work, x, v, a, multipliers, tw.out)
-    tangent_after_residual(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)

@@ -36,6 +36,13 @@ class TangentWork(NamedTuple):
     edge_of: (frames,) first edge column of a deforming frame, -1 for the others.
     edge_twist, edge_motion: twist and motion of the edge columns.
     sums: (27, n) integrals of rho phi_j r^T, rho phi_j (Phi qd)^T, rho phi_j (Phi qdd)^T of one body.
+    point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
+    path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
+    path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
+    path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
+    jacobian: (rows, nv) rates of the constraint rows per unit velocity.
+    rate_jacobian: (rows, nv) derivative of the rows' rates, per_x by x and per_v by v.
+    move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.
     out: (nv,) residual.
     """
 
@@ -49,6 +56,16 @@ class TangentWork(NamedTuple):
     edge_twist: FloatArray
     edge_motion: FloatArray
     sums: FloatArray
+    point: FloatArray
+    path: IntArray
+    path_mark: IntArray
+    path_twist: FloatArray
+    path_wrench: FloatArray
+    jacobian: FloatArray
+    rate_jacobian: FloatArray
+    move: FloatArray
+    moved_x: FloatArray
+    moved_v: FloatArray
     out: FloatArray
 
 
@@ -61,6 +78,7 @@ def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
             edge_of[f] = edges
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
+    quaternions = int(np.isin(plan.tree[:, at.JOINT], (at.SPHERICAL, at.FREE)).sum())
     zeros = np.zeros
     return TangentWork(
         origin=zeros(6),
@@ -73,5 +91,15 @@ def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
         edge_twist=zeros((6, edges)),
         edge_motion=zeros((12, edges)),
         sums=zeros((27, most)),
+        point=zeros(N_COMPOSITE),
+        path=zeros(nv, np.int64),
+        path_mark=zeros(nv, np.int64),
+        path_twist=zeros((18, nv)),
+        path_wrench=zeros((12, nv)),
+        jacobian=zeros((len(plan.rows), nv)),
+        rate_jacobian=zeros((len(plan.rows), nv)),
+        move=zeros(nv),
+        moved_x=zeros(nv + quaternions),
+        moved_v=zeros(nv),
         out=zeros(nv),
     )
