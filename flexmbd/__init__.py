@@ -14,6 +14,10 @@ from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint
 from flexmbd.multibody.body import FlexibleBody as FlexibleBody
 from flexmbd.multibody.body import RigidBody as RigidBody
+from flexmbd.multibody.enforcement import AugmentedLagrangian as AugmentedLagrangian
+from flexmbd.multibody.enforcement import Multipliers as Multipliers
+from flexmbd.multibody.enforcement import Penalty as Penalty
+from flexmbd.multibody.enforcement import Way as Way
 from flexmbd.multibody.time_function import Motion as Motion
 from flexmbd.multibody.time_function import Sine as Sine
 from flexmbd.multibody.time_function import Table as Table

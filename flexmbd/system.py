@@ -19,9 +19,11 @@ from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.initial import Start, consistent_start
+from flexmbd.multibody.initial import Start, consistent_start, placing_joints
+from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce
 from flexmbd.multibody.kernels.layout import new_work
@@ -36,6 +38,7 @@ from flexmbd.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
+CouplingT = TypeVar("CouplingT", bound=Coupling)
 
 
 @dataclass(eq=False)
@@ -57,6 +60,7 @@ class System:
         self._bodies: list[Body] = []
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
+        self._couplings: list[Coupling] = []
 
     def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
         """Put a body into the scene and return it.
@@ -78,7 +82,14 @@ class System:
         return body
 
     def connect(
-        self, joint: Joint, parent: Frame, child: Frame, *, name: str | None = None
+        self,
+        joint: Joint,
+        parent: Frame,
+        child: Frame,
+        *,
+        name: str | None = None,
+        way: Way | None = None,
+        enforce: Enforcement | None = None,
     ) -> Connection:
         """Join two frames; the joint's coordinates move ``child`` against ``parent``.
 
@@ -87,10 +98,14 @@ class System:
             parent: a frame on a body or on the ground.
             child: a frame on another body.
             name: unique name; by default made of the joint's kind and the bodies.
+            way: fm.Way.COORDINATES or CONSTRAINTS; by default coordinates along the tree, in the
+                order of the joints, and constraints where a joint closes a loop.
+            enforce: what enforces a joint's constraints: fm.Multipliers(), fm.Penalty(...) or
+                fm.AugmentedLagrangian(...); where given, the joint goes by constraints.
 
         Raises:
-            SceneError: both frames lie on one body, a frame is of another scene, or the name is
-                taken.
+            SceneError: both frames lie on one body, a frame is of another scene, the name is
+                taken, or the joint cannot go the way asked for.
         """
         for frame in (parent, child):
             self._refuse_foreign(frame)
@@ -103,7 +118,7 @@ class System:
             )
         if chosen in {c.name for c in self._connections}:
             raise SceneError(f"the name {chosen!r} is taken; give the joint a name of its own")
-        connection = Connection(joint, parent, child, chosen)
+        connection = Connection(joint, parent, child, chosen, way, enforce)
         self._connections.append(connection)
         return connection
 
@@ -128,6 +143,23 @@ class System:
                 f"frame {frame.label} is on a body that is not in this scene; add the body first"
             )
 
+    def couple(self, coupling: CouplingT) -> CouplingT:
+        """Put a coupling of joint coordinates into the scene and return it.
+
+        Args:
+            coupling: fm.joint.Gear(j1, j2, ratio) or fm.joint.RackAndPinion(j1, j2, radius).
+
+        Raises:
+            SceneError: it couples a joint of another scene, or is there already.
+        """
+        for term in coupling.terms:
+            if not any(term.connection is c for c in self._connections):
+                raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
+        if any(coupling.name == other.name for other in self._couplings):
+            raise SceneError(f"{coupling.name}: is in this scene already")
+        self._couplings.append(coupling)
+        return coupling
+
     def compile(self) -> CompiledScene:
         """Decide what will be computed and lay it out flat.
 
@@ -137,7 +169,7 @@ class System:
         """
         topology = span(self.ground, self._bodies, self._connections)
         gravity = np.array(self.gravity, dtype=np.float64)
-        return build(topology, self.ground, self._forces, gravity, self.team)
+        return build(topology, self.ground, self._forces, self._couplings, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
@@ -153,19 +185,14 @@ class System:
         evaluate_inputs(scene, work, t)
         x, v = scene.start.copy(), np.zeros(scene.nv)
         held_x, held_v = np.zeros((2, scene.nv), bool)
-        flying = {id(b.outer.body) for b in scene.topology.branches if b.connection is None}
+        placing = placing_joints(scene).values()
         for connection in self._connections:
             slots = scene.joint_slots.get(id(connection))
             if slots is None:
-                if connection.velocity is not None:
+                given = [k for k in ("position", "velocity") if getattr(connection, k) is not None]
+                if given and not any(connection is c for c in placing):
                     raise SceneError(
-                        f"joint {connection.name!r} closes a loop and has no velocity to set; "
-                        "set those of the joints along the tree"
-                    )
-                ends = {id(connection.parent.body), id(connection.child.body)}
-                if connection.position is not None and not ends & flying:
-                    raise SceneError(
-                        f"joint {connection.name!r} closes a loop and has no coordinate to set; "
+                        f"joint {connection.name!r} closes a loop and has no {given[0]} to set; "
                         "set those of the joints along the tree"
                     )
                 continue

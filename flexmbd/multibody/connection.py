@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame
+from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.time_function import TimeFunction, as_row
 
 FloatArray = NDArray[np.float64]
@@ -24,17 +26,38 @@ class Connection:
         parent: the frame F that the coordinates are measured from.
         child: the frame G that moves against it.
         name: unique in the scene.
+        way: by coordinates or by constraints; None: as the scene's topology has it.
+        enforce: what enforces its constraints; None: multipliers, if the joint needs any.
+
+    Raises:
+        SceneError: the joint cannot go that way.
     """
 
     joint: Joint
     parent: Frame
     child: Frame
     name: str
+    way: Way | None = None
+    enforce: Enforcement | None = None
 
     def __post_init__(self) -> None:
+        if self.way is Way.COORDINATES and not self.joint.steps:
+            raise SceneError(
+                f"joint {self.name!r}: a {type(self.joint).__name__} has no coordinates, only constraints"
+            )
+        if self.way is Way.COORDINATES and self.enforce is not None:
+            raise SceneError(
+                f"joint {self.name!r} goes by coordinates, which leave nothing to enforce; leave out "
+                "`enforce`, or ask for Way.CONSTRAINTS"
+            )
         self._position: FloatArray | None = None
         self._velocity: FloatArray | None = None
         self._motion: TimeFunction | None = None
+
+    @property
+    def may_be_coordinates(self) -> bool:
+        """Whether the tree may carry this joint."""
+        return bool(self.joint.steps) and self.way is not Way.CONSTRAINTS and self.enforce is None
 
     @property
     def position(self) -> FloatArray | None:
@@ -99,4 +122,5 @@ class Connection:
 
 def _quaternions(joint: Joint) -> tuple[int, ...]:
     """Where quaternions begin among the joint's coordinates."""
-    return {4: (0,), 7: (3,)}.get(len(joint.start), ())
+    kinds = {step.kind for step in joint.steps}
+    return (0,) if at.SPHERICAL in kinds else (3,) if at.FREE in kinds else ()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.reduced import ReducedBody
@@ -18,8 +21,11 @@ def explain(start: Start) -> str:
     """Say which joints went to coordinates and which to multipliers, and what is skipped."""
     scene = start.scene
     plan = scene.plan
+    bodies = len(scene.topology.branches)
+    links = len(plan.tree) - bodies
+    massless = f" and {links} massless links" if links else ""
     lines = [
-        f"{len(plan.tree)} bodies, {scene.nv} velocities ({len(plan.free)} free, "
+        f"{bodies} bodies{massless}, {scene.nv} velocities ({len(plan.free)} free, "
         f"{len(plan.driven)} prescribed), {len(plan.rows)} multipliers"
     ]
     lines.append("tree:")
@@ -29,8 +35,8 @@ def explain(start: Start) -> str:
         kind = "rigid" if record is None else _flexible(record)
         if branch.connection is None:
             lines.append(
-                f"  {body.name} ({kind}): flies with 6 coordinates, for no joint reaches it at a "
-                "frame that is rigid in it"
+                f"  {body.name} ({kind}): flies with 6 coordinates, for no joint that goes by "
+                "coordinates reaches it at a frame that is rigid in it"
             )
             continue
         joint = type(branch.connection.joint).__name__
@@ -53,15 +59,23 @@ def _flexible(record: ReducedBody) -> str:
 
 def _closures(start: Start) -> list[str]:
     scene = start.scene
-    if not scene.topology.closures:
+    if not len(start.unreduced.plan.rows):
         return ["loops: none, so no multipliers and no drift"]
     lines = ["loops, closed by multipliers:"]
-    for connection in scene.topology.closures:
-        count = sum(c is connection for c in scene.row_connections)
-        joint = type(connection.joint).__name__
-        lines.append(f"  {connection.name}: {joint}, {count} of {len(connection.joint.rows)} rows")
+    for owner in dict.fromkeys((*scene.topology.closures, *start.unreduced.row_owners)):
+        count = sum(other is owner for other in scene.row_owners)
+        whole = sum(other is owner for other in start.unreduced.row_owners)
+        kind, why = type(owner).__name__, ""
+        if isinstance(owner, Connection):
+            kind = type(owner.joint).__name__
+            if not owner.may_be_coordinates:
+                why = ", by constraints as asked" if owner.joint.steps else ", constraints alone"
+        lines.append(f"  {owner.name}: {kind}, {count} of {whole} rows{why}")
     if scene.redundant:
         lines.append("  redundant, left out: " + "; ".join(scene.redundant))
+    rolling = int(np.sum(scene.plan.rows[:, at.ROW_LEVEL] == at.LEVEL_VELOCITY))
+    if rolling:
+        lines.append(f"  {rolling} of the rows hold velocities alone (nonholonomic)")
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.joint.protocol import ALIGNED
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
-from flexmbd.multibody.kernels.joints import joint_pose, retract
+from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work, without_forces
 from flexmbd.multibody.kernels.recursion import forward, frame_motion
 from flexmbd.multibody.kernels.residual import drive, residual
 from flexmbd.multibody.kernels.series import constraint_matrix
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.pose import joint_state
 from flexmbd.rotation import to_quaternion
 
 FloatArray = NDArray[np.float64]
@@ -75,7 +77,8 @@ def consistent_start(
     """
     x, v = x.copy(), v.copy()
     drive(scene.plan, work, x, v, np.zeros(scene.nv))
-    _place_flying(scene, work, x)
+    _place_flying(scene, work, x, v)
+    scene = _set_couplings(scene, work, x, held_x)
     closed, moved = _close_loops(scene, work, x, held_x)
     _refuse_turned_over(scene, work, closed)
     kept = _independent_rows(scene, work, closed)
@@ -98,63 +101,98 @@ def consistent_start(
     )
 
 
-def _place_flying(scene: CompiledScene, work: Work, x: FloatArray) -> None:
-    """Put each body that only loops hold where the first of its joints wants it."""
-    plan, zero = scene.plan, np.zeros(scene.nv)
-    for row, branch in enumerate(scene.topology.branches):
+def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
+    """The joint that says where each body that only constraints hold starts, by the body's row.
+
+    Of the joints that lead to bodies placed before, it is the first whose position or velocity the
+    user set, else the first that has coordinates, else the first.
+    """
+    found: dict[int, Connection] = {}
+    for branch in scene.topology.branches:
         if branch.connection is not None:
             continue
-        for f, g, connection in _closure_frames(scene):
-            ends = (plan.frame_of[f, at.FRAME_BODY], plan.frame_of[g, at.FRAME_BODY])
+        row = scene.body_row[id(branch.outer.body)]
+        candidates: list[tuple[int, int, Connection]] = []
+        for c in scene.topology.closures:
+            ends = (scene.body_row[id(c.parent.body)], scene.body_row[id(c.child.body)])
             if row in ends and min(ends) < row == max(ends):
-                forward(plan, work, x, zero, zero)
-                o = int(plan.tree[row, at.JOINT_X])
-                x[o : o + 7] = _pose_by_joint(scene, work, connection, f, g, flies=row == ends[1])
-                break
+                unset = c.position is None and c.velocity is None
+                candidates.append((2 * unset + (not c.joint.steps), len(candidates), c))
+        if candidates:
+            found[row] = min(candidates)[2]
+    return found
 
 
-def _closure_frames(scene: CompiledScene) -> list[tuple[int, int, Connection]]:
-    """(row of F, row of G, joint) of each loop closure."""
-    found = dict.fromkeys(
-        (int(row[at.ROW_F]), int(row[at.ROW_G]), connection)
-        for row, connection in zip(scene.plan.rows, scene.row_connections, strict=True)
-    )
-    return list(found)
+def _place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> None:
+    """Put each body that only constraints hold where its placing joint wants it, moving as that says."""
+    plan, zero = scene.plan, np.zeros(scene.nv)
+    for row, connection in placing_joints(scene).items():
+        forward(plan, work, x, v, zero)
+        ox, ov = int(plan.tree[row, at.JOINT_X]), int(plan.tree[row, at.JOINT_V])
+        flies = scene.body_row[id(connection.child.body)] == row
+        x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
 
 
-def _world_pose(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray]:
-    p, R, *_ = frame_motion(scene.plan, work, f)
-    return np.array(p), np.array(R).reshape(3, 3)
+def _set_couplings(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> CompiledScene:
+    """Give the couplings the sums that they have where all other constraints are fulfilled."""
+    kinds = scene.plan.rows[:, at.ROW_KIND]
+    coupling = np.flatnonzero(kinds == at.ROW_COUPLING)
+    if len(coupling) == 0:
+        return scene
+    others = scene.keep_rows([int(k) for k in np.flatnonzero(kinds != at.ROW_COUPLING)])
+    closed, _ = _close_loops(others, work, x, held)
+    data = scene.plan.data.copy()
+    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = 0.0
+    bare = replace(scene, plan=scene.plan._replace(data=data))
+    sums = constraint_values(bare, work, closed, np.zeros(scene.nv))[0]
+    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = sums[coupling]
+    return bare
 
 
-def _pose_by_joint(
-    scene: CompiledScene, work: Work, connection: Connection, f: int, g: int, *, flies: bool
-) -> FloatArray:
-    """Position and quaternion (7,) of the flying body that puts G on F as the joint says.
+def _state_by_joint(
+    scene: CompiledScene, work: Work, connection: Connection, *, flies: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (7,) and velocities (6,) of the flying body that put G against F as the joint says.
 
     ``flies``: the flying body carries G; else it carries F.
     """
     joint = connection.joint
-    coordinates = joint.start if connection.position is None else connection.position
-    p, R = joint_pose(joint.kind, 0.0, np.array([*coordinates, 0.0]), 0)
-    p_FG, R_FG = np.array(p), np.array(R).reshape(3, 3)
-    row = work.frame[g if flies else f]
-    p_B, R_B = row[at.F_P : at.F_P + 3], row[at.F_R : at.F_R + 9].reshape(3, 3)
-    p_held, R_held = _world_pose(scene, work, f if flies else g)
-    R_W = R_held @ (R_FG if flies else R_FG.T)
-    p_W = p_held + (R_held @ p_FG if flies else -R_W @ p_FG)
-    R_WB = R_W @ R_B.T
-    return np.concatenate([p_W - R_WB @ p_B, to_quaternion(R_WB)])
+    position = np.array(joint.start) if connection.position is None else connection.position
+    rest = np.zeros(len(joint.velocity_names))
+    p, R, rate, spin = joint_state(joint, position, rest if connection.velocity is None else connection.velocity)
+    f, g = scene.closure_frames[id(connection)]
+    p_held, R_held, v_held, w_held = _world_motion(scene, work, f if flies else g)
+    R_WF = R_held if flies else R_held @ R.T
+    p, rate, spin = R_WF @ p, R_WF @ rate, R_WF @ spin
+    if flies:
+        R_W, p_W, w = R_held @ R, p_held + p, w_held + spin
+        velocity = v_held + np.cross(w_held, p) + rate
+    else:
+        R_W, p_W, w = R_WF, p_held - p, w_held - spin
+        velocity = v_held - np.cross(w, p) - rate
+    frame = work.frame[g if flies else f]
+    R_WB = R_W @ frame[at.F_R : at.F_R + 9].reshape(3, 3).T
+    arm = R_WB @ frame[at.F_P : at.F_P + 3]
+    x = np.concatenate([p_W - arm, to_quaternion(R_WB)])
+    return x, np.concatenate([velocity - np.cross(w, arm), R_WB.T @ w])
+
+
+def _world_motion(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """p_WF_W, R_WF, velocity and angular velocity of frame row f in world axes."""
+    p, R, v, w, *_ = frame_motion(scene.plan, work, f)
+    matrix = np.array(R).reshape(3, 3)
+    return np.array(p), matrix, matrix @ v, matrix @ w
 
 
 def _refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
     """Raise AssemblyError where a loop closed with its axes opposed instead of aligned."""
     forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
-    for f, g, connection in _closure_frames(scene):
-        kinds = {kind for kind, _, _ in connection.joint.rows}
-        R_FG = _world_pose(scene, work, f)[1].T @ _world_pose(scene, work, g)[1]
-        opposed = (at.ROW_DIRECTION in kinds and R_FG[2, 2] < 0.0) or (
-            at.ROW_AXIS in kinds and np.trace(R_FG) < 1.0
+    for connection in scene.topology.closures:
+        rows = connection.joint.rows
+        f, g = scene.closure_frames[id(connection)]
+        R_FG = _world_motion(scene, work, f)[1].T @ _world_motion(scene, work, g)[1]
+        opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
+            any(row.kind == at.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
         )
         if opposed:
             raise AssemblyError(
@@ -238,12 +276,13 @@ def _gauss_newton(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move some coordinates until the loops close no further: configuration, move, residuals."""
     rest: FloatArray = np.zeros(scene.nv)
+    holds = scene.plan.rows[:, at.ROW_LEVEL] == at.LEVEL_POSITION
     trial, total = x, rest
     phi = constraint_values(scene, work, trial, rest)[0]
     for _ in range(_ITERATIONS):
-        jacobian = constraint_jacobian(scene, work, trial)[:, movable]
+        jacobian = constraint_jacobian(scene, work, trial)[np.ix_(holds, movable)]
         step = np.zeros(scene.nv)
-        step[movable] = -scipy.linalg.lstsq(jacobian, phi, cond=1e-10)[0]
+        step[movable] = -scipy.linalg.lstsq(jacobian, phi[holds], cond=1e-10)[0]
         step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
         moved = np.empty_like(trial)
         retract(scene.plan, trial, step, moved)

@@ -14,6 +14,7 @@ from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
@@ -54,10 +55,12 @@ class CompiledScene:
         topology: tree and closures.
         body_row: body id to row of ``plan.tree``; -1 for the ground.
         joint_slots: connection id to its coordinates; tree joints only.
+        coordinate_rows: connection id to the row of ``plan.tree`` of each of its steps; tree joints only.
+        closure_frames: connection id to rows of F and G in ``plan.frames``; joints held by constraints only.
         modal_slots: body id to its modal coordinates.
         velocity_names: (nv,) name of each velocity.
         row_names: name of each row of ``plan.rows``.
-        row_connections: the closure of each row.
+        row_owners: the joint or coupling of each row.
         start: (nx,) configuration with every joint at its own zero.
         time_rows: functions of time, row by row of ``plan.times``.
         time_names: what each is for.
@@ -72,10 +75,12 @@ class CompiledScene:
     topology: Topology
     body_row: Mapping[int, int]
     joint_slots: Mapping[int, Slots]
+    coordinate_rows: Mapping[int, tuple[int, ...]]
+    closure_frames: Mapping[int, tuple[int, int]]
     modal_slots: Mapping[int, Slots]
     velocity_names: tuple[str, ...]
     row_names: tuple[str, ...]
-    row_connections: tuple[Connection, ...]
+    row_owners: tuple[Connection | Coupling, ...]
     start: FloatArray
     time_rows: tuple[TimeRow, ...]
     time_names: tuple[str, ...]
@@ -116,7 +121,7 @@ class CompiledScene:
             self,
             plan=self.plan._replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
             row_names=tuple(self.row_names[k] for k in chosen),
-            row_connections=tuple(self.row_connections[k] for k in chosen),
+            row_owners=tuple(self.row_owners[k] for k in chosen),
             redundant=tuple(self.row_names[k] for k in left),
         )
 
@@ -132,6 +137,8 @@ class _Builder:
         self.start: list[float] = []
         self.names: list[str] = []
         self.joint_slots: dict[int, Slots] = {}
+        self.coordinate_rows: dict[int, tuple[int, ...]] = {}
+        self.closure_frames: dict[int, tuple[int, int]] = {}
         self.modal_slots: dict[int, Slots] = {}
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
         self.group_of: list[int] = []
@@ -147,28 +154,40 @@ class _Builder:
         self.data_size = 1
 
     def add_branch(self, branch: Branch) -> None:
-        """Append a body with its inboard joint."""
+        """Append a body with its inboard joint; steps but the last lead to massless links."""
         connection, body = branch.connection, branch.outer.body
         joint: Joint = Free() if connection is None else connection.joint
-        row = len(self.tree)
-        self.row_of[id(body)] = row
-        inner_row = self.row_of[id(branch.inner.body)]
-        turn = z_onto(joint.axis) @ (_FLIP if branch.reversed else np.eye(3))
-        frames = [
-            self.add_frame(branch.inner, inner_row, turn),
-            self.add_frame(branch.outer, row, turn),
-        ]
+        flip = _FLIP if branch.reversed else np.eye(3)
         label = f"{body.name} (flying)" if connection is None else connection.name
         slots = self.add_joint(joint, label)
+        order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
+        turns = [z_onto(step.axis) @ flip for step in joint.steps]
+        rows: dict[int, int] = {}
+        inner_row = self.row_of[id(branch.inner.body)]
+        f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])
+        for k, after in zip(order, [*order[1:], None], strict=True):
+            row = rows[k] = len(self.tree)
+            if after is None:
+                g = self.add_frame(branch.outer, row, joint.turn @ turns[k])
+            else:
+                g = self.lay_frame(row, np.zeros(3), turns[k])
+            step = joint.steps[k]
+            pitch = self.add_data(np.array([step.pitch])) if step.kind == at.SCREW else 0
+            ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
+            self.tree.append([*ends, -1, -1, -1, pitch])
+            self.rigid.append([0.0] * at.N_RIGID)
+            inner_row = row
+            if after is not None:
+                f = self.lay_frame(row, np.zeros(3), turns[after])
+        self.row_of[id(body)] = inner_row
         if connection is not None:
             self.joint_slots[id(connection)] = slots
-        record = body.reduced()
-        modes = [-1, -1, -1] if record is None else self.add_modes(record, body)
+            self.coordinate_rows[id(connection)] = tuple(rows[k] for k in sorted(rows))
         first, second = body.moments()
-        self.rigid.append([body.mass, *first, *second[np.triu_indices(3)]])
-        self.tree.append(
-            [inner_row, joint.kind, *frames, slots.x.start, slots.v.start, *modes, 0]
-        )
+        self.rigid[-1] = [body.mass, *first, *second[np.triu_indices(3)]]
+        record = body.reduced()
+        if record is not None:
+            self.tree[-1][at.FLEX : at.MODAL_V + 1] = self.add_modes(record, body)
 
     def add_joint(self, joint: Joint, label: str) -> Slots:
         """Number the joint's coordinates; one error-norm group of lengths, one of angles."""
@@ -228,8 +247,12 @@ class _Builder:
 
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
-        self.frames.append(np.concatenate([frame.p_BF_B, (frame.R_BF @ turn).ravel()]))
         modes = -1 if frame.modes is None else self.add_modal(frame.modes)
+        return self.lay_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
+
+    def lay_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
+        """Append a frame of the body in ``row``; return its row."""
+        self.frames.append(np.concatenate([p, R.ravel()]))
         self.frame_of.append((row, modes))
         return len(self.frames) - 1
 
@@ -274,6 +297,7 @@ def build(
     topology: Topology,
     ground: Body,
     forces: Sequence[Force],
+    couplings: Sequence[Coupling],
     gravity: FloatArray,
     team: Team,
 ) -> CompiledScene:
@@ -286,7 +310,7 @@ def build(
     b = _Builder(ground, _extent(topology), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
-    rows, row_names, row_connections = _closure_rows(b, topology)
+    rows = _constraint_rows(b, topology, couplings)
     driven = _driven(b, topology)
     table = lay_forces(b, ground, forces)
     driven_v = {row[at.DRIVEN_V] for row in driven}
@@ -299,7 +323,7 @@ def build(
         rigid=np.array(b.rigid, float).reshape(-1, at.N_RIGID),
         flex=_int_table(b.flex, at.N_FLEX),
         modal=np.concatenate([*b.modal, np.zeros(1)]),
-        rows=_int_table(rows, at.N_ROW),
+        rows=_int_table(rows.table, at.N_ROW),
         forces=_int_table(table.forces, at.N_FORCE),
         times=times,
         time_data=time_data,
@@ -316,10 +340,12 @@ def build(
         topology=topology,
         body_row=b.row_of,
         joint_slots=b.joint_slots,
+        coordinate_rows=b.coordinate_rows,
+        closure_frames=b.closure_frames,
         modal_slots=b.modal_slots,
         velocity_names=tuple(b.names),
-        row_names=tuple(row_names),
-        row_connections=tuple(row_connections),
+        row_names=tuple(rows.names),
+        row_owners=tuple(rows.owners),
         start=np.array(b.start, float),
         time_rows=tuple(b.times),
         time_names=tuple(b.time_names),
@@ -347,21 +373,42 @@ def _extent(topology: Topology) -> float:
     return max(reach) or 1.0
 
 
-def _closure_rows(
-    b: _Builder, topology: Topology
-) -> tuple[list[list[int]], list[str], list[Connection]]:
-    rows: list[list[int]] = []
-    names: list[str] = []
-    connections: list[Connection] = []
-    for connection in topology.closures:
-        turn = z_onto(connection.joint.axis)
-        f = b.add_frame(connection.parent, b.row_of[id(connection.parent.body)], turn)
-        g = b.add_frame(connection.child, b.row_of[id(connection.child.body)], turn)
-        for kind, index, name in connection.joint.rows:
-            rows.append([f, g, kind, index, 0, at.LEVEL_POSITION, -1])
-            names.append(f"{connection.name}: {name}")
-            connections.append(connection)
-    return rows, names, connections
+@dataclass
+class _Rows:
+    """Growing rows of constraints, their names and whose they are."""
+
+    table: list[list[int]]
+    names: list[str]
+    owners: list[Connection | Coupling]
+
+
+def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupling]) -> _Rows:
+    rows = _Rows([], [], [])
+    for closure in topology.closures:
+        turn = closure.joint.turn
+        f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], turn)
+        g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], turn)
+        b.closure_frames[id(closure)] = (f, g)
+        for row in closure.joint.rows:
+            data = b.add_data(np.array(row.data)) if row.data else 0
+            rows.table.append([f, g, row.kind, row.index, data, row.level, -1])
+            rows.names.append(f"{closure.name}: {row.name}")
+            rows.owners.append(closure)
+    for coupling in couplings:
+        values = [float(len(coupling.terms)), 0.0]  # the sum is set at the start
+        for term in coupling.terms:
+            found = b.coordinate_rows.get(id(term.connection))
+            if found is None:
+                raise SceneError(
+                    f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
+                    "coordinate to couple; ask for Way.COORDINATES, or make it earlier"
+                )
+            values += [float(found[term.index]), term.share]
+        data = b.add_data(np.array(values))
+        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1])
+        rows.names.append(coupling.name)
+        rows.owners.append(coupling)
+    return rows
 
 
 def _driven(b: _Builder, topology: Topology) -> list[list[int]]:

@@ -10,7 +10,7 @@ import numpy as np
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.joint.free import Free
+from flexmbd.multibody.enforcement import Way
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """The tree's branches, parents before children, one a body; and the joints that close loops."""
+    """The tree's branches, parents before children, one a body; and the joints held by constraints."""
 
     branches: tuple[Branch, ...]
     closures: tuple[Connection, ...]
@@ -42,25 +42,33 @@ def span(ground: Body, bodies: Sequence[Body], connections: Sequence[Connection]
     """Grow the tree from the ground along joints in the order they were made.
 
     A joint is carried by coordinates where its outer frame is rigid in its body; a joint whose
-    outer frame deforms closes a loop instead (Ambrosio & Nikravesh 1992, section 5).
+    outer frame deforms closes a loop instead (Ambrosio & Nikravesh 1992, section 5).  Joints asked
+    to go by coordinates have preference, those asked to go by constraints stay out of the tree.
 
     Raises:
-        SceneError: a body that nothing connects.
+        SceneError: a body that nothing connects, or a joint that cannot go by coordinates as asked.
     """
+    order = sorted(connections, key=lambda c: c.way is not Way.COORDINATES)
     _check_connected(ground, bodies, connections)
     reached = {id(ground)}
     branches: list[Branch] = []
     used: set[int] = set()
     while len(branches) < len(bodies):
-        branch = _next_branch(connections, reached, used)
+        branch = _next_branch(order, reached, used)
         if branch is None:
             branch = _fly(ground, bodies, reached)
         branches.append(branch)
         reached.add(id(branch.outer.body))
         if branch.connection is not None:
             used.add(id(branch.connection))
+    for c in connections:
+        if c.way is Way.COORDINATES and id(c) not in used:
+            raise SceneError(
+                f"joint {c.name!r} cannot go by coordinates: other joints that do already carry both "
+                "its bodies, or its frame on the outer body deforms, or it only runs from parent to child"
+            )
     closures = tuple(
-        c for c in connections if id(c) not in used and not isinstance(c.joint, Free)
+        c for c in connections if id(c) not in used and (c.joint.rows or c.way is Way.CONSTRAINTS)
     )
     return Topology(tuple(branches), closures)
 
@@ -91,7 +99,7 @@ def _next_branch(
 ) -> Branch | None:
     """The first unused joint that leads from a reached body to a new one."""
     for c in connections:
-        if id(c) in used:
+        if id(c) in used or not c.may_be_coordinates:
             continue
         inside, outside = id(c.parent.body) in reached, id(c.child.body) in reached
         if inside and not outside and c.child.modes is None:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import z_onto
 
 if TYPE_CHECKING:
     from flexmbd.multibody.connection import Connection
@@ -158,7 +157,7 @@ def _joints(trajectory: Trajectory) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
-    return [c for c in (*along, *topology.closures) if c.joint.kind != at.FREE]
+    return [c for c in (*along, *topology.closures) if not any(s.kind == at.FREE for s in c.joint.steps)]
 
 
 def _frames(trajectory: Trajectory, joints: Sequence[Connection]) -> dict[int, list[Frame]]:
@@ -214,10 +213,12 @@ def _joint_solids(
     if ends[1].body.name not in colours:  # what is on the ground carries the other
         ends.reverse()
     grounded = ends[0].body.name not in colours
-    turn = z_onto(joint.joint.axis)
+    steps = joint.joint.steps
+    turn = joint.joint.turn
     parent, child = (Pose(poses[id(f)].p, poses[id(f)].R @ turn) for f in ends)
-    kind, axis = joint.joint.kind, child.R[:, :, 2]
-    if kind == at.REVOLUTE:
+    kind = steps[0].kind if len(steps) == 1 else None
+    axis = child.R[:, :, 2]
+    if kind == at.REVOLUTE or kind == at.SCREW:
         reach = 2.7 * size + max(_thickness(f, turn[:, 2]) for f in ends)
         yield cylinder(child.p - reach * axis, child.p + reach * axis, 1.1 * size, JOINT)
         if grounded:
@@ -229,7 +230,7 @@ def _joint_solids(
         low, high = travel.min() - 6.0 * size, travel.max() + 6.0 * size
         a, b = (parent.p + s * parent.R[:, :, 2] for s in (low, high))
         yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT)
-    elif kind == at.SPHERICAL:
+    elif kind != at.FIXED:
         yield ball(child.p, 1.5 * size, JOINT)
     elif grounded:
         yield box(child, (2.0 * size,) * 3, GROUND)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import Row
+import numpy as np
+
+from flexmbd.multibody.joint.protocol import TOGETHER, UNTURNED, FloatArray, Row, Step
 from flexmbd.multibody.kernels import layout as at
 
 
@@ -13,17 +15,10 @@ from flexmbd.multibody.kernels import layout as at
 class Fixed:
     """No relative motion; no coordinates."""
 
-    axis: ClassVar[str] = "z"
-    kind: ClassVar[int] = at.FIXED
+    turn: ClassVar[FloatArray] = np.eye(3)
+    steps: ClassVar[tuple[Step, ...]] = (Step(at.FIXED),)
     start: ClassVar[tuple[float, ...]] = ()
     velocity_names: ClassVar[tuple[str, ...]] = ()
     angular: ClassVar[tuple[bool, ...]] = ()
     reversible: ClassVar[bool] = True
-    rows: ClassVar[tuple[Row, ...]] = (
-        (at.ROW_TRANSLATION, 0, "translation x"),
-        (at.ROW_TRANSLATION, 1, "translation y"),
-        (at.ROW_TRANSLATION, 2, "translation z"),
-        (at.ROW_AXIS, 0, "rotation x"),
-        (at.ROW_AXIS, 1, "rotation y"),
-        (at.ROW_AXIS, 2, "rotation z"),
-    )
+    rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, *UNTURNED)

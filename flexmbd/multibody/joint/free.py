@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import Row
+import numpy as np
+
+from flexmbd.multibody.joint.protocol import FloatArray, Row, Step
 from flexmbd.multibody.kernels import layout as at
 
 
@@ -17,8 +19,8 @@ class Free:
     (m/s), then w_FG_G (rad/s).
     """
 
-    axis: ClassVar[str] = "z"
-    kind: ClassVar[int] = at.FREE
+    turn: ClassVar[FloatArray] = np.eye(3)
+    steps: ClassVar[tuple[Step, ...]] = (Step(at.FREE),)
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("vx", "vy", "vz", "wx", "wy", "wz")
     angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import Row
+from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, FloatArray, Row, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.rotation import Axis, z_onto
 
@@ -25,15 +25,14 @@ class Prismatic:
     def __post_init__(self) -> None:
         z_onto(self.axis)  # refuses what is no axis
 
-    kind: ClassVar[int] = at.PRISMATIC
+    @property
+    def turn(self) -> FloatArray:
+        """The axis as z."""
+        return z_onto(self.axis)
+
+    steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC),)
     start: ClassVar[tuple[float, ...]] = (0.0,)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement",)
     angular: ClassVar[tuple[bool, ...]] = (False,)
     reversible: ClassVar[bool] = True
-    rows: ClassVar[tuple[Row, ...]] = (
-        (at.ROW_TRANSLATION, 0, "translation x"),
-        (at.ROW_TRANSLATION, 1, "translation y"),
-        (at.ROW_AXIS, 0, "rotation x"),
-        (at.ROW_AXIS, 1, "rotation y"),
-        (at.ROW_AXIS, 2, "rotation z"),
-    )
+    rows: ClassVar[tuple[Row, ...]] = (*ON_AXIS, *UNTURNED)

@@ -2,12 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.rotation import Axis
 
-#: A scalar loop constraint: kind (layout.ROW_*), index, and its name in messages.
-Row = tuple[int, int, str]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scalar constraint between the joint's frames.
+
+    Attributes:
+        kind: layout.ROW_*.
+        index: which component, as the kind counts them.
+        name: in messages.
+        data: parameters of the kind.
+        level: whether it holds positions, or velocities alone.
+    """
+
+    kind: int
+    index: int
+    name: str
+    data: tuple[float, ...] = ()
+    level: int = at.LEVEL_POSITION
+
+
+@dataclass(frozen=True)
+class Step:
+    """One of the kernels' joints on the way from F to G.
+
+    Attributes:
+        kind: layout.FIXED, REVOLUTE, PRISMATIC, SCREW, SPHERICAL or FREE.
+        axis: along which it turns or slides, in the turned frames of the joint.
+        pitch: advance of a screw (m/rad).
+    """
+
+    kind: int
+    axis: Axis = "z"
+    pitch: float = 0.0
 
 
 class Joint(Protocol):
@@ -17,12 +56,15 @@ class Joint(Protocol):
     """
 
     @property
-    def kind(self) -> int:
-        """Kernel code (layout.FIXED, ...)."""
+    def turn(self) -> FloatArray:
+        """(3, 3) rotation that lays the joint's own axes in both frames; steps and rows mean those."""
 
     @property
-    def axis(self) -> Axis:
-        """The axis in both frames; "z" where the joint has none."""
+    def steps(self) -> tuple[Step, ...]:
+        """The joints that lead from F to G in a tree; several have one coordinate each, in order.
+
+        None: the joint exists as constraints alone.
+        """
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -38,8 +80,37 @@ class Joint(Protocol):
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """The constraints that close a loop with this joint; the axis laid along z."""
+        """The constraints that stand for this joint."""
 
     @property
     def reversible(self) -> bool:
         """Whether the tree may run from child to parent with the same coordinates."""
+
+
+def positive(value: float, what: str) -> None:
+    """Raise SceneError unless ``value`` is a finite positive number; ``what`` names it."""
+    if not (np.isfinite(value) and value > 0.0):
+        raise SceneError(f"{what} must be positive and finite, got {value!r}")
+
+
+#: The origin of G on the axis z of F.
+ON_AXIS = (
+    Row(at.ROW_TRANSLATION, 0, "translation x"),
+    Row(at.ROW_TRANSLATION, 1, "translation y"),
+)
+
+#: z of G along z of F.
+ALIGNED = (
+    Row(at.ROW_DIRECTION, 2, "rotation y"),
+    Row(at.ROW_DIRECTION, 5, "rotation x"),
+)
+
+#: The origin of G on that of F.
+TOGETHER = (*ON_AXIS, Row(at.ROW_TRANSLATION, 2, "translation z"))
+
+#: No rotation of G against F.
+UNTURNED = (
+    Row(at.ROW_AXIS, 0, "rotation x"),
+    Row(at.ROW_AXIS, 1, "rotation y"),
+    Row(at.ROW_AXIS, 2, "rotation z"),
+)

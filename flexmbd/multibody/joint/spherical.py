@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import Row
+import numpy as np
+
+from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
 from flexmbd.multibody.kernels import layout as at
 
 
@@ -16,14 +18,10 @@ class Spherical:
     Coordinates: the quaternion of R_FG (scalar first); velocities: w_FG_G (rad/s).
     """
 
-    axis: ClassVar[str] = "z"
-    kind: ClassVar[int] = at.SPHERICAL
+    turn: ClassVar[FloatArray] = np.eye(3)
+    steps: ClassVar[tuple[Step, ...]] = (Step(at.SPHERICAL),)
     start: ClassVar[tuple[float, ...]] = (1.0, 0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("wx", "wy", "wz")
     angular: ClassVar[tuple[bool, ...]] = (True, True, True)
     reversible: ClassVar[bool] = False
-    rows: ClassVar[tuple[Row, ...]] = (
-        (at.ROW_TRANSLATION, 0, "translation x"),
-        (at.ROW_TRANSLATION, 1, "translation y"),
-        (at.ROW_TRANSLATION, 2, "translation z"),
-    )
+    rows: ClassVar[tuple[Row, ...]] = TOGETHER

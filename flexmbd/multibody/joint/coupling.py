@@ -1,0 +1,55 @@
+"""Couplings of joint coordinates: linear relations that hold from the start on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from flexmbd.errors import SceneError
+
+if TYPE_CHECKING:
+    from flexmbd.multibody.connection import Connection
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """``share`` times a coordinate of a joint.
+
+    Attributes:
+        connection: the joint.
+        index: which of its coordinates.
+        share: the factor.
+    """
+
+    connection: Connection
+    index: int
+    share: float
+
+
+class Coupling(Protocol):
+    """The sum of ``terms`` keeps the value that it has at the start."""
+
+    @property
+    def name(self) -> str:
+        """In messages."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What is summed."""
+
+
+def single_coordinate(connection: Connection, *, angular: bool, what: str) -> int:
+    """Index of the only angle, or the only displacement, among a joint's coordinates.
+
+    Raises:
+        SceneError: the joint has none, or several; ``what`` names who asks.
+    """
+    joint = connection.joint
+    found = [k for k, turns in enumerate(joint.angular) if turns == angular]
+    if len(found) != 1 or len(joint.angular) != len(joint.steps):  # balls and free joints: one step of several
+        kind = "rotation" if angular else "translation"
+        raise SceneError(
+            f"{what}: joint {connection.name!r} is a {type(joint).__name__}; a joint with exactly one "
+            f"{kind} among its coordinates is needed"
+        )
+    return found[0]

@@ -1,0 +1,39 @@
+"""A constant distance between two points: a constraint alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from flexmbd.multibody.joint.protocol import FloatArray, Row, Step, positive
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The origins of F and G stay apart by ``length``, as if by a massless rod with two balls.
+
+    The multiplier is the rod's tension, negative (N), where the constraint is held exactly.
+
+    Attributes:
+        length: m, positive.
+    """
+
+    length: float
+
+    def __post_init__(self) -> None:
+        positive(self.length, "the length of a Distance")
+
+    turn: ClassVar[FloatArray] = np.eye(3)
+    steps: ClassVar[tuple[Step, ...]] = ()
+    start: ClassVar[tuple[float, ...]] = ()
+    velocity_names: ClassVar[tuple[str, ...]] = ()
+    angular: ClassVar[tuple[bool, ...]] = ()
+    reversible: ClassVar[bool] = False
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """(|p_FG|^2 / length - length) / 2 = 0, which has no singular point."""
+        return (Row(at.ROW_DISTANCE, 0, "distance", (self.length,)),)

@@ -1,0 +1,40 @@
+"""A planar joint: the child slides on a plane and turns about its normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexmbd.multibody.joint.protocol import ALIGNED, FloatArray, Row, Step
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.rotation import Axis, z_onto
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Two translations across ``axis``, the plane's normal, and one rotation about it.
+
+    Coordinates: the displacements (m) of G from F along the first and second column of ``turn``
+    (along x and y for the axis z, y and z for x, z and x for y), and the angle (rad) about the
+    normal.
+
+    Attributes:
+        axis: "x", "y", "z" or a vector (3,), in both frames.
+    """
+
+    axis: Axis = "z"
+
+    def __post_init__(self) -> None:
+        z_onto(self.axis)  # refuses what is no axis
+
+    @property
+    def turn(self) -> FloatArray:
+        """The axis as z."""
+        return z_onto(self.axis)
+
+    steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC, "x"), Step(at.PRISMATIC, "y"), Step(at.REVOLUTE))
+    start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)
+    velocity_names: ClassVar[tuple[str, ...]] = ("displacement 1", "displacement 2", "angle")
+    angular: ClassVar[tuple[bool, ...]] = (False, False, True)
+    reversible: ClassVar[bool] = True
+    rows: ClassVar[tuple[Row, ...]] = (Row(at.ROW_TRANSLATION, 2, "translation z"), *ALIGNED)

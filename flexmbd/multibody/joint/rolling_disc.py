@@ -1,0 +1,46 @@
+"""A disc that rolls on a plane without slip: constraints alone, two of them on velocities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from flexmbd.multibody.joint.protocol import FloatArray, Row, Step, positive
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True)
+class RollingDisc:
+    """The rim of a thin disc touches the plane z = 0 of F and its touching point does not slip.
+
+    The disc's centre is the origin of G and its axis z of G; it stands on the side of positive z
+    and must not lie flat.  Touching is a constraint on positions; that nothing slips along x and y
+    of F holds velocities alone and cannot be integrated.
+
+    Attributes:
+        radius: m, positive.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        positive(self.radius, "the radius of a RollingDisc")
+
+    turn: ClassVar[FloatArray] = np.eye(3)
+    steps: ClassVar[tuple[Step, ...]] = ()
+    start: ClassVar[tuple[float, ...]] = ()
+    velocity_names: ClassVar[tuple[str, ...]] = ()
+    angular: ClassVar[tuple[bool, ...]] = ()
+    reversible: ClassVar[bool] = False
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Touching, and no slip along x and y."""
+        data = (self.radius,)
+        return (
+            Row(at.ROW_TOUCH, 0, "touching", data),
+            Row(at.ROW_ROLL, 0, "no slip along x", data, at.LEVEL_VELOCITY),
+            Row(at.ROW_ROLL, 1, "no slip along y", data, at.LEVEL_VELOCITY),
+        )

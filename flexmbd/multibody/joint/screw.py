@@ -1,0 +1,54 @@
+"""A screw joint: the child turns about one axis and advances along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, FloatArray, Row, Step
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.rotation import Axis, z_onto
+
+
+@dataclass(frozen=True)
+class Screw:
+    """One rotation about ``axis`` that advances along it.
+
+    Coordinate: the angle (rad) from F to G about the axis, right-handed, over any number of
+    turns; the displacement along the axis is ``pitch`` times it.
+
+    Attributes:
+        pitch: advance (m/rad), negative for a left-handed screw; not 0.
+        axis: "x", "y", "z" or a vector (3,), in both frames.
+    """
+
+    pitch: float
+    axis: Axis = "z"
+
+    def __post_init__(self) -> None:
+        z_onto(self.axis)  # refuses what is no axis
+        if not np.isfinite(self.pitch) or self.pitch == 0.0:
+            raise SceneError(f"the pitch of a screw must be finite and not 0 (that is a Revolute), got {self.pitch!r}")
+
+    start: ClassVar[tuple[float, ...]] = (0.0,)
+    velocity_names: ClassVar[tuple[str, ...]] = ("angle",)
+    angular: ClassVar[tuple[bool, ...]] = (True,)
+    reversible: ClassVar[bool] = True
+
+    @property
+    def turn(self) -> FloatArray:
+        """The axis as z."""
+        return z_onto(self.axis)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """One screw."""
+        return (Step(at.SCREW, pitch=self.pitch),)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Those of a cylindrical joint, and the advance."""
+        return (*ON_AXIS, *ALIGNED, Row(at.ROW_SCREW, 0, "advance", (self.pitch,)))
