@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
 from flexmbd.multibody.plan import CompiledScene, Slots, add_probe
+from flexmbd.multibody.reaction import reactions
 from flexmbd.multibody.team import Team
 from flexmbd.reduced import ReducedBody
 
@@ -163,6 +164,18 @@ class Trajectory:
         out = np.zeros_like(self.v)
         force_series(plan, new_work(plan), self.x, self.v, self.a, self.multipliers, out)
         return _single(out[:, slots.v])
+
+    def reaction(self, connection: Connection) -> FloatArray:
+        """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
+
+        The moment is about the origin of the child's frame; both are in that frame's axes.  All that
+        the joint passes on counts: what it holds, and along its free axes the forces of motors,
+        springs and friction on its coordinates and of its prescribed motion.
+
+        Raises:
+            SceneError: the joint is of another scene.
+        """
+        return reactions(self.scene, connection, self.t, self.x, self.v, self.a, self.multipliers)
 
     def configuration(self, t: ArrayLike) -> FloatArray:
         """(k, nx) configurations at times ``t`` (s), by cubic Hermite interpolation.

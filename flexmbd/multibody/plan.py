@@ -16,7 +16,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.native import lapack_addresses
@@ -126,6 +126,11 @@ class CompiledScene:
         )
 
 
+def step_turn(step: Step, reverse: bool) -> FloatArray:
+    """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
+    return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
+
+
 class _Builder:
     """Growing lists of the plan's arrays."""
 
@@ -157,11 +162,10 @@ class _Builder:
         """Append a body with its inboard joint; steps but the last lead to massless links."""
         connection, body = branch.connection, branch.outer.body
         joint: Joint = Free() if connection is None else connection.joint
-        flip = _FLIP if branch.reversed else np.eye(3)
         label = f"{body.name} (flying)" if connection is None else connection.name
         slots = self.add_joint(joint, label)
         order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
-        turns = [z_onto(step.axis) @ flip for step in joint.steps]
+        turns = [step_turn(step, branch.reversed) for step in joint.steps]
         rows: dict[int, int] = {}
         inner_row = self.row_of[id(branch.inner.body)]
         f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])

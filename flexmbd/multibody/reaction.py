@@ -1,0 +1,54 @@
+"""Reactions of joints over a trajectory, for joints carried by coordinates and by constraints alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.reactions import row_reactions, tree_reactions
+from flexmbd.multibody.plan import CompiledScene, step_turn
+
+FloatArray = NDArray[np.float64]
+
+
+def reactions(
+    scene: CompiledScene,
+    connection: Connection,
+    t: FloatArray,
+    x: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    multipliers: FloatArray,
+) -> FloatArray:
+    """(nt, 6) force (N) and moment (N m) that the parent exerts on the child through a joint.
+
+    The moment is about the origin of the child's frame, both in that frame's axes.
+
+    Raises:
+        SceneError: the joint is not of this scene.
+    """
+    out: FloatArray = np.zeros((len(t), 6))
+    series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
+    work = new_work(scene.plan)
+    rows = scene.coordinate_rows.get(id(connection))
+    turn = connection.joint.turn
+    if rows is not None:
+        branch = next(b for b in scene.topology.branches if b.connection is connection)
+        outer = scene.body_row[id(branch.outer.body)]
+        # the last step ends on the child's frame, or begins there where the branch is reversed
+        step = len(rows) - 1
+        tree = scene.plan.tree[rows[step]]
+        f = int(tree[at.FRAME_PARENT if branch.reversed else at.FRAME_CHILD])
+        tree_reactions(scene.plan, work, outer, f, *series)
+        turn = turn @ step_turn(connection.joint.steps[step], branch.reversed)
+        out *= -1.0 if branch.reversed else 1.0
+    elif id(connection) in scene.closure_frames:
+        f, g = scene.closure_frames[id(connection)]
+        row_reactions(scene.plan, work, f, g, *series)
+    else:
+        raise SceneError(f"joint {connection.name!r} has no reaction in this trajectory; it is of another scene")
+    return np.hstack([out[:, :3] @ turn.T, out[:, 3:] @ turn.T])
