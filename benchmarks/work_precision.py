@@ -1,0 +1,256 @@
+"""Error against wall time of our integrators and exudyn's, scene by scene.
+
+    ./run python benchmarks/work_precision.py --quick     # three scenes, about a minute: does it work?
+    ./run python benchmarks/work_precision.py             # all scenes; on a core that does nothing else
+    ./run python benchmarks/work_precision.py --scene pendulum     # those with the word in their names
+    ./run python benchmarks/work_precision.py --meshes FOLDER      # the beam from given meshes, *_5k_*.npz
+    ./run python benchmarks/work_precision.py --redraw    # table and picture of the last results
+    ./run pip install -e .[benchmark]                     # exudyn, without which its rows are left out
+
+The error is the distance of one point at the end from where a converged solution puts it, over the scene's size.
+Ours is measured against a known solution or our own converged one, exudyn's against its own converged one, for its
+reduced bodies obey slightly other equations; that the two agree to what that allows is checked. The time is that of
+the stepping alone, the least of some runs in this one process on one core; compiling, or loading what is compiled,
+comes before it and is printed. Ours run on a ladder of rtol, exudyn's on a ladder of steps, or of rtol where a solver
+has error control; every solver it has for a scene is tried, in the formulation that is fastest there.
+
+Writes out_work_precision/results.json, work_precision.csv, a table, and docs/pictures/work_precision.png (not with
+--quick or --scene).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scenes
+import work_precision_picture as picture
+from scenes import METHODS, Method, Scene
+
+import flexmbd as fm
+
+HERE = Path(__file__).resolve().parent
+PEER = importlib.util.find_spec("exudyn") is not None
+TARGET = 1e-6  # the relative error at which times are compared
+ENOUGH = 1e-9  # where a ladder ends
+
+Row = dict[str, Any]
+
+
+def main() -> int:
+    arguments = _arguments()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    file = arguments.output / "results.json"
+    faults: list[str] = []
+    if not arguments.redraw:
+        rows: list[Row] = []
+        for scene in _scenes(arguments):
+            rows += _measure(scene, faults, patience=1.0 if arguments.quick else 30.0)
+            file.write_text(json.dumps(rows, indent=1))
+    rows = json.loads(file.read_text())
+    _write_csv(rows, arguments.output / "work_precision.csv")
+    print("\n" + _table(rows) + "\n")
+    print("\n".join(_claims(rows)))
+    part = arguments.quick or arguments.scene
+    target = arguments.output if part else HERE.parent / "docs" / "pictures"
+    picture.draw(rows, target / "work_precision.png")
+    print("\n".join(faults) or "all converged solutions agree")
+    return 1 if faults else 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="few scenes, short ladders")
+    parser.add_argument("--scene", help="only scenes with this in their names")
+    parser.add_argument("--meshes", type=Path, metavar="FOLDER", help="of the beam's meshes")
+    parser.add_argument("--output", type=Path, default=Path("out_work_precision"), metavar="FOLDER")
+    parser.add_argument("--redraw", action="store_true", help="nothing measured")
+    return parser.parse_args()
+
+
+def _scenes(arguments: argparse.Namespace) -> list[Scene]:
+    quick = arguments.quick
+    found = scenes.rigid_scenes(quick=quick)
+    found += scenes.flexible_scenes(quick=quick, folder=arguments.output, meshes=arguments.meshes)
+    return [scene for scene in found if not arguments.scene or arguments.scene in scene.name]
+
+
+def _measure(scene: Scene, faults: list[str], *, patience: float) -> list[Row]:
+    """All rows of a scene, printed as they come."""
+    reference, doubt = _converged(scene, patience=patience)
+    print(f"\n{scene.name}: our solution {reference}, certain to {doubt:.1e} of {scene.size} m", flush=True)
+    rows = [row for method in METHODS for row in _ours(scene, method, reference, patience=patience)]
+    if PEER:
+        rows += _peers(scene, reference, faults, patience=patience)
+    # an error that its reference is not certain enough to tell is none
+    for row in rows:
+        row["error"] = max(row["error"], doubt if row["code"] == "flexmbd" else row["doubt"])
+    return rows
+
+
+def _converged(scene: Scene, *, patience: float) -> tuple[np.ndarray, float]:
+    """Where the point ends, and how certain that is: a known solution, or two tolerances of the tightest method."""
+    if scene.exact is not None:
+        return np.array(scene.exact), 1e-11
+    best = next((method for method in METHODS if method.tight), METHODS[0])
+    ends: list[np.ndarray] = []
+    for rtol in 10.0 ** -np.arange(4.0, 12.0):
+        run = _run(scene, best, rtol)
+        if run is None:
+            break
+        ends.append(run[1])
+        if run[0] > 2.0 * patience:
+            break
+    return ends[-1], scenes.error(scene, ends[-2], ends[-1])
+
+
+def _run(scene: Scene, method: Method, rtol: float) -> tuple[float, np.ndarray, fm.Trajectory] | None:
+    """Seconds of the stepping, where the point ends, and the run; None where it failed."""
+    machine, point = scene.build()
+    try:
+        run = machine.simulate(scene.t_end, rtol=rtol, integrator=method.make())
+    except fm.FlexmbdError as reason:
+        print(f"{scene.name}, {method.label}, rtol {rtol:.0e}: {reason}", flush=True)
+        return None
+    return run.stats.seconds, run.position(point)[-1], run
+
+
+def _ours(scene: Scene, method: Method, reference: np.ndarray, *, patience: float) -> Iterator[Row]:
+    warm = _run(scene, method, 1e-2)
+    if warm is None:
+        return
+    print(f"{scene.name}, {method.label}: {warm[2].stats.compile_seconds:.2f} s to compile or load", flush=True)
+    for rtol in 10.0 ** -np.arange(3.0, 12.5, 0.5):
+        runs = [_run(scene, method, rtol)]
+        if runs[0] is None:
+            continue
+        if runs[0][0] < 0.5:
+            runs += [_run(scene, method, rtol) for _ in range(3)]
+        done = [run for run in runs if run is not None]
+        seconds, found, run = min(done, key=lambda one: one[0])
+        steps = run.stats.steps + run.stats.rejected
+        yield _row(scene, "flexmbd", method.label, seconds, scenes.error(scene, found, reference), rtol, steps)
+        if seconds > patience or scenes.error(scene, found, reference) < ENOUGH:
+            return
+
+
+def _peers(scene: Scene, ours: np.ndarray, faults: list[str], *, patience: float) -> list[Row]:
+    import scenes_exudyn as peer
+
+    raw = []
+    # without a known solution the finest are wanted to extrapolate from
+    goal = ours if scene.exact is not None else np.full(3, np.inf)
+    for solver in peer.SOLVERS[scene.kind]:
+        ladder = 10.0 ** -np.arange(3.0, 12.0) if solver.by_tolerance else scene.t_end / 100.0 * 0.5 ** np.arange(16)
+        for size in ladder:
+            step = {"h": scene.t_end / 20.0, "rtol": size} if solver.by_tolerance else {"h": size}
+            tries = [peer.solve(peer.build(scene), solver, scene.t_end, **step)]
+            if tries[0][0] < 0.5:
+                tries += [peer.solve(peer.build(scene), solver, scene.t_end, **step) for _ in range(2)]
+            seconds, found = min(tries, key=lambda one: one[0])
+            if found is not None:
+                raw.append((solver, size, seconds, found))
+            if seconds > patience or (found is not None and scenes.error(scene, found, goal) < ENOUGH):
+                break
+    if scene.exact is not None:
+        reference, doubt = ours, 1e-11
+    else:
+        reference, doubt = _extrapolated(scene, [one for one in raw if one[0] is peer.ALPHA])
+    apart = float(np.linalg.norm(reference - ours))
+    print(f"{scene.name}: exudyn's solution {reference}, certain to {doubt:.1e}, {apart:.1e} m from ours", flush=True)
+    nearest = min((float(np.linalg.norm(found - ours)) for *_, found in raw), default=np.inf)
+    if not min(apart if scene.exact is None else nearest, nearest) <= scene.agreement:
+        faults.append(f"{scene.name}: exudyn comes to {nearest:.1e} m of ours, not {scene.agreement:.0e}")
+    rows = []
+    for solver, size, seconds, found in raw:
+        row = _row(scene, "exudyn", solver.label, seconds, scenes.error(scene, found, reference), size, 0)
+        row["doubt"] = doubt
+        rows.append(row)
+    return rows
+
+
+def _extrapolated(scene: Scene, series: Sequence[tuple[Any, float, float, np.ndarray]]) -> tuple[np.ndarray, float]:
+    """From the three smallest steps of a method of order 2, and by how much the last pair disagrees with that."""
+    rough, middle, fine = (found for *_, found in series[-3:])
+    last = fine + (fine - middle) / 3.0
+    before = middle + (middle - rough) / 3.0
+    return last, scenes.error(scene, before, last)
+
+
+def _row(scene: Scene, code: str, label: str, seconds: float, error: float, setting: float, steps: int) -> Row:
+    row = {"scene": scene.name, "code": code, "method": label, "seconds": seconds, "error": error}
+    row |= {"setting": float(setting), "steps": steps, "doubt": 0.0}
+    print(_line(row), flush=True)
+    return row
+
+
+HEAD = "| scene | code | method | rtol or h | error | s | steps |\n|---|---|---|---|---|---|---|"
+
+
+def _line(row: Row) -> str:
+    values = f"{row['setting']:.1e} | {row['error']:.1e} | {row['seconds']:.2e} | {row['steps'] or ''}"
+    return f"| {row['scene']} | {row['code']} | {row['method']} | {values} |"
+
+
+def _table(rows: Sequence[Row]) -> str:
+    return "\n".join([HEAD, *map(_line, rows)])
+
+
+def _write_csv(rows: Sequence[Row], path: Path) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _claims(rows: Sequence[Row]) -> Iterator[str]:
+    """Ours over exudyn's time to the target, each by its best method."""
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        best = {}
+        for code in ("flexmbd", "exudyn"):
+            mine = [row for row in rows if (row["scene"], row["code"]) == (scene, code)]
+            times = {label: time_to(TARGET, _of(mine, label)) for label in dict.fromkeys(r["method"] for r in mine)}
+            reached = {label: t for label, t in times.items() if t is not None}
+            if reached:
+                label = min(reached, key=lambda one: reached[one])
+                best[code] = (reached[label], label)
+        said = "; ".join(f"{code} {seconds:.2e} s by {label}" for code, (seconds, label) in best.items())
+        if len(best) == 2:
+            yield f"{scene}: to {TARGET:.0e}: {said}: {best['exudyn'][0] / best['flexmbd'][0]:.1f} times"
+        else:
+            yield f"{scene}: to {TARGET:.0e}: {said or 'none gets there'}"
+
+
+def _of(rows: Sequence[Row], label: str) -> list[tuple[float, float]]:
+    return [(row["error"], row["seconds"]) for row in rows if row["method"] == label]
+
+
+def time_to(target: float, points: Sequence[tuple[float, float]]) -> float | None:
+    """Seconds to an error: least time of a point that is as good, or between it and a worse one by logarithms.
+
+    A point that happens to be good on the way, where the curve is not monotone yet, does not count: all later ones
+    must be good too. Where no point is good enough, the last two carry on by their slope, up to a decade.
+    """
+    ladder = sorted(points, key=lambda point: point[1])
+    good = [all(error <= target for error, _ in ladder[k:]) for k in range(len(ladder))]
+    if len(ladder) < 2:
+        return ladder[0][1] if any(good) else None
+    k = good.index(True) if any(good) else len(ladder) - 1
+    if k == 0:
+        return ladder[0][1]
+    (worse, quick), (better, slow) = ladder[k - 1], ladder[k]
+    if not any(good) and (better > 10.0 * target or not better < worse):
+        return None
+    share = (np.log(target) - np.log(worse)) / (np.log(better) - np.log(worse))
+    return float(np.exp(np.log(quick) + share * (np.log(slow) - np.log(quick))))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
