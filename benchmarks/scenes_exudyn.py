@@ -131,7 +131,8 @@ def _heavy_top(system: Any, scene: scenes.Scene) -> Any:
     body = created["bodyNumber"]
     weight = system.AddMarker(item.MarkerBodyPosition(bodyNumber=body, localPosition=[0.0, 1.0, 0.0]))
     system.AddLoad(item.Force(markerNumber=weight, loadVector=[0.0, 0.0, -15.0 * scenes.G]))
-    ground = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=system.AddNode(item.NodePointGround()), coordinate=0))
+    fixed = system.AddNode(item.NodePointGround())
+    ground = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=fixed, coordinate=0))
     for k in range(3):
         held = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=created["nodeNumber"], coordinate=k))
         system.AddObject(item.CoordinateConstraint(markerNumbers=[ground, held]))

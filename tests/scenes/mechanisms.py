@@ -167,6 +167,82 @@ def slider_crank(crank: float, length: float, *, speed: float) -> Mechanism:
     return Mechanism(scene, slider.frame(), (0,), {}, first)
 
 
+# -- a stiff tree ------------------------------------------------------------------------------------------------------
+
+
+#: Slide (m), tilt (rad) and speed of the shaft (rad/s) of `Governor()` after 10 s, by its `solution`.
+GOVERNOR_LATE = (0.8259620542948524, 0.5989547150184075, 4.944056049822106)
+
+
+@dataclass(frozen=True)
+class Governor:
+    """A flyball governor: rods of 1 m on the shaft's top, balls at their ends, springs from their middles to a slider.
+
+    Attributes:
+        stiffness, damping: N/m and N s/m of each of the two springs, 0.5 m long unstretched and at the start.
+    """
+
+    stiffness: float = 8e5
+    damping: float = 4e4
+    ball: float = 5.0
+    slider: float = 3.0
+    rod: float = 0.3
+    axial: float = 5e-6  # a rod's and the shaft's inertia about their own axes, kg m^2
+    tilt: float = np.pi / 6.0
+    spin: float = 2.0 * np.pi
+
+    def mechanism(self) -> Mechanism:
+        """The machine at its start; the point is the slider, the joint the slide."""
+        scene = fm.System(gravity=(0.0, 0.0, -G))
+        top = scene.ground.frame(p=(0.0, 0.0, 1.0))
+        shaft = scene.add(fm.RigidBody(0.3, (0.1, 0.1, self.axial), (0.0, 0.0, -0.5)), name="shaft")
+        turning = scene.connect(fm.joint.Revolute("z"), top, shaft.frame())
+        turning.velocity = self.spin
+        # the cube's side is 0.1 m
+        cube = self.slider * 0.1**2 / 6.0
+        slider = scene.add(fm.RigidBody(self.slider, (cube, cube, cube)), name="slider")
+        slide = scene.connect(fm.joint.Prismatic((0, 0, -1)), shaft.frame(), slider.frame())
+        slide.position = np.cos(self.tilt)
+        mass = self.rod + self.ball
+        com = (0.5 * self.rod + self.ball) / mass
+        across = self.rod / 12.0 + self.rod * (com - 0.5) ** 2 + self.ball * (1.0 - com) ** 2
+        for side in (1.0, -1.0):
+            arm = scene.add(fm.RigidBody(mass, (across, across, self.axial), (0.0, 0.0, -com)), name=f"arm {side:+.0f}")
+            hinge = scene.connect(fm.joint.Revolute((0, -side, 0)), shaft.frame(), arm.frame())
+            hinge.position = self.tilt
+            middle = arm.frame(p=(0.0, 0.0, -0.5))
+            scene.add_force(fm.force.SpringDamper(middle, slider.frame(), self.stiffness, 0.5, self.damping))
+        return Mechanism(scene, slider.frame(), (0, 1, 2), {}, slide)
+
+    def solution(self, t_end: float) -> tuple[float, float, float]:
+        """Slide (m), tilt (rad) and speed of the shaft (rad/s) at the end, by Lagrange's equations."""
+        from scipy.integrate import solve_ivp
+
+        swing = self.rod / 3.0 + self.ball
+        weight = 2.0 * (0.5 * self.rod + self.ball) * G
+        fixed = self.axial + self.slider * 0.1**2 / 6.0
+
+        def about_shaft(a: float) -> float:
+            return fixed + 2.0 * (swing * np.sin(a) ** 2 + self.axial * np.cos(a) ** 2)
+
+        momentum = about_shaft(self.tilt) * self.spin
+
+        def equation(_: float, y: np.ndarray) -> tuple[float, ...]:
+            s, a, ds, da = y
+            line = np.array([0.5 * np.sin(a), s - 0.5 * np.cos(a)])
+            length = np.hypot(*line)
+            by_s, by_a = line[1] / length, (line[0] * 0.5 * np.cos(a) + line[1] * 0.5 * np.sin(a)) / length
+            pull = 2.0 * (self.stiffness * (length - 0.5) + self.damping * (by_s * ds + by_a * da))
+            turn = momentum / about_shaft(a)
+            centrifugal = turn**2 * (swing - self.axial) * 2.0 * np.sin(a) * np.cos(a)
+            force = centrifugal - weight * np.sin(a) - pull * by_a
+            return ds, da, G - pull * by_s / self.slider, force / (2.0 * swing)
+
+        start = (np.cos(self.tilt), self.tilt, 0.0, 0.0)
+        found = solve_ivp(equation, (0.0, t_end), start, method="Radau", rtol=1e-11, atol=1e-13).y[:, -1]
+        return float(found[0]), float(found[1]), float(momentum / about_shaft(found[1]))
+
+
 # -- tops --------------------------------------------------------------------------------------------------------------
 
 HEAVY_TOP = {
