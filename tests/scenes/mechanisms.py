@@ -17,7 +17,7 @@ G = 9.81
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A scene, and what to look at in it.
+    """A scene, and what to look at in it; each builder takes `way`, how all its joints are carried.
 
     Attributes:
         scene: the machine at its start.
@@ -61,12 +61,12 @@ PENDULUM = {
 PERIOD_POINT, PERIOD_BAR = 2.36784194757624, 1.93333485437325
 
 
-def pendulum(*, bar: bool = False) -> Mechanism:
+def pendulum(*, bar: bool = False, way: fm.Way | None = None) -> Mechanism:
     """1 m long, from the horizontal at -x, at rest: a point mass of 1 kg, or a uniform bar."""
     scene = fm.System(gravity=(0.0, -G, 0.0))
     mass = rod(1.0, 1.0) if bar else fm.RigidBody(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     bob = scene.add(mass, name="bob")
-    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), bob.frame())
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), bob.frame(), way=way)
     hinge.position = np.pi
     return Mechanism(scene, bob.frame(p=(1.0, 0.0, 0.0)), (0, 1), {} if bar else PENDULUM, hinge)
 
@@ -95,7 +95,7 @@ DOUBLE_PENDULUM = {
 }
 
 
-def double_pendulum(kind: str, start: str) -> Mechanism:
+def double_pendulum(kind: str, start: str, *, way: fm.Way | None = None) -> Mechanism:
     """Two uniform rods of 1 m and 1 kg, or the same with a point mass of 1 kg at the end of each."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     links = []
@@ -108,8 +108,8 @@ def double_pendulum(kind: str, start: str) -> Mechanism:
         links.append(scene.add(link, name=name))
     hinge = fm.joint.Revolute("y")
     # the links lie along their own +z; hanging is a half turn
-    first = scene.connect(hinge, scene.ground.frame(), links[0].frame())
-    second = scene.connect(hinge, links[0].frame(p=(0, 0, 1)), links[1].frame())
+    first = scene.connect(hinge, scene.ground.frame(), links[0].frame(), way=way)
+    second = scene.connect(hinge, links[0].frame(p=(0, 0, 1)), links[1].frame(), way=way)
     first.position = 0.5 * np.pi
     second.position = 0.0 if start == "both horizontal" else 0.5 * np.pi
     reference = DOUBLE_PENDULUM.get((kind, start), {})
@@ -136,34 +136,41 @@ FOUR_BAR = {
 }
 
 
-def four_bars(windows: int) -> Mechanism:
+def four_bars(windows: int, *, way: fm.Way | None = None) -> Mechanism:
     """A row of windows of rods of 1 m and 1 kg, upright, its first free corner moving at 1 m/s along x."""
     scene = fm.System(gravity=(0.0, -G, 0.0))
     hinge = fm.joint.Revolute("z")
     upright, joints = [], []
     for i in range(windows + 1):
         upright.append(scene.add(rod(1.0, 1.0, along=1), name=f"upright {i}"))
-        joints.append(scene.connect(hinge, scene.ground.frame(p=(i, 0, 0)), upright[i].frame()))
+        joints.append(scene.connect(hinge, scene.ground.frame(p=(i, 0, 0)), upright[i].frame(), way=way))
     for i in range(windows):
         beam = scene.add(rod(1.0, 1.0), name=f"beam {i}")
-        scene.connect(hinge, upright[i].frame(p=(0, 1, 0)), beam.frame())
-        scene.connect(hinge, beam.frame(p=(1, 0, 0)), upright[i + 1].frame(p=(0, 1, 0)))
-    joints[0].velocity = -1.0
+        scene.connect(hinge, upright[i].frame(p=(0, 1, 0)), beam.frame(), way=way).velocity = 1.0
+        scene.connect(hinge, beam.frame(p=(1, 0, 0)), upright[i + 1].frame(p=(0, 1, 0)), way=way)
+    for joint in joints:
+        joint.velocity = -1.0
     return Mechanism(scene, upright[0].frame(p=(0, 1, 0)), (0, 1), FOUR_BAR.get(windows, {}), joints[0])
 
 
-def slider_crank(crank: float, length: float, *, speed: float) -> Mechanism:
-    """Crank, connecting rod of ``length`` and a slider of 1 kg along x, no gravity; the crank starts at x, turning."""
+def slider_crank(
+    crank: float, length: float, *, speed: float, start: float = 0.0, way: fm.Way | None = None
+) -> Mechanism:
+    """Crank, connecting rod of ``length`` and a slider of 1 kg along x, no gravity; the crank turns from `start`."""
     scene = fm.System()
     hinge = fm.joint.Revolute("z")
     arm = scene.add(rod(crank, 1.0), name="crank")
     link = scene.add(rod(length, 1.0), name="rod")
     slider = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01)), name="slider")
-    first = scene.connect(hinge, scene.ground.frame(), arm.frame())
-    scene.connect(hinge, arm.frame(p=(crank, 0, 0)), link.frame())
-    scene.connect(hinge, link.frame(p=(length, 0, 0)), slider.frame())
-    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="guide")
-    first.velocity = speed
+    first = scene.connect(hinge, scene.ground.frame(), arm.frame(), way=way)
+    second = scene.connect(hinge, arm.frame(p=(crank, 0, 0)), link.frame(), way=way)
+    third = scene.connect(hinge, link.frame(p=(length, 0, 0)), slider.frame(), way=way)
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="guide", way=way)
+    # the others as the loop has them, for joints by constraints hold nothing of a start
+    tilt = -np.arcsin(crank * np.sin(start) / length)
+    turn = -crank * np.cos(start) * speed / (length * np.cos(tilt))
+    first.position, second.position, third.position = start, tilt - start, -tilt
+    first.velocity, second.velocity, third.velocity = speed, turn - speed, -turn
     return Mechanism(scene, slider.frame(), (0,), {}, first)
 
 
@@ -191,24 +198,24 @@ class Governor:
     tilt: float = np.pi / 6.0
     spin: float = 2.0 * np.pi
 
-    def mechanism(self) -> Mechanism:
+    def mechanism(self, *, way: fm.Way | None = None) -> Mechanism:
         """The machine at its start; the point is the slider, the joint the slide."""
         scene = fm.System(gravity=(0.0, 0.0, -G))
         top = scene.ground.frame(p=(0.0, 0.0, 1.0))
         shaft = scene.add(fm.RigidBody(0.3, (0.1, 0.1, self.axial), (0.0, 0.0, -0.5)), name="shaft")
-        turning = scene.connect(fm.joint.Revolute("z"), top, shaft.frame())
+        turning = scene.connect(fm.joint.Revolute("z"), top, shaft.frame(), way=way)
         turning.velocity = self.spin
         # the cube's side is 0.1 m
         cube = self.slider * 0.1**2 / 6.0
         slider = scene.add(fm.RigidBody(self.slider, (cube, cube, cube)), name="slider")
-        slide = scene.connect(fm.joint.Prismatic((0, 0, -1)), shaft.frame(), slider.frame())
+        slide = scene.connect(fm.joint.Prismatic((0, 0, -1)), shaft.frame(), slider.frame(), way=way)
         slide.position = np.cos(self.tilt)
         mass = self.rod + self.ball
         com = (0.5 * self.rod + self.ball) / mass
         across = self.rod / 12.0 + self.rod * (com - 0.5) ** 2 + self.ball * (1.0 - com) ** 2
         for side in (1.0, -1.0):
             arm = scene.add(fm.RigidBody(mass, (across, across, self.axial), (0.0, 0.0, -com)), name=f"arm {side:+.0f}")
-            hinge = scene.connect(fm.joint.Revolute((0, -side, 0)), shaft.frame(), arm.frame())
+            hinge = scene.connect(fm.joint.Revolute((0, -side, 0)), shaft.frame(), arm.frame(), way=way)
             hinge.position = self.tilt
             middle = arm.frame(p=(0.0, 0.0, -0.5))
             scene.add_force(fm.force.SpringDamper(middle, slider.frame(), self.stiffness, 0.5, self.damping))
@@ -255,11 +262,11 @@ HEAVY_TOP_QUATERNION = (0.122947135042, -0.491079892550, 0.350430030344, -0.7879
 HEAVY_TOP_ENERGY = 5435.6967908655
 
 
-def heavy_top() -> Mechanism:
+def heavy_top(*, way: fm.Way | None = None) -> Mechanism:
     """A top of 15 kg on a fixed point 1 m from its centre (Bruels, Cardona & Arnold 2012, section 6)."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     top = scene.add(fm.RigidBody(15.0, (0.234375, 0.46875, 0.234375), (0.0, 1.0, 0.0)), name="top")
-    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame(), way=way)
     point.velocity = (0.0, 150.0, -4.61538)
     return Mechanism(scene, top.frame(p=(0, 1, 0)), (0, 1, 2), HEAVY_TOP, point)
 
@@ -287,12 +294,12 @@ NUTATION = {
 }
 
 
-def fast_top(tilt: float = 0.05) -> Mechanism:
+def fast_top(tilt: float = 0.05, *, way: fm.Way | None = None) -> Mechanism:
     """A symmetric top, inertia (5, 5, 1) about its tip, weight moment 20 N m, spin 50 rad/s (Simo & Wong 1991)."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     mass = 20.0 / G
     top = scene.add(fm.RigidBody(mass, (5.0 - mass, 5.0 - mass, 1.0), (0.0, 0.0, 1.0)), name="top")
-    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    point = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame(), way=way)
     point.position = (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0)
     point.velocity = (0.0, 0.0, 50.0)
     return Mechanism(scene, top.frame(p=(0, 0, 1)), (0, 1, 2), FAST_TOP if tilt == 0.05 else {}, point)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import mechanisms as machine
 import numpy as np
@@ -48,12 +49,12 @@ METHODS = [
     ),
 ]
 
-TREES: dict[str, Callable[[], Mechanism]] = {
+TREES: dict[str, Callable[..., Mechanism]] = {
     "pendulum": machine.pendulum,
-    "rods, both horizontal": lambda: machine.double_pendulum("rods", "both horizontal"),
-    "rods, second hanging": lambda: machine.double_pendulum("rods", "second hanging"),
-    "tip masses, both horizontal": lambda: machine.double_pendulum("tip masses", "both horizontal"),
-    "tip masses, second hanging": lambda: machine.double_pendulum("tip masses", "second hanging"),
+    "rods, both horizontal": partial(machine.double_pendulum, "rods", "both horizontal"),
+    "rods, second hanging": partial(machine.double_pendulum, "rods", "second hanging"),
+    "tip masses, both horizontal": partial(machine.double_pendulum, "tip masses", "both horizontal"),
+    "tip masses, second hanging": partial(machine.double_pendulum, "tip masses", "second hanging"),
     "heavy top": machine.heavy_top,
     "fast top": machine.fast_top,
 }
@@ -232,10 +233,38 @@ def _point_masses(masses):
 def test_no_step_is_too_small_for_the_loop():
     """Steps from 1e-2 to 1e-9 s: Newton converges; rows, their rates and the multipliers keep to round-off."""
     for h in 10.0 ** -np.arange(2.0, 9.5):
-        mechanism = machine.slider_crank(0.08, 0.3, speed=20.0)
-        mechanism.joint.position = 0.4
+        mechanism = machine.slider_crank(0.08, 0.3, speed=20.0, start=0.4)
         run = mechanism.scene.simulate(20.0 * h, h=h, rtol=1e-8)
         assert run.stats.constraint_residual < 1e-11
         assert np.abs(run.velocity(mechanism.point)[:, 1]).max() < 1e-9
         # they change by about 250 N/s; 1e-5 N of round-off in the accelerations is what steps of 1e-9 s may leave
         assert np.abs(run.multipliers - run.multipliers[0]).max() < 20.0 * h * 400.0 + 1e-5
+
+
+# -- all joints by constraints -----------------------------------------------------------------------------------------
+
+BY_CONSTRAINTS: dict[str, Callable[..., Mechanism]] = {
+    **TREES,
+    "pendulum": partial(machine.pendulum, bar=True),  # a point mass has no inertia to fly with
+    "four-bars": partial(machine.four_bars, 2),
+    "slider-crank": partial(machine.slider_crank, 0.08, 0.3, speed=20.0, start=0.4),
+    "governor": machine.Governor().mechanism,
+}
+
+
+@pytest.mark.parametrize("name", BY_CONSTRAINTS)
+def test_all_joints_by_constraints_give_the_same_motion(name):
+    """Every joint as constraint rows between bodies that fly, against joint coordinates along the tree."""
+    ends = []
+    for way in (None, fm.Way.CONSTRAINTS):
+        mechanism = BY_CONSTRAINTS[name](way=way)
+        t_end = min(mechanism.reference, default=0.1)
+        run = mechanism.scene.simulate(t_end, rtol=1e-6)
+        assert run.multipliers.shape[1] > 0 or way is None
+        assert run.stats.constraint_residual < 1e-8
+        if name != "governor":
+            assert np.ptp(run.energy().total) < 1e-3 * np.ptp(run.energy().kinetic) + 1e-3
+        ends.append(run.position(mechanism.point)[-1])
+        bound = 1e-3 if name.endswith("top") else 2e-5
+        assert not mechanism.reference or mechanism.error(run, t_end) < bound
+    np.testing.assert_allclose(ends[1], ends[0], atol=bound)
