@@ -167,7 +167,12 @@ class System:
             SceneError: a body that nothing connects, or a force or motion on a joint that has no
                 coordinate.
         """
-        topology = span(self.ground, self._bodies, self._connections)
+        wanted = {id(c) for force in self._forces for c in force.connections}
+        wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
+        for c in self._connections:
+            if any(given is not None for given in (c.position, c.velocity, c.motion)):
+                wanted.add(id(c))
+        topology = span(self.ground, self._bodies, self._connections, wanted=wanted)
         gravity = np.array(self.gravity, dtype=np.float64)
         return build(topology, self.ground, self._forces, self._couplings, gravity, self.team)
 

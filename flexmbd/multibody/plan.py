@@ -405,7 +405,7 @@ def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupli
             if found is None:
                 raise SceneError(
                     f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
-                    "coordinate to couple; ask for Way.COORDINATES, or make it earlier"
+                    "coordinate to couple; ask for Way.COORDINATES"
                 )
             values += [float(found[term.index]), term.share]
         data = b.add_data(np.array(values))
@@ -420,7 +420,7 @@ def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
         if closure.motion is not None:
             raise SceneError(
                 f"joint {closure.name!r} closes a loop and has no coordinate to prescribe; "
-                "make it earlier than the joint that may close the loop instead"
+                "ask for Way.COORDINATES, so that another joint closes the loop"
             )
     rows: list[list[int]] = []
     for branch in topology.branches:

@@ -75,7 +75,7 @@ class ForceTable:
         if slots is None:
             raise SceneError(
                 f"joint {connection.name!r} closes a loop and has no coordinate for a force to act on; "
-                "make it earlier than the joint that may close the loop instead"
+                "ask for Way.COORDINATES, so that another joint closes the loop"
             )
         return slots.x.start + index, slots.v.start + index
 

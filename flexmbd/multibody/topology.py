@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import heapq
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,27 +39,55 @@ class Topology:
     closures: tuple[Connection, ...]
 
 
-def span(ground: Body, bodies: Sequence[Body], connections: Sequence[Connection]) -> Topology:
-    """Grow the tree from the ground along joints in the order they were made.
+def span(
+    ground: Body,
+    bodies: Sequence[Body],
+    connections: Sequence[Connection],
+    *,
+    wanted: Collection[int] = (),
+) -> Topology:
+    """Grow the tree from the ground, always by the joint that is best carried by coordinates.
 
-    A joint is carried by coordinates where its outer frame is rigid in its body; a joint whose
-    outer frame deforms closes a loop instead (Ambrosio & Nikravesh 1992, section 5).  Joints asked
-    to go by coordinates have preference, those asked to go by constraints stay out of the tree.
+    That is a joint asked to go by coordinates; else one whose coordinates are ``wanted``, for a
+    start, a motion or a force on them; else the one that would need most constraint rows, so that
+    loops are cut where they cost fewest multipliers (a maximum spanning tree); else the one made
+    first.  A joint is carried by coordinates where its outer frame is rigid in its body; a joint
+    whose outer frame deforms closes a loop instead (Ambrosio & Nikravesh 1992, section 5).
+
+    Args:
+        ground: the inertial frame's body.
+        bodies: all others.
+        connections: all joints.
+        wanted: ids of joints whose coordinates something asks for.
 
     Raises:
         SceneError: a body that nothing connects, or a joint that cannot go by coordinates as asked.
     """
-    order = sorted(connections, key=lambda c: c.way is not Way.COORDINATES)
-    _check_connected(ground, bodies, connections)
-    reached = {id(ground)}
+    at_body = _by_body(connections)
+    _check_connected(ground, bodies, at_body)
+    reached: set[int] = set()
     branches: list[Branch] = []
     used: set[int] = set()
+    # rank of a joint, then the order in which joints were made; the index tells equal ones apart
+    frontier: list[tuple[tuple[bool, bool, int], int, Connection]] = []
+
+    def reach(body: Body) -> None:
+        reached.add(id(body))
+        for index, c in at_body.get(id(body), ()):
+            if c.may_be_coordinates:
+                rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(c.joint.rows))
+                heapq.heappush(frontier, (rank, index, c))
+
+    reach(ground)
+    loose = iter(bodies)
     while len(branches) < len(bodies):
-        branch = _next_branch(order, reached, used)
+        branch = None
+        while frontier and branch is None:
+            branch = _branch(heapq.heappop(frontier)[2], reached)
         if branch is None:
-            branch = _fly(ground, bodies, reached)
+            branch = _fly(ground, next(b for b in loose if id(b) not in reached))
         branches.append(branch)
-        reached.add(id(branch.outer.body))
+        reach(branch.outer.body)
         if branch.connection is not None:
             used.add(id(branch.connection))
     for c in connections:
@@ -73,19 +102,27 @@ def span(ground: Body, bodies: Sequence[Body], connections: Sequence[Connection]
     return Topology(tuple(branches), closures)
 
 
+def _by_body(connections: Sequence[Connection]) -> dict[int, list[tuple[int, Connection]]]:
+    """The joints at each body, with the order in which they were made."""
+    found: dict[int, list[tuple[int, Connection]]] = {}
+    for index, c in enumerate(connections):
+        for end in (c.parent, c.child):
+            found.setdefault(id(end.body), []).append((index, c))
+    return found
+
+
 def _check_connected(
-    ground: Body, bodies: Sequence[Body], connections: Sequence[Connection]
+    ground: Body, bodies: Sequence[Body], at_body: Mapping[int, list[tuple[int, Connection]]]
 ) -> None:
     """Raise SceneError naming the bodies that no chain of joints ties to the ground."""
     joined = {id(ground)}
-    grown = True
-    while grown:
-        grown = False
-        for c in connections:
-            ends = {id(c.parent.body), id(c.child.body)}
-            if ends & joined and not ends <= joined:
-                joined |= ends
-                grown = True
+    waiting = [id(ground)]
+    while waiting:
+        for _, c in at_body.get(waiting.pop(), ()):
+            for end in (id(c.parent.body), id(c.child.body)):
+                if end not in joined:
+                    joined.add(end)
+                    waiting.append(end)
     loose = [body.name for body in bodies if id(body) not in joined]
     if loose:
         raise SceneError(
@@ -94,23 +131,17 @@ def _check_connected(
         )
 
 
-def _next_branch(
-    connections: Sequence[Connection], reached: set[int], used: set[int]
-) -> Branch | None:
-    """The first unused joint that leads from a reached body to a new one."""
-    for c in connections:
-        if id(c) in used or not c.may_be_coordinates:
-            continue
-        inside, outside = id(c.parent.body) in reached, id(c.child.body) in reached
-        if inside and not outside and c.child.modes is None:
-            return Branch(c, c.parent, c.child, False)
-        if outside and not inside and c.parent.modes is None and c.joint.reversible:
-            return Branch(c, c.child, c.parent, True)
+def _branch(c: Connection, reached: set[int]) -> Branch | None:
+    """The branch by which a joint leads from a reached body to a new one, if it does."""
+    inside, outside = id(c.parent.body) in reached, id(c.child.body) in reached
+    if inside and not outside and c.child.modes is None:
+        return Branch(c, c.parent, c.child, False)
+    if outside and not inside and c.parent.modes is None and c.joint.reversible:
+        return Branch(c, c.child, c.parent, True)
     return None
 
 
-def _fly(ground: Body, bodies: Sequence[Body], reached: set[int]) -> Branch:
-    """Six free coordinates for the first body that no joint can carry."""
-    body = next(b for b in bodies if id(b) not in reached)
+def _fly(ground: Body, body: Body) -> Branch:
+    """Six free coordinates for a body that no joint can carry."""
     frames = [Frame(b, np.zeros(3), np.eye(3), None, b.name) for b in (ground, body)]
     return Branch(None, frames[0], frames[1], False)

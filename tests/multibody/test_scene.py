@@ -319,10 +319,12 @@ def test_names_axes_frames_and_arguments():
 def test_a_force_or_motion_on_the_joint_that_closes_a_loop():
     scene, _, _ = slider_crank()
     guide = scene._connections[-1]
+    guide.way = fm.Way.CONSTRAINTS
     scene.add_force(fm.force.JointForce(guide, 1.0))
     with pytest.raises(SceneError, match="'guide' closes a loop"):
         scene.compile()
     other, *_ = slider_crank()
+    other._connections[-1].way = fm.Way.CONSTRAINTS
     other._connections[-1].prescribe(0.0)
     with pytest.raises(SceneError, match="'guide' closes a loop"):
         other.compile()
@@ -380,6 +382,7 @@ def test_an_overconstrained_loop_that_misses_by_a_nanometre():
 def test_a_position_or_velocity_on_the_joint_that_closes_a_loop():
     for what in ("position", "velocity"):
         scene, _, _ = slider_crank()
+        scene._connections[-1].way = fm.Way.CONSTRAINTS
         setattr(scene._connections[-1], what, 0.3)
         with pytest.raises(SceneError, match="'guide' closes a loop and has no"):
             scene.start()

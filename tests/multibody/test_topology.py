@@ -1,0 +1,96 @@
+"""Where loops are cut: joints with most constraints along the tree, those that are asked for first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.errors import SceneError
+
+
+def loop(*joints):
+    """Bodies in a ring with the ground, joined by these joints in order."""
+    scene = fm.System()
+    bodies = [scene.ground]
+    for k in range(len(joints) - 1):
+        bodies.append(scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"body {k + 1}"))
+    made = []
+    for k, joint in enumerate(joints):
+        after = bodies[(k + 1) % len(bodies)]
+        made.append(scene.connect(joint, bodies[k].frame(), after.frame(), name=f"joint {k}"))
+    return scene, made
+
+
+def closing(scene):
+    return [c.name for c in scene.compile().topology.closures]
+
+
+TURN, BALL, SLIDE = fm.joint.Revolute("z"), fm.joint.Spherical(), fm.joint.Prismatic("x")
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_a_loop_is_cut_at_the_joint_with_fewest_rows(place):
+    joints = [TURN] * 4
+    joints[place] = BALL
+    scene, _ = loop(*joints)
+    assert closing(scene) == [f"joint {place}"]
+    assert len(scene.compile().plan.rows) == 3
+
+
+def test_equal_joints_are_taken_in_the_order_they_were_made():
+    scene, _ = loop(TURN, TURN, TURN, SLIDE)
+    assert closing(scene) == ["joint 3"]
+
+
+@pytest.mark.parametrize("wish", ["position", "velocity", "motion", "torque", "way"])
+def test_a_joint_whose_coordinate_is_wanted_is_in_the_tree(wish):
+    scene, made = loop(TURN, TURN, TURN, TURN)
+    last = made[3]
+    if wish == "position":
+        last.position = 0.1
+    elif wish == "velocity":
+        last.velocity = 0.1
+    elif wish == "motion":
+        last.prescribe(1.0)
+    elif wish == "torque":
+        scene.add_force(fm.force.JointTorque(last, 1.0))
+    else:
+        scene, made = loop(TURN, TURN, TURN)
+        body = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="spare")
+        scene.connect(TURN, made[0].child, body.frame(), name="joint 4")
+        last = scene.connect(
+            TURN, scene.ground.frame(), body.frame(), name="joint 3", way=fm.Way.COORDINATES
+        )
+    assert last.name not in closing(scene)
+
+
+def test_a_body_flies_by_coordinates_only_where_no_joint_carries_it():
+    """Two flying bodies joined by a hinge: one free joint and the hinge, not two and five multipliers."""
+    scene = fm.System()
+    one, two = (scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=name) for name in ("one", "two"))
+    for body in (one, two):
+        scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    scene.connect(TURN, one.frame(), two.frame())
+    compiled = scene.compile()
+    assert compiled.nv == 7
+    assert len(compiled.plan.rows) == 0
+
+
+def test_a_long_chain_is_spanned_quickly_and_in_any_order():
+    scene = fm.System()
+    bodies = [scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"link {k}") for k in range(400)]
+    ends = [scene.ground, *bodies]
+    order = np.random.default_rng(1).permutation(len(bodies))
+    for k in order:
+        scene.connect(TURN, ends[k].frame(), ends[k + 1].frame(), name=f"joint {k}")
+    topology = scene.compile().topology
+    assert [b.connection.name for b in topology.branches] == [f"joint {k}" for k in range(400)]
+
+
+def test_bodies_that_nothing_connects_are_named():
+    scene, _ = loop(TURN, TURN, TURN)
+    for name in ("stray", "lost"):
+        scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=name)
+    with pytest.raises(SceneError, match="nothing connects 'stray', 'lost' to the ground"):
+        scene.compile()
