@@ -19,7 +19,6 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
-from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
@@ -111,16 +110,10 @@ def check_times(
 
 def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
     """The error of a user's function, with the time and what was computed; an interrupt as it is."""
-    flag, error = int(scene.plan.flag[0]), scene.callbacks.error
-    if error is not None and not isinstance(error, Exception):
+    message, error = scene.failure(work) or ("a user's function failed", SceneError("on another rank"))
+    if not isinstance(error, Exception):
         return error
-    t = float(work.time[-1, 0])
-    if error is None:
-        compiled = flag >= at.FLAG_ELEMENT
-        names = scene.element_names if compiled else scene.time_names
-        which = flag - at.FLAG_ELEMENT if compiled else at.FLAG_TIME - flag
-        error = SceneError(f"{names[which]}: at t = {t:g} s the compiled function gave no finite number")
-    failure = SimulationError(f"at t = {t:g} s a user's function failed: {error}", trajectory)
+    failure = SimulationError(message, trajectory)
     failure.__cause__ = error
     return failure
 

@@ -134,7 +134,7 @@ def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
     scene.callbacks.reset()
     evaluate_times(scene.plan, t, work.time)
     if scene.callbacks.error is not None:
-        raise scene.callbacks.error
+        scene.refuse_failed(work)
     for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")

@@ -158,11 +158,22 @@ class Trajectory:
         return self._energy
 
     def drive(self, connection: Connection) -> FloatArray:
-        """(nt,) N m or N: what applied and prescribed motion together ask of a joint."""
+        """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
+
+        Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
+        is collective over the team where they are Python callables.
+        """
         slots = self._slots(connection)
-        plan = self.scene.plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64))
-        out = np.zeros_like(self.v)
-        force_series(plan, new_work(plan), self.x, self.v, self.a, self.multipliers, out)
+        plan = self.scene.plan
+        kind = plan.elements[:, at.EL_KIND]
+        passive = plan.elements[(kind != at.ON_FUNCTION) & (kind != at.ON_STATE)]
+        plan = plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.ascontiguousarray(passive))
+        if not (passive[:, at.EL_TIME] >= 0).any():
+            plan = plan._replace(times=plan.times[:0])
+        work, out = new_work(plan), np.zeros_like(self.v)
+        self.scene.callbacks.reset()
+        force_series(plan, work, self.t, self.x, self.v, self.a, self.multipliers, out)
+        self.scene.refuse_failed(work)
         return _single(out[:, slots.v])
 
     def reaction(self, connection: Connection) -> FloatArray:

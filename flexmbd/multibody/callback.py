@@ -8,33 +8,42 @@ handed back, and the flag tells the stepper to stop at once.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.team import Team
-from flexmbd.multibody.time_function import TimeRow, ask_python
+from flexmbd.multibody.time_function import TimeRow, ask_python, checked
 
 FloatArray = NDArray[np.float64]
 
-_TimeThunk = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.POINTER(ctypes.c_double))
+_Double, _Whole = ctypes.c_double, ctypes.c_int64
+_TimeThunk = ctypes.CFUNCTYPE(None, _Double, ctypes.POINTER(_Double))
+_LawThunk = ctypes.CFUNCTYPE(_Double, _Double, _Double, _Double)
+_StateThunk = ctypes.CFUNCTYPE(None, _Double, _Whole, _Whole, *[ctypes.c_void_p] * 3)
+
+#: A law on a coordinate: f(t, beta, rate of beta) -> N or N m.
+Law = Callable[[float, float, float], Any]
+#: A force of the whole state: f(t, x (nx,), v (nv,)) -> generalised forces (nv,).
+StateFunction = Callable[[float, FloatArray, FloatArray], Any]
 
 
 class Callbacks:
     """The Python callables of one compiled scene, and the first error among them.
 
     Attributes:
-        flag: (1,) int64, not zero once a callable has failed; the plan holds it too.
-        error: what it raised.
-        t: the time (s) it was asked for.
+        flag: (1,) int64, not zero once a user's function has failed; the plan holds it too.
+        error: what a Python callable raised.
     """
 
     def __init__(self, team: Team) -> None:
         self.flag = np.zeros(1, np.int64)
         self.error: BaseException | None = None
-        self.t = np.nan
+        self._where = ""
         self._team = team
         self._kept: list[Any] = []  # ctypes frees a thunk that nothing holds
 
@@ -42,42 +51,88 @@ class Callbacks:
         """Return the address of ``void f(double t, double out[3])`` for a function of time."""
 
         def thunk(t: float, out: Any) -> None:
-            values = self._agreed(t, 3, lambda: np.array(ask_python(row, t, what, motion=motion)))
+            answer = self._agreed(
+                lambda: np.array(ask_python(row, t, motion=motion)), np.zeros(3), f"{what} at t = {t:g} s"
+            )
             for k in range(3):
-                out[k] = values[k]
+                out[k] = answer[k]
 
         return self._keep(_TimeThunk(thunk))
+
+    def of_law(self, law: Law, what: str) -> int:
+        """Return the address of ``double f(double t, double beta, double rate)`` for a law on a coordinate."""
+
+        def thunk(t: float, beta: float, rate: float) -> float:
+            where = f"{what} at t = {t:g} s, coordinate {beta:.9g}, rate {rate:.9g}"
+            answer = self._agreed(lambda: checked(law(t, beta, rate), ()), np.zeros(()), where)
+            return float(answer)
+
+        return self._keep(_LawThunk(thunk))
+
+    def of_state(self, function: StateFunction, what: str) -> int:
+        """Return the address of ``void f(double t, int64 nx, int64 nv, double *x, double *v, double *out)``."""
+
+        def thunk(t: float, nx: int, nv: int, x: int, v: int, out: int) -> None:
+            position, velocity = _view(x, nx).copy(), _view(v, nv).copy()
+            told = np.array2string(np.concatenate([position, velocity]), precision=6, threshold=12)
+            where = f"{what} at t = {t:g} s, state (x, v) = {told}"
+            _view(out, nv)[:] = self._agreed(
+                lambda: checked(function(t, position, velocity), (nv,)), np.zeros(nv), where
+            )
+
+        return self._keep(_StateThunk(thunk))
 
     def reset(self) -> None:
         """Forget an error."""
         self.flag[0] = 0
         self.error = None
 
-    def _agreed(self, t: float, size: int, ask: Callable[[], FloatArray]) -> FloatArray:
-        """Rank 0's answer on every rank, or NaN on every rank where any rank's callable fails."""
-        values: FloatArray = np.full(size, np.nan)
-        if self.flag[0]:
-            return values
-        error: Exception | None = None
-        try:
-            values = ask()
-        except Exception as reason:  # noqa: BLE001  (a user's function: any error, told by the simulation)
-            error = reason
-        except BaseException as reason:  # an interrupt: it must not be lost inside the step
-            self._fail(t, reason)
-            return values
-        try:
-            self._team.fail(error)
-            return self._team.agree(values)
-        except Exception as reason:  # noqa: BLE001  (this rank's or another's)
-            self._fail(t, reason)
-            return np.full(size, np.nan)
+    def failure(
+        self, t: float, elements: Sequence[str], times: Sequence[str]
+    ) -> tuple[str, BaseException] | None:
+        """What went wrong and the user's own error where ``flag`` is set, else None.
 
-    def _fail(self, t: float, error: BaseException) -> None:
-        self.flag[0] = 1
-        self.error = error
-        self.t = t
+        ``t`` is the time (s) of the evaluation; the rest names the rows of ``Plan.elements`` and ``Plan.times``.
+        """
+        flag = int(self.flag[0])
+        if flag == 0:
+            return None
+        if self.error is not None:
+            return f"{self._where} failed: {self.error}", self.error
+        name = elements[flag - at.FLAG_ELEMENT] if flag >= at.FLAG_ELEMENT else times[at.FLAG_TIME - flag]
+        error = SceneError(f"{name} at t = {t:g} s: the compiled function gave no finite number")
+        return str(error), error
+
+    def _agreed(self, ask: Callable[[], FloatArray], like: FloatArray, where: str) -> FloatArray:
+        """Rank 0's answer on every rank, or NaN on every rank where any rank's callable fails."""
+        nothing: FloatArray = np.full_like(like, np.nan)
+        if self.flag[0]:
+            return nothing
+        answer = nothing
+        error: BaseException | None = None
+        told: Exception | None = None
+        try:
+            answer = ask()
+        except BaseException as reason:  # noqa: BLE001  (whatever it is, it must not be lost inside the step)
+            error = reason
+            # an interrupt stops the other ranks as well
+            told = reason if isinstance(reason, Exception) else RuntimeError(f"{type(reason).__name__} on one rank")
+        try:
+            self._team.fail(told)
+            return self._team.agree(answer)
+        except Exception as reason:  # noqa: BLE001  (this rank's or another's)
+            self.flag[0] = at.FLAG_PYTHON
+            self.error = reason if error is None or told is error else error
+            self._where = where
+            return nothing
 
     def _keep(self, thunk: Any) -> int:
         self._kept.append(thunk)
         return int(ctypes.cast(thunk, ctypes.c_void_p).value or 0)
+
+
+def _view(address: int, size: int) -> FloatArray:
+    """The kernel's own array at an address; empty arrays may have none."""
+    if size == 0:
+        return np.zeros(0)
+    return np.frombuffer((_Double * size).from_address(address))

@@ -400,6 +400,7 @@ def _accelerations(
     drive(plan, work, x, v, a)
     force = np.zeros(scene.nv)
     residual(plan, work, x, v, a, np.zeros(m), force)
+    scene.refuse_failed(work)
     lower = np.linalg.cholesky(mass_matrix(scene, work, x)[np.ix_(free, free)])
     scaled: FloatArray = scipy.linalg.solve_triangular(lower, -force[free], lower=True)
     multipliers: FloatArray = np.zeros(m)

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
-from flexmbd.multibody.callback import Callbacks
+from flexmbd.multibody.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.layout import Plan
+from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
 from flexmbd.multibody.plan_forces import lay_forces
 from flexmbd.multibody.team import Team
@@ -103,11 +103,29 @@ class CompiledScene:
         """Number of generalised velocities, prescribed ones included."""
         return len(self.velocity_names)
 
+    def refuse_failed(self, work: Work) -> None:
+        """Raise the error of a user's function that failed in an evaluation, if one did.
+
+        Raises:
+            SceneError: names the function and the time; its cause is the user's own error.
+        """
+        failure = self.failure(work)
+        if failure is not None:
+            message, error = failure
+            if not isinstance(error, Exception):
+                raise error
+            raise SceneError(message) from error
+
+    def failure(self, work: Work) -> tuple[str, BaseException] | None:
+        """What a user's function did wrong in an evaluation, and its error; None if nothing."""
+        return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
+
     def digest(self) -> str:
         """Tells compiled scenes of other numbers or other structure apart."""
         plan = self.plan
-        places = {"lapack", "flag", "times"}  # addresses differ from process to process
+        places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
+        digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
         for name, part in zip(plan._fields, plan, strict=True):
             if name not in places:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
@@ -226,6 +244,14 @@ class _Builder:
     def find_slots(self, connection: Connection) -> Slots | None:
         """Where a joint's coordinates lie; None if it has none in the tree."""
         return self.joint_slots.get(id(connection))
+
+    def add_law(self, law: Law, what: str) -> int:
+        """Address of a Python law on a coordinate."""
+        return self.callbacks.of_law(law, what)
+
+    def add_state_function(self, function: StateFunction, what: str) -> int:
+        """Address of a Python force of the whole state."""
+        return self.callbacks.of_state(function, what)
 
     def find_modes(self, body: Body) -> Slots | None:
         """Where a body's modal coordinates lie; None if it has none."""

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
-from flexmbd.multibody.time_function import TimeFunction, TimeRow, as_row
+from flexmbd.multibody.time_function import Compiled, TimeFunction, TimeRow, as_row
 
 
 class Slots(Protocol):
@@ -46,6 +47,12 @@ class Numbering(Protocol):
 
     def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
         """Append a function of time; return its row."""
+
+    def add_law(self, law: Law, what: str) -> int:
+        """Address of a Python law on a coordinate."""
+
+    def add_state_function(self, function: StateFunction, what: str) -> int:
+        """Address of a Python force of the whole state."""
 
     def add_data(self, values: np.ndarray) -> int:
         """Append parameters; return their offset."""
@@ -109,6 +116,16 @@ class ForceTable:
     def time(self, function: TimeFunction, what: str) -> int:
         """Row of ``Plan.times``."""
         return self._numbering.add_time(as_row(function, what, motion=False), what, motion=False)
+
+    def law(self, law: Compiled | Law, what: str) -> int:
+        """Address of f(t, beta, rate of beta) -> N or N m."""
+        return law.address if isinstance(law, Compiled) else self._numbering.add_law(law, what)
+
+    def state_function(self, function: Compiled | StateFunction, what: str) -> int:
+        """Address of a force of the whole state."""
+        if isinstance(function, Compiled):
+            return function.address
+        return self._numbering.add_state_function(function, what)
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, Union
 
 import numpy as np
-from numba import cfunc, types
+from numba import carray, cfunc, njit, types
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
@@ -35,13 +37,22 @@ class Table:
     y: ArrayLike
 
 
+class Signature(Enum):
+    """What a compiled function takes, by the number of its arguments."""
+
+    TIME = 1
+    LAW = 3
+    STATE = 4
+
+
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """A compiled scalar function of time; made by ``flexmbd.compiled``."""
+    """A compiled function; made by ``flexmbd.compiled``."""
 
     address: int
     keep: Any
     name: str
+    signature: Signature = Signature.TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +70,43 @@ TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types 
 ]
 
 
-def compiled(function: Callable[[float], float]) -> Compiled:
-    """Compile ``f(t) -> float`` with numba, to be called inside the step without Python.
+def compiled(function: Callable[..., Any]) -> Compiled:
+    """Compile a function with numba, to be called inside the step without Python.
 
+    ``f(t) -> float`` is a function of time; ``f(t, beta, rate) -> float`` a law on a joint coordinate;
+    ``f(t, x, v, out)`` writes the generalised forces (nv,) of the whole state into ``out``, which comes as zeros.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
+
+    Raises:
+        SceneError: it takes another number of arguments.
     """
-    pointer = cfunc(types.float64(types.float64), error_model="numpy")(function)
-    return Compiled(int(pointer.address), pointer, function.__name__)
+    count = len(inspect.signature(function).parameters)
+    if count not in {s.value for s in Signature}:
+        raise SceneError(
+            f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate) or "
+            "f(t, x, v, out)"
+        )
+    signature = Signature(count)
+    if signature is Signature.STATE:
+        pointer = _state_pointer(njit(error_model="numpy")(function))
+    else:
+        pointer = cfunc(types.float64(*[types.float64] * count), error_model="numpy")(function)
+    return Compiled(int(pointer.address), pointer, function.__name__, signature)
+
+
+def _state_pointer(inner: Any) -> Any:
+    """The function of arrays behind a C function of their sizes and addresses."""
+    double = types.CPointer(types.float64)
+    kind = types.void(types.float64, types.int64, types.int64, double, double, double)
+
+    def outer(t, nx, nv, x, v, out):  # type: ignore[no-untyped-def]
+        force = carray(out, (nv,))
+        for k in range(nv):
+            force[k] = 0.0
+        inner(t, carray(x, (nx,)), carray(v, (nv,)), force)
+
+    return cfunc(kind, error_model="numpy")(outer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +165,8 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         text = f"compiled {function.value.name}"
         return TimeRow(at.TIME_COMPILED, np.zeros(0), 0, addresses, None, text)
     if isinstance(function, Compiled):
+        if function.signature is not Signature.TIME:
+            raise SceneError(f"{what}: {function.name} takes {function.signature.value} arguments, not the time alone")
         if motion:
             raise SceneError(
                 f"{what}: a prescribed motion needs rate and acceleration as well; give "
@@ -169,21 +211,30 @@ def _piecewise(poly: PPoly, what: str) -> TimeRow:
     )
 
 
-def ask_python(row: TimeRow, t: float, what: str, *, motion: bool) -> tuple[float, float, float]:
-    """Call a Python function of time and check what it gives.
+def checked(answer: Any, shape: tuple[int, ...]) -> FloatArray:
+    """What a user's function gave, as an array.
 
     Raises:
-        SceneError: wrong shape or not finite; the message names the function and the time.
+        SceneError: another shape than ``shape``, or not finite.
+    """
+    values = np.asarray(answer, dtype=np.float64)
+    if values.shape != shape:
+        wanted = f"shape {shape}" if shape else "one number"
+        raise SceneError(f"it gave shape {values.shape}, not {wanted}")
+    if not np.isfinite(values).all():
+        raise SceneError(f"it gave {values}, not finite")
+    return values
+
+
+def ask_python(row: TimeRow, t: float, *, motion: bool) -> tuple[float, float, float]:
+    """Value, rate and acceleration that a Python function of time gives; (value, 0, 0) unless it is a motion.
+
+    Raises:
+        SceneError: wrong shape or not finite.
     """
     if row.call is None:
-        raise SceneError(f"{what} is no Python callable")
-    answer = np.asarray(row.call(t), dtype=np.float64)
-    shape = (3,) if motion else ()
-    if answer.shape != shape:
-        wanted = "(value, rate, acceleration)" if motion else "one number"
-        raise SceneError(f"{what}: at t = {t:g} s it gave shape {answer.shape}, not {wanted}")
-    if not np.isfinite(answer).all():
-        raise SceneError(f"{what}: at t = {t:g} s it gave {answer}, not finite")
+        raise SceneError("it is no Python callable")
+    values = checked(row.call(t), (3,) if motion else ())
     if motion:
-        return float(answer[0]), float(answer[1]), float(answer[2])
-    return float(answer), 0.0, 0.0
+        return float(values[0]), float(values[1]), float(values[2])
+    return float(values), 0.0, 0.0

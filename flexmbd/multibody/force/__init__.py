@@ -7,7 +7,9 @@ from flexmbd.multibody.force.frame_force import FrameForce as FrameForce
 from flexmbd.multibody.force.joint_damper import JointDamper as JointDamper
 from flexmbd.multibody.force.joint_force import JointForce as JointForce
 from flexmbd.multibody.force.joint_friction import JointFriction as JointFriction
+from flexmbd.multibody.force.joint_law import JointLaw as JointLaw
 from flexmbd.multibody.force.joint_spring import JointSpring as JointSpring
 from flexmbd.multibody.force.joint_stop import JointStop as JointStop
 from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
+from flexmbd.multibody.force.state_force import StateForce as StateForce

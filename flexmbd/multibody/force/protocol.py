@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.time_function import Compiled, TimeFunction
 
 
 class Table(Protocol):
@@ -37,6 +38,12 @@ class Table(Protocol):
 
     def time(self, function: TimeFunction, what: str) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages."""
+
+    def law(self, law: Compiled | Law, what: str) -> int:
+        """Address of f(t, beta, rate of beta) -> N or N m."""
+
+    def state_function(self, function: Compiled | StateFunction, what: str) -> int:
+        """Address of a force of the whole state."""
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""

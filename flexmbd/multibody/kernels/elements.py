@@ -115,16 +115,14 @@ def _finite(values):
 
 
 @kernel
-def _user_law(plan, work, i, x, v):
+def user_law(plan, work, i, x, rate):
     """What the user's law of row i gives; NaN and ``plan.flag`` where it gives no finite number.
 
     A state that is not finite is the trial's fault: nobody is asked.
     """
-    row = plan.elements[i]
-    beta, rate = x[row[at.EL_X]], v[row[at.EL_V]]
-    if plan.flag[0] != 0 or not np.isfinite(beta + rate):
+    if plan.flag[0] != 0 or not np.isfinite(x + rate):
         return np.nan
-    force = call_law(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], beta, rate)
+    force = call_law(plan.elements[i, at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, rate)
     if plan.flag[0] == 0 and not np.isfinite(force):
         plan.flag[0] = at.FLAG_ELEMENT + i
     return force
@@ -154,7 +152,7 @@ def push_coordinates(plan, work, x, v, out):
         if kind <= at.ON_FRICTION:
             out[k] -= coordinate_law(plan, row, x[row[at.EL_X]], v[k])[0]
         elif kind == at.ON_FUNCTION:
-            out[k] -= _user_law(plan, work, i, x, v)
+            out[k] -= user_law(plan, work, i, x[row[at.EL_X]], v[k])
         elif kind == at.ON_MODES:
             factor = work.time[row[at.EL_TIME], 0]
             for j in range(row[at.EL_COUNT]):

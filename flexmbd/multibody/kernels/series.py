@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.so3 import (
     store3,
     store9,
 )
+from flexmbd.multibody.kernels.time_functions import evaluate_times
 
 
 @kernel
@@ -103,12 +104,14 @@ def energy_series(plan, work, x, v, none, scratch, out):
 
 
 @kernel
-def force_series(plan, work, x, v, a, multipliers, out):
+def force_series(plan, work, t, x, v, a, multipliers, out):
     """out[k] = generalised forces that the motion asks for beyond the loops' reactions.
 
     ``plan.forces`` must be empty: what remains is what applied and driving forces supply.
     """
     for k in range(x.shape[0]):
+        if plan.times.shape[0] > 0:
+            evaluate_times(plan, t[k], work.time)
         residual(plan, work, x[k], v[k], a[k], multipliers[k], out[k])
 
 

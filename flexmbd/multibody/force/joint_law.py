@@ -1,0 +1,44 @@
+"""A user's law of force on a joint's coordinate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.callback import Law
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import OnCoordinate, Table
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.time_function import Compiled, Signature
+
+
+@dataclass(frozen=True, eq=False)
+class JointLaw(OnCoordinate):
+    """A force (N or N m) on a joint coordinate as a function of time and the coordinate's own state.
+
+    It is called at every evaluation of the equations, several times a step: compile what is slow.
+
+    Attributes:
+        connection: a joint with coordinates that are numbers.
+        law: f(t, beta, rate of beta) -> one number, positive along the coordinate: Python, or
+            ``flexmbd.compiled``.
+        coordinate: which of the joint's coordinates, from 0.
+    """
+
+    connection: Connection
+    law: Compiled | Law
+    coordinate: int = 0
+
+    def check(self) -> None:
+        """Raise SceneError for a joint without that coordinate, or what is no function of three arguments."""
+        super().check()
+        if isinstance(self.law, Compiled):
+            if self.law.signature is not Signature.LAW:
+                raise SceneError(f"{self.what}: {self.law.name} must take three arguments, t, beta and its rate")
+        elif not callable(self.law):
+            raise SceneError(f"{self.what}: {type(self.law).__name__} is no function of t, beta and its rate")
+
+    def lay(self, table: Table) -> None:
+        """One row with the function's address."""
+        x, v = table.coordinate(self.connection, self.coordinate)
+        table.element(at.ON_FUNCTION, self.what, x=x, v=v, address=table.law(self.law, self.what))

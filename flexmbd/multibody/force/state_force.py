@@ -1,0 +1,57 @@
+"""A user's generalised forces as a function of the whole state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.callback import StateFunction
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.time_function import Compiled, Signature
+
+
+@dataclass(frozen=True, eq=False)
+class StateForce:
+    """Generalised forces on all velocities of the machine.
+
+    Their work is force . v; ``CompiledScene.velocity_names``, ``joint_slots`` and ``modal_slots`` tell what lies
+    where.  Called at every evaluation of the equations, several times a step: compile what is slow.
+
+    Attributes:
+        function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out).
+        name: in messages.
+    """
+
+    function: Compiled | StateFunction
+    name: str = ""
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on the state."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None: it acts on the state."""
+        return ()
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        own = self.function.name if isinstance(self.function, Compiled) else getattr(self.function, "__name__", "")
+        return f"StateForce {self.name or own!r}"
+
+    def check(self) -> None:
+        """Raise SceneError for what is no function of the state."""
+        if isinstance(self.function, Compiled):
+            if self.function.signature is not Signature.STATE:
+                raise SceneError(f"{self.what}: it must take four arguments, t, x, v and out")
+        elif not callable(self.function):
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of t, x and v")
+
+    def lay(self, table: Table) -> None:
+        """One row with the function's address."""
+        table.element(at.ON_STATE, self.what, address=table.state_function(self.function, self.what))
