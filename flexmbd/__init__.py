@@ -9,7 +9,10 @@ from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.event import Direction as Direction
 from flexmbd.event import Event as Event
 from flexmbd.event import Moment as Moment
+from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
+from flexmbd.integrate.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from flexmbd.integrate.tableau import Pair as Pair
 from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint
 from flexmbd.multibody.body import FlexibleBody as FlexibleBody

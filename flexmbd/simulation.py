@@ -165,6 +165,9 @@ def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     if code == st.STEP_FLOOR:
         why = f"the step reached its floor, {h:.2e} s"
         remedy = "look for a singular position, a jump in a function of time, or a force without bound"
+    elif code == st.NOT_FINITE:
+        why = f"the fixed step {h:.2e} s led to no finite state, or to loops that do not close"
+        remedy = "take a smaller h, or give rtol instead of h"
     else:
         why = f"Newton's iteration did not converge with the fixed step {h:.2e} s"
         remedy = "take a smaller h, or give rtol instead of h"

@@ -294,7 +294,7 @@ def _gauss_newton(
     return trial, total, phi
 
 
-def _scaled_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+def scaled_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """C on the free coordinates, per unit of kinetic energy, rows over the largest of them."""
     free = scene.plan.free
     jacobian = constraint_jacobian(scene, work, x)[:, free]
@@ -327,7 +327,7 @@ def _independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Sequen
             continue
     kept: Sequence[int] = ()
     for place in places:
-        scaled = _scaled_jacobian(scene, work, place)
+        scaled = scaled_jacobian(scene, work, place)
         norms = np.linalg.norm(scaled, axis=1)
         _, r, order = scipy.linalg.qr(scaled.T / max(norms.max(), 1e-300), mode="economic", pivoting=True)
         rank = int(np.sum(np.abs(np.diag(r)) > 1e-8))

@@ -1,0 +1,253 @@
+"""Closed loops for explicit methods: accelerations with multipliers, and projection onto the loops.
+
+The multipliers nu solve C M^-1 C^T nu = C a_tree + gamma, a = a_tree - M^-1 C^T nu (Ambrosio &
+Nikravesh 1992, eq. 76-77).  Positions and velocities go back onto the loops along M^-1 C^T, that is by
+the shortest way in the mass metric.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.initial import scaled_jacobian
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.articulated import forward_dynamics, solve_mass
+from flexmbd.multibody.kernels.closure import constraints, load_relative, relative_pose
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import Plan, Work
+from flexmbd.multibody.kernels.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
+from flexmbd.multibody.kernels.recursion import backward, forward
+from flexmbd.multibody.kernels.rows import row_wrench
+from flexmbd.multibody.kernels.so3 import store3
+from flexmbd.multibody.plan import CompiledScene
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Where the smallest pivot of C M^-1 C^T falls below this share of its usual size, stages are projected too,
+# for a stage off the loops would ask for reactions in excess.
+_NEAR = 1e-2
+# Below this one a stage does without the reaction in the direction that is about to come free: it acts
+# across the motion alone, and projection makes up for it.
+_SINGULAR = 1e-10
+
+_MAX_ITERATIONS = 8
+_CLOSED = 1e-13  # a correction below this share of the scales is not worth another
+_ACCEPTED = 1e-9  # where round-off stops the iteration, this share still counts as closed
+
+
+#: Rows of ``State.memory`` that the loops' scales take.
+N_MEMORY = 2
+
+
+class Loops(NamedTuple):
+    """Scratch of m constraint rows.
+
+    jacobian, response: (m, nv) C and C M^-1.  small: (m, m) factors of C M^-1 C^T.
+    order: (m,) its pivots.  scale: (m,) the largest norms that the rows of C had at a step's end, in the
+    metric of M^-1.  usual: (1,) the largest that the smallest pivot was there.  norm: (m,) norms at hand.
+    phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
+    move: (nv,) correction.  rank: (1,) of the factors.  none: (m,) zeros.  nothing: (0,).
+    """
+
+    jacobian: FloatArray
+    response: FloatArray
+    small: FloatArray
+    order: IntArray
+    scale: FloatArray
+    usual: FloatArray
+    norm: FloatArray
+    phi: FloatArray
+    rate: FloatArray
+    rate2: FloatArray
+    solution: FloatArray
+    scratch: FloatArray
+    move: FloatArray
+    rank: IntArray
+    none: FloatArray
+    nothing: FloatArray
+
+
+def new_loops(plan: Plan, state: st.State) -> Loops:
+    """Allocate for the rows of ``plan``; scales lie in the first N_MEMORY rows of ``state.memory``."""
+    m, nv = len(plan.rows), len(state.v)
+    zeros = np.zeros
+    return Loops(
+        jacobian=zeros((m, nv)),
+        response=zeros((m, nv)),
+        small=zeros((m, m)),
+        order=zeros(m, np.int64),
+        scale=state.memory[0, :m],
+        usual=state.memory[1, :1],
+        norm=zeros(m),
+        phi=zeros(m),
+        rate=zeros(m),
+        rate2=zeros(m),
+        solution=zeros(m),
+        scratch=zeros(m),
+        move=zeros(nv),
+        rank=zeros(1, np.int64),
+        none=zeros(m),
+        nothing=zeros(0),
+    )
+
+
+def survey(scene: CompiledScene, state: st.State, work: Work) -> None:
+    """Set the scales at the start of an integration; ``work.time`` must be up to date.
+
+    A row that a singular start leaves without effect takes the largest scale of the others.
+    """
+    m = len(scene.plan.rows)
+    if m == 0 or len(scene.plan.free) == 0:
+        return
+    rows = scaled_jacobian(scene, work, state.x)
+    norms = np.linalg.norm(rows, axis=1)
+    norms[norms == 0.0] = norms.max() if norms.any() else 1.0
+    pivots = np.abs(np.diag(scipy.linalg.qr((rows / norms[:, None]).T, mode="r", pivoting=True)[0])) ** 2
+    state.memory[0, :m] = norms
+    state.memory[1, 0] = pivots[pivots > RANK_FLOOR].min(initial=1.0)
+
+
+@kernel
+def _row_direction(plan, work, i, out):
+    """out = row i of C, as the generalised forces of its unit multiplier."""
+    row = plan.rows[i]
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+    if row[at.ROW_KIND] == at.ROW_COUPLING:
+        o = row[at.ROW_DATA]
+        for k in range(int(plan.data[o])):
+            out[plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]] += plan.data[o + 3 + 2 * k]
+        return
+    for b in range(plan.tree.shape[0]):
+        store3(work.body[b], at.B_F, (0.0, 0.0, 0.0))
+        store3(work.body[b], at.B_T, (0.0, 0.0, 0.0))
+    f = row[at.ROW_F]
+    g = row[at.ROW_G]
+    d, R = relative_pose(plan, work, f, g)
+    force, torque = row_wrench(plan, row, d, R)
+    load_relative(plan, work, f, g, d, R, force, torque, out)
+    backward(plan, work, out)
+
+
+@part_of_kernel
+def accelerate(plan, work, aw, loops, x, v, a, multipliers):
+    """Write the free accelerations and the multipliers at (x, v); keep the factors in ``loops``.
+
+    Reads from ``loops.usual`` how large rows and pivots are away from singular positions.
+    """
+    forward_dynamics(plan, work, aw, x, v, a, loops.none, loops.nothing)
+    m = plan.rows.shape[0]
+    if m == 0:
+        return
+    forward(plan, work, x, v, a)
+    constraints(plan, work, loops.phi, loops.rate, loops.rate2)
+    for i in range(m):
+        _row_direction(plan, work, i, loops.jacobian[i])
+    solve_mass(plan, work, aw, loops.jacobian, loops.response)
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(a.shape[0]):
+                total += loops.jacobian[i, k] * loops.response[j, k]
+            loops.small[i, j] = total
+            loops.small[j, i] = total
+    for i in range(m):
+        loops.norm[i] = np.sqrt(loops.small[i, i])
+    loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
+    rank = loops.rank[0]
+    while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < _SINGULAR * loops.usual[0]:
+        rank -= 1
+    _respond(loops, rank, loops.rate2, loops.move)
+    for i in range(m):
+        multipliers[i] = loops.solution[i]
+    for k in range(a.shape[0]):
+        a[k] -= loops.move[k]
+
+
+@kernel
+def note_scales(loops):
+    """Take note of how large the rows and the smallest pivot are where ``accelerate`` last was."""
+    for i in range(loops.scale.shape[0]):
+        loops.scale[i] = max(loops.scale[i], loops.norm[i])
+    rank = loops.rank[0]
+    if rank > 0:
+        loops.usual[0] = max(loops.usual[0], loops.small[rank - 1, rank - 1] ** 2)
+
+
+@kernel
+def is_nearly_singular(loops):
+    """Whether the smallest pivot is well below its usual size."""
+    rank = loops.rank[0]
+    return rank < loops.norm.shape[0] or loops.small[rank - 1, rank - 1] ** 2 < _NEAR * loops.usual[0]
+
+
+@kernel
+def drop_normal_part(loops, out):
+    """Take from the tangent vector ``out`` (nv,) what projection onto the loops would take."""
+    for i in range(loops.phi.shape[0]):
+        total = 0.0
+        for k in range(out.shape[0]):
+            total += loops.jacobian[i, k] * out[k]
+        loops.phi[i] = total
+    _respond(loops, loops.rank[0], loops.phi, loops.move)
+    for k in range(out.shape[0]):
+        out[k] -= loops.move[k]
+
+
+@kernel
+def _respond(loops, rank, rows, out):
+    """out = M^-1 C^T (C M^-1 C^T)^-1 rows."""
+    solve_semidefinite(
+        loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution
+    )
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+    for i in range(rows.shape[0]):
+        share = loops.solution[i]
+        for k in range(out.shape[0]):
+            out[k] += share * loops.response[i, k]
+
+
+@part_of_kernel
+def project(plan, work, state, groups, loops, rate, x, v):
+    """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
+
+    Newton's iteration with those factors; it ends where corrections vanish or round-off stops them.
+    """
+    on_positions = True
+    closed = True
+    before = np.inf
+    for _ in range(2 * _MAX_ITERATIONS):
+        forward(plan, work, x, v, v)
+        constraints(plan, work, loops.phi, loops.rate, loops.rate2)
+        _respond(loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        size = 0.0
+        for k in range(v.shape[0]):
+            g = groups.of[k]
+            scale = groups.position[g] if on_positions else st.group_speed(groups, g, rate)
+            part = abs(loops.move[k]) / scale
+            loops.move[k] = -loops.move[k]
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
+        if size <= _CLOSED or not size < 0.5 * before:
+            closed = size <= _ACCEPTED
+            if not closed or not on_positions:
+                break
+            on_positions = False
+            before = np.inf
+        elif on_positions:
+            before = size
+            retract(plan, x, loops.move, x)
+        else:
+            before = size
+            for k in range(v.shape[0]):
+                v[k] += loops.move[k]
+    return closed and not on_positions

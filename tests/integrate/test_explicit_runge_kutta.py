@@ -1,0 +1,277 @@
+"""Orders, tolerance, rotation updates, loops and singular positions of explicit Runge-Kutta.
+
+References: Euler's equations of a top and the double pendulum's equations as written down here,
+integrated by SciPy to round-off, and the digits of BENCHMARKS.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import flexmbd as fm
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
+from machines import CRANK, pendulum, slider_crank, slider_position
+
+PAIRS = list(fm.Pair)
+CONTROLLED = [pair for pair in PAIRS if pair.estimates_error]
+MASS, INERTIA = 15.0, np.array([0.234375, 0.46875, 0.234375])
+SPIN = np.array([0.0, 150.0, -4.61538])
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def heavy_top(*, closed=False, spin=SPIN):
+    """BENCHMARKS A7, by a spherical joint or as a free body that a loop holds by its tip."""
+    scene = fm.System(gravity=tuple(GRAVITY))
+    top = scene.add(fm.RigidBody(MASS, np.diag(INERTIA), (0.0, 1.0, 0.0)), name="top")
+    if closed:
+        free = scene.connect(fm.joint.Free(), scene.ground.frame(), top.frame())
+        free.velocity = (0.0, 0.0, 0.0, *spin)
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    if not closed:
+        ball.velocity = tuple(spin)
+    return scene, top
+
+
+def turn(q):
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@cache
+def euler_top(t_end, spin=tuple(SPIN)):
+    """Quaternion, spin in body axes, and force of the ground on the tip, from Euler's equations."""
+    arm = np.array([0.0, 1.0, 0.0])
+    about_tip = INERTIA + MASS * np.array([1.0, 0.0, 1.0])
+
+    def spin_rate(q, w):
+        torque = np.cross(arm, MASS * turn(q).T @ GRAVITY)
+        return (torque - np.cross(w, about_tip * w)) / about_tip
+
+    def equations(t, y):
+        q, w = y[:4], y[4:]
+        s, v = q[0], q[1:]
+        return np.concatenate([[-0.5 * v @ w], 0.5 * (s * w + np.cross(v, w)), spin_rate(q, w)])
+
+    y = solve_ivp(
+        equations, (0.0, t_end), [1.0, 0.0, 0.0, 0.0, *spin], method="DOP853", rtol=3e-14, atol=1e-14
+    ).y[:, -1]
+    q, w = y[:4] / np.linalg.norm(y[:4]), y[4:]
+    acceleration = turn(q) @ (np.cross(spin_rate(q, w), arm) + np.cross(w, np.cross(w, arm)))
+    return q, w, MASS * (acceleration - GRAVITY)
+
+
+def observed_orders(errors):
+    errors = np.array(errors)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_tableau_meets_the_conditions_of_its_order(pair):
+    """Quadrature conditions, sums of rows, and those of trees with a branch of height two."""
+    table = pair.tableau
+    np.testing.assert_allclose(table.a.sum(axis=1), table.nodes, atol=4e-15)
+    for k in range(1, pair.order + 1):
+        assert table.weights @ table.nodes ** (k - 1) == pytest.approx(1 / k, abs=2e-15)
+    for k in range(1, pair.order - 1):
+        for j in range(pair.order - k - 1):
+            tree = table.weights @ (table.nodes**j * (table.a @ table.nodes**k))
+            assert tree == pytest.approx(1 / ((k + 1) * (k + j + 2)), abs=1e-14)
+    np.testing.assert_allclose(table.estimates.sum(axis=1), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("rotations", list(fm.Rotations))
+@pytest.mark.parametrize("pair", PAIRS)
+def test_order_on_a_top(pair, rotations):
+    """Heavy top at a spin of 12 rad/s: attitude and spin, by each update of rotations."""
+    spin = (2.0, 12.0, -4.0)
+    q, w, _ = euler_top(0.5, spin)
+    scene, _ = heavy_top(spin=spin)
+    method = fm.ExplicitRungeKutta(pair, rotations)
+    errors = []
+    for n in (10, 20) if pair.order == 8 else (50, 100, 200):
+        run = scene.simulate(0.5, h=0.5 / n, integrator=method)
+        errors.append([np.abs(run.x[-1] - q).max(), np.abs(run.v[-1] - w).max()])
+    orders = observed_orders(errors)
+    assert orders[-1].min() > pair.order - 0.4, (errors, orders)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_order_with_multipliers(pair):
+    """The same top as a free body in a loop: position, velocity and the force at its tip."""
+    spin = (2.0, 12.0, -4.0)
+    q, w, force = euler_top(0.5, spin)
+    scene, _ = heavy_top(closed=True, spin=spin)
+    errors = []
+    for n in (10, 20) if pair.order == 8 else (50, 100, 200):
+        run = scene.simulate(0.5, h=0.5 / n, integrator=fm.ExplicitRungeKutta(pair))
+        multipliers = -run.multipliers[-1]
+        errors.append(
+            [np.abs(run.x[-1, 3:] - q).max(), np.abs(run.v[-1, 3:] - w).max(), np.abs(multipliers - force).max()]
+        )
+        assert run.stats.constraint_residual < 1e-12
+    orders = observed_orders(errors)
+    assert orders[-1].min() > pair.order - 0.4, (errors, orders)
+
+
+def loaded_slider_crank():
+    """Crank started at 10 rad/s and driven by a sine torque."""
+    scene, piston, j1 = slider_crank()
+    scene.add_force(fm.force.JointTorque(j1, fm.Sine(3.0, 20.0, 0.4)))
+    j1.position = 0.3
+    j1.velocity = 10.0
+    return scene, piston, j1
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_order_of_a_slider_crank(pair):
+    """Against its fine solution: positions, velocities, multipliers, largest error over the run."""
+    scene, _, _ = loaded_slider_crank()
+    fine = scene.simulate(0.1, h=1e-4, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
+    errors = []
+    for n in (20, 40) if pair.order == 8 else (80, 160):
+        run = scene.simulate(0.1, h=0.1 / n, integrator=fm.ExplicitRungeKutta(pair))
+        parts = ((run.x, fine.x), (run.v, fine.v), (run.multipliers, fine.multipliers))
+        errors.append([np.abs(part[:: n // 20] - exact[::50]).max() for part, exact in parts])
+    orders = observed_orders(errors)
+    assert orders.min() > pair.order - 0.5, (errors, orders)
+
+
+@pytest.mark.parametrize("pair", CONTROLLED)
+def test_slider_crank_stays_closed(pair):
+    """The slider stays where the crank's angle puts it, at every step."""
+    scene, piston, j1 = loaded_slider_crank()
+    run = scene.simulate(0.2, rtol=1e-6, integrator=fm.ExplicitRungeKutta(pair))
+    x = run.position(piston.frame())
+    assert np.abs(x[:, 0] - slider_position(run.beta(j1))).max() < 1e-13 * 2.0 * CRANK * 10.0
+    assert np.abs(x[:, 1:]).max() < 1e-13
+
+
+@pytest.mark.parametrize("pair", CONTROLLED)
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8, 1e-10])
+def test_heavy_top_keeps_its_tolerance(pair, rtol):
+    """BENCHMARKS A7 at 2 s: some 300 rad of rotation, each with rtol."""
+    scene, top = heavy_top()
+    run = scene.simulate(2.0, rtol=rtol, integrator=fm.ExplicitRungeKutta(pair))
+    place = run.position(top.frame(p=(0.0, 1.0, 0.0)))[-1]
+    exact = np.array([-0.150416822746, -0.724165591637, -0.673022269560])
+    assert np.abs(place - exact).max() < 300.0 * rtol + 1e-12
+
+
+def rods_double_pendulum(start):
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    rods = [
+        scene.add(fm.RigidBody(1.0, (1e-4, 1 / 12, 1 / 12), (0.5, 0.0, 0.0)), name=f"rod {k}")
+        for k in (1, 2)
+    ]
+    first = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), rods[0].frame())
+    second = scene.connect(fm.joint.Revolute("z"), rods[0].frame(p=(1.0, 0.0, 0.0)), rods[1].frame())
+    first.position, second.position = start
+    return scene, rods[1].frame(p=(1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("pair", CONTROLLED)
+@pytest.mark.parametrize(
+    ("start", "places"),
+    [
+        (
+            (0.0, 0.0),
+            {
+                1: (-1.6621151358, -1.0414666372),
+                3: (1.3304368251, -1.3986448605),
+                5: (1.8552219378, -0.7395679325),
+            },
+        ),
+        (
+            (0.0, -np.pi / 2),
+            {
+                1: (-1.4419899284, -0.5402322145),
+                3: (-0.7953051438, 0.2018162218),
+                5: (-1.0991590247, -1.3491665132),
+            },
+        ),
+    ],
+)
+def test_double_pendulum_to_all_digits(pair, start, places):
+    """BENCHMARKS A12 (i): the tip at 1, 3 and 5 s."""
+    scene, tip = rods_double_pendulum(start)
+    for t_end, place in places.items():
+        run = scene.simulate(float(t_end), rtol=1e-12, integrator=fm.ExplicitRungeKutta(pair))
+        np.testing.assert_allclose(run.position(tip)[-1, :2], place, atol=2e-10)
+
+
+@pytest.mark.parametrize("pair", CONTROLLED)
+def test_pendulum_follows_the_reference_in_proportion_to_rtol(pair):
+    """BENCHMARKS A1 at 10 s."""
+    scene, bob, _ = pendulum()
+    tip = bob.frame(p=(1.0, 0.0, 0.0))
+    for rtol in (1e-5, 1e-7, 1e-9):
+        run = scene.simulate(10.0, rtol=rtol, integrator=fm.ExplicitRungeKutta(pair))
+        assert np.abs(run.position(tip)[-1, :2] - (-0.275087462576, -0.961419205099)).max() < 60.0 * rtol
+
+
+def four_bars(windows):
+    """BENCHMARKS A2: a row of windows of rods of 1 m and 1 kg, upright; the first free corner at 1 m/s."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    hinge = fm.joint.Revolute("z")
+
+    def rod(name):
+        return scene.add(fm.RigidBody(1.0, np.diag([1e-4, 1 / 12, 1 / 12]), (0.5, 0.0, 0.0)), name=name)
+
+    uprights = [rod(f"upright {k}") for k in range(windows + 1)]
+    for k, upright in enumerate(uprights):
+        foot = scene.connect(hinge, scene.ground.frame(p=(float(k), 0.0, 0.0)), upright.frame())
+        foot.position = np.pi / 2
+        if k == 0:
+            foot.velocity = -1.0
+    for k in range(windows):
+        beam = rod(f"beam {k}")
+        joint = scene.connect(hinge, uprights[k].frame(p=(1.0, 0.0, 0.0)), beam.frame())
+        joint.position = -np.pi / 2
+        scene.connect(hinge, beam.frame(p=(1.0, 0.0, 0.0)), uprights[k + 1].frame(p=(1.0, 0.0, 0.0)))
+    return scene, uprights[0].frame(p=(1.0, 0.0, 0.0))
+
+
+CORNER = np.array([0.328458111536, 0.944518538180])
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_singular_positions_are_crossed_with_fixed_steps(pair):
+    """BENCHMARKS A2 and F8: two rank losses a turn, ten turns, all loops redundant in space."""
+    scene, corner = four_bars(2)
+    run = scene.simulate(10.0, h=2e-3, integrator=fm.ExplicitRungeKutta(pair))
+    assert np.abs(run.position(corner)[-1, :2] - CORNER).max() < 1e-6
+    assert run.stats.constraint_residual < 1e-12
+
+
+@pytest.mark.parametrize("pair", CONTROLLED)
+def test_singular_positions_are_crossed_by_error_control(pair):
+    scene, corner = four_bars(2)
+    run = scene.simulate(10.0, rtol=1e-9, integrator=fm.ExplicitRungeKutta(pair))
+    assert np.abs(run.position(corner)[-1, :2] - CORNER).max() < 1e-6
+    assert run.stats.constraint_residual < 1e-12
+
+
+def test_a_method_without_an_estimate_wants_a_step():
+    scene, _, _ = pendulum()
+    with pytest.raises(fm.FlexmbdError, match=r"no error estimate.*step h.*DORMAND_PRINCE_5"):
+        scene.simulate(1.0, integrator=fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4))
+
+
+def test_a_fixed_step_far_too_long_fails_with_what_was_computed():
+    scene, _ = heavy_top(spin=(0.0, 1e100, 1e100))
+    with pytest.raises(fm.FlexmbdError, match="no finite state") as failure:
+        scene.simulate(1.0, h=0.1, integrator=fm.ExplicitRungeKutta())
+    assert failure.value.trajectory.t[0] == 0.0
