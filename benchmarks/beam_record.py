@@ -2,8 +2,7 @@
 
 The box is 1 x 0.05 x 0.05 m, E = 2.1e9 Pa, both ends rigid, body frame on the face x = 0. `modes` counts the six
 static ones of the face x = 1. Beside our record lies what exudyn's reduced body is made of, in the same basis.
-
-    ./run python benchmarks/beam_record.py h_or_mesh.npz modes FOLDER      # what `beam` calls, in a process of its own
+This file is also the script that makes them, in a process of its own.
 """
 
 from __future__ import annotations
@@ -53,6 +52,14 @@ def beam(mesh: str, modes: int, *, folder: Path, meshes: Path | None = None) -> 
     return found
 
 
+def arm(cells: int, *, folder: Path) -> Path:
+    """The record of the robot arm of Simo & Vu-Quoc (1986) of so many hexahedra, made where it is not there."""
+    path = folder / f"arm_{cells}.h5"
+    if not path.exists():
+        subprocess.run([sys.executable, __file__, "arm", str(cells), str(path)], check=True, stdout=subprocess.DEVNULL)
+    return path
+
+
 def _given(meshes: Path, mesh: str) -> Path:
     files = sorted(meshes.glob(f"*_{mesh}_*.npz"))
     if not files:
@@ -98,5 +105,27 @@ def write(source: str, modes: int, stem: str) -> None:
     )
 
 
+def write_arm(cells: int, path: str) -> None:
+    """10 m long, E = 4.6667e9 Pa, rho = 200 kg/m^3, body frame at x = 0; loads DOLFINx."""
+    from mpi4py import MPI
+
+    from flexmbd import meshes
+    from flexmbd.continuum import ContinuumModel, Interface
+    from flexmbd.forms import solid_linear
+    from flexmbd.reduction import craig_bampton
+
+    side = 0.0774597
+    mesh = meshes.block(
+        10.0, side, side, divisions=(cells, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF
+    )
+    material = solid_linear.Parameters(E=4.6667e9, nu=1.0 / 6.0, rho=200.0)
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, solid_linear, material, degree=2, interfaces=ends)
+    craig_bampton(model, modes=10, frame="x_min").save(path)
+
+
 if __name__ == "__main__":
-    write(sys.argv[1], int(sys.argv[2]), sys.argv[3])
+    if sys.argv[1] == "arm":
+        write_arm(int(sys.argv[2]), sys.argv[3])
+    else:
+        write(sys.argv[1], int(sys.argv[2]), sys.argv[3])

@@ -116,6 +116,38 @@ def double_pendulum(kind: str, start: str, *, way: fm.Way | None = None) -> Mech
     return Mechanism(scene, links[1].frame(p=(0, 0, 1)), (0, 2), reference, first)
 
 
+def point_masses(masses: tuple[float, float]) -> tuple[fm.System, fm.multibody.body.Frame]:
+    """A double pendulum of two point masses on arms of 1 m, in line at 1 rad from hanging, at rest; and its tip."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    first, second = (
+        scene.add(fm.RigidBody(mass, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), name=name)
+        for mass, name in zip(masses, ("first", "second"), strict=True)
+    )
+    hinge = fm.joint.Revolute((0.0, -1.0, 0.0))
+    above = scene.connect(hinge, scene.ground.frame(), first.frame())
+    scene.connect(hinge, first.frame(p=(0, 0, -1)), second.frame())
+    above.position = 1.0
+    return scene, second.frame(p=(0, 0, -1))
+
+
+def point_masses_end(masses: tuple[float, float], t_end: float) -> tuple[float, float]:
+    """Its tip's x and z (m) at the end, by the two equations of motion in the angles from hanging."""
+    from scipy.integrate import solve_ivp
+
+    m1, m2 = masses
+
+    def equation(_: float, y: np.ndarray) -> np.ndarray:
+        (a, b), (w, u) = y[:2], y[2:]
+        c, s = np.cos(a - b), np.sin(a - b)
+        matrix = [[m1 + m2, m2 * c], [m2 * c, m2]]
+        right = [-m2 * u**2 * s - (m1 + m2) * G * np.sin(a), m2 * w**2 * s - m2 * G * np.sin(b)]
+        return np.concatenate([[w, u], np.linalg.solve(matrix, right)])
+
+    start = (1.0, 1.0, 0.0, 0.0)
+    a, b = solve_ivp(equation, (0.0, t_end), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:2, -1]
+    return float(np.sin(a) + np.sin(b)), float(-np.cos(a) - np.cos(b))
+
+
 # -- closed loops ------------------------------------------------------------------------------------------------------
 
 FOUR_BAR = {
