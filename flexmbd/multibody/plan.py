@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
 from flexmbd.multibody.plan_forces import lay_forces
+from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.time_function import TimeRow, as_row
 from flexmbd.multibody.topology import Branch, Topology
@@ -365,7 +366,7 @@ def build(
         elements=_int_table(table.elements, at.N_ELEMENT),
         data=np.concatenate(b.data),
     )
-    return CompiledScene(
+    scene = CompiledScene(
         plan=plan,
         topology=topology,
         body_row=b.row_of,
@@ -387,6 +388,8 @@ def build(
         group_full=np.array([full for _, full, _ in b.groups], float),
         group_floor=np.array([floor for _, _, floor in b.groups], float),
     )
+    table.tell_built(scene)
+    return scene
 
 
 def _extent(topology: Topology) -> float:
@@ -475,15 +478,4 @@ def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
 
 def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
     """Return the plan with one more frame, its last, for asking where ``frame`` is."""
-    plan = scene.plan
-    row = scene.body_row.get(id(frame.body))
-    if row is None:
-        raise SceneError(f"frame {frame.label} belongs to no body of this scene")
-    modes = -1 if frame.modes is None else len(plan.modal)
-    extra = np.zeros(0) if frame.modes is None else frame.modes.ravel()
-    place = np.concatenate([frame.p_BF_B, frame.R_BF.ravel()])
-    return plan._replace(
-        frames=np.vstack([plan.frames, place]),
-        frame_of=np.vstack([plan.frame_of, [row, modes]]),
-        modal=np.concatenate([plan.modal, extra]),
-    )
+    return with_probe(scene.plan, scene.body_row, frame)

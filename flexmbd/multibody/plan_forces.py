@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.kane import Machine
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.time_function import Compiled, TimeFunction, TimeRow, as_row
@@ -75,6 +76,7 @@ class ForceTable:
         self._ground = ground
         self._frames: dict[int, tuple[Frame, int]] = {}  # with the frame, so that its id stays its own
         self._origin: int | None = None
+        self._waiting: list[Callable[[Machine], None]] = []
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate."""
@@ -126,6 +128,15 @@ class ForceTable:
         if isinstance(function, Compiled):
             return function.address
         return self._numbering.add_state_function(function, what)
+
+    def when_built(self, hook: Callable[[Machine], None]) -> None:
+        """Call ``hook`` with the compiled scene once it is there."""
+        self._waiting.append(hook)
+
+    def tell_built(self, scene: Machine) -> None:
+        """Hand the compiled scene to those that wait for it."""
+        for hook in self._waiting:
+            hook(scene)
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""

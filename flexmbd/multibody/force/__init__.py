@@ -11,5 +11,6 @@ from flexmbd.multibody.force.joint_law import JointLaw as JointLaw
 from flexmbd.multibody.force.joint_spring import JointSpring as JointSpring
 from flexmbd.multibody.force.joint_stop import JointStop as JointStop
 from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
+from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.kane import Machine
 from flexmbd.multibody.time_function import Compiled, TimeFunction
 
 
@@ -44,6 +46,9 @@ class Table(Protocol):
 
     def state_function(self, function: Compiled | StateFunction, what: str) -> int:
         """Address of a force of the whole state."""
+
+    def when_built(self, hook: Callable[[Machine], None]) -> None:
+        """Call ``hook`` with the compiled scene once it is there."""
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""

@@ -1,0 +1,64 @@
+"""A user's forces on frames as a function of the machine's motion, by Kane's generalised active forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.callback import FloatArray
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kane import Contribution, Kinematics
+from flexmbd.multibody.kernels import layout as at
+
+
+@dataclass(frozen=True, eq=False)
+class KaneForce:
+    """Forces and torques on frames that follow from the motion: F_r = v_r . F + w_r . T.
+
+    The function gets the ``Kinematics`` of the moment (t, positions, rotations, velocities of any frame, joint
+    coordinates, modal coordinates; no accelerations) and gives (frame, force (3,) N, torque (3,) N m) for each frame
+    that it acts on, in inertial axes.  A body of one's own is a ``RigidBody`` with the constant part of its mass, and
+    a ``KaneForce`` with what else its inertia does, with the opposite sign of what it asks: a rotor spun inside it
+    at a given speed, a store that loses mass.  Python, once each evaluation of the equations.
+
+    Attributes:
+        function: of the ``Kinematics``.
+        name: in messages.
+    """
+
+    function: Callable[[Kinematics], Iterable[Contribution]]
+    name: str = ""
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on frames that it names when it is asked."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None: it acts on frames that it names when it is asked."""
+        return ()
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"KaneForce {self.name or getattr(self.function, '__name__', '')!r}"
+
+    def check(self) -> None:
+        """Raise SceneError for what is no function."""
+        if not callable(self.function):
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of the machine's motion")
+
+    def lay(self, table: Table) -> None:
+        """A function of the state that asks the user's with the motion of that state."""
+        found: list[Kinematics] = []
+        table.when_built(lambda scene: found.append(Kinematics(scene)))
+
+        def forces(t: float, x: FloatArray, v: FloatArray) -> FloatArray:
+            kinematics = found[0].move(t, x, v)
+            return kinematics.generalised_forces(self.function(kinematics))
+
+        table.element(at.ON_STATE, self.what, address=table.state_function(forces, self.what))
