@@ -37,10 +37,12 @@ def lagrangian(compiled, x, v):
 
 
 def spring_scene():
-    """The mixed scene with a spring on a joint."""
+    """The mixed scene with a spring on a joint, and a screw."""
     scene, *_ = mixed_scene()
     hinge = scene._connections[1]
     scene.add_force(fm.force.JointSpring(hinge, 3.0, rest=0.2))
+    nut = scene.add(fm.RigidBody(0.5, np.diag([0.01, 0.02, 0.03]), (0.1, 0.02, 0.05)), name="nut")
+    scene.connect(fm.joint.Screw(0.3, "y"), scene._bodies[3].frame("tip"), nut.frame(p=(0.1, 0.0, 0.0)))
     return scene
 
 

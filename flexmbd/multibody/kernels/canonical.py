@@ -210,12 +210,8 @@ def canonical(plan, work, x, v, half, none, wrench, part, p, out):
 
     ``work.time`` must be up to date.  Leaves the kinematics of (x, v) in ``work``.
 
-    Args:
-        plan, work: the scene.
-        x, v: (nx,), (nv,) configuration and velocity.
-        half, none: (nv,) v / 2 and zeros.
-        wrench, part: (bodies, 6) and (6,) scratch.
-        p, out: (nv,) output.
+    x, v: (nx,), (nv,) configuration and velocity.  half, none: (nv,) v / 2 and zeros.  wrench, part:
+    (bodies, 6) and (6,) scratch.  p, out: (nv,) output.
     """
     for k in range(out.shape[0]):
         out[k] = 0.0

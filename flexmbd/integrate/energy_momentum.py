@@ -1,0 +1,327 @@
+"""Energy-momentum: a discrete-gradient method on the canonical form of the tree, order 2.
+
+Keeps the energy of a machine that neither loads nor dampers act on, at any step, and the momenta of
+symmetries: of coordinates that energy does not depend on, linear and angular momentum of a flying
+machine, vertical angular momentum of one that hangs in a ball joint.  Loads and dampers act by their
+value in the middle of the step; the energy's balance with their work is exact.  Sources: Gonzalez
+1996 (discrete gradient); Simo & Wong 1991 (rotations).  Derivation: docs/integrators.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import discrete_gradient as step
+from flexmbd.integrate import state as st
+from flexmbd.integrate.discrete_gradient import kinetic_energy, new_scratch, solve_step
+from flexmbd.integrate.protocol import Stepper
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.articulated import forward_dynamics
+from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
+from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import Plan, Work, new_work
+from flexmbd.multibody.kernels.recursion import forward
+from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.multibody.plan import CompiledScene
+
+FloatArray = NDArray[np.float64]
+
+ORDER = 2
+
+_LONGEST = 0.5  # the longest step in characteristic times of the machine
+_HOLD = 8  # steps without growth after a rejection
+_SAMPLES = 8  # states that tell which coordinates energy depends on
+_NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
+
+#: Force elements that store what they take.
+_STORING = (at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.BETWEEN_SPRING, at.BETWEEN_BUSHING)
+#: Where the data of each holds its damper: first entry and how many.
+_DAMPERS = {
+    at.ON_SPRING: (2, 1),
+    at.ON_CHARACTERISTIC: (1, 1),
+    at.ON_STOP: (3, 1),
+    at.BETWEEN_SPRING: (2, 1),
+    at.BETWEEN_BUSHING: (36, 36),
+}
+
+
+@dataclass(frozen=True)
+class EnergyMomentum:
+    """Choice of the method for trees.
+
+    ``newton`` is what Newton's iteration leaves of a step's error, relative to the machine's sizes and
+    speeds: energy is kept to about that at each step.
+
+    With error control the steps differ in length; energy and momenta are kept at each of them as at
+    equal ones.  Where a motion is prescribed its drive does work, energy is not kept, and the method
+    is the implicit midpoint rule.
+
+    Raises:
+        SceneError: ``newton`` does not lie between 0 and 0.001.
+    """
+
+    newton: float = 1e-12
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.newton <= 1e-3:
+            raise SceneError(f"newton must lie between 0 and 0.001, got {self.newton}")
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        return f"energy-momentum (discrete gradient), Newton to {self.newton:g}, order {ORDER}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions and velocities."""
+        return ORDER
+
+    @property
+    def memory_rows(self) -> int:
+        """Momenta, and the accelerations at the step before."""
+        return step.N_MEMORY
+
+    def check(self, scene: CompiledScene) -> None:
+        """Refuse constraints, by their joints' names."""
+        if len(scene.plan.rows):
+            names = ", ".join(repr(name) for name in dict.fromkeys(c.name for c in scene.row_owners))
+            raise SceneError(
+                f"the energy-momentum method runs trees without constraints; here {names} is held by multipliers; "
+                "take GeneralizedAlpha()"
+            )
+
+    def stepper(
+        self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
+    ) -> tuple[Stepper, Callable[[], None]]:
+        """See ``integrate.protocol.Integrator``."""
+        plan = scene.plan
+        stored = storing_plan(plan)
+        scratch = new_scratch(plan, scene.nx, scene.nv, correction_weights(scene, stored))
+        articulated = new_articulated_work(plan)
+        if state.counts[st.STEPS] == 0:
+            state.counts[step.KEEPS_ENERGY] = len(plan.driven) == 0
+            state.counts[step.SPLITS] = splits(plan)
+            state.memory[step.BEFORE] = state.a
+            momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
+            forward(plan, work, state.x, scratch.none, scratch.none)
+            kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
+            state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
+
+        def advance_to(record: st.Record) -> int:
+            return int(
+                advance(plan, stored, work, articulated, state, groups, scratch, record, self.newton)
+            )
+
+        def drop_factors() -> None:
+            state.numbers[step.STEP_FACTORED] = 0.0
+
+        drop_factors()
+        return advance_to, drop_factors
+
+
+def splits(plan: Plan) -> bool:
+    """Whether loads or dampers act, beside what stores energy."""
+    damped = len(plan.flex) > 0 and bool((plan.flex[:, at.MODAL_DAMPING] >= 0).any())
+    return damped or len(plan.forces) > 0 or len(plan.elements) > 0
+
+
+def storing_plan(plan: Plan) -> Plan:
+    """``plan`` without loads and dampers: what remains stores the energy it takes."""
+    flex, data = plan.flex.copy(), plan.data.copy()
+    flex[:, at.MODAL_DAMPING] = -1
+    elements = plan.elements[np.isin(plan.elements[:, at.EL_KIND], _STORING)]
+    for row in elements:
+        first, count = _DAMPERS[int(row[at.EL_KIND])]
+        o = int(row[at.EL_DATA]) + first
+        data[o : o + count] = 0.0
+    return plan._replace(flex=flex, data=data, elements=elements, forces=np.zeros((0, at.N_FORCE), np.int64))
+
+
+def correction_weights(scene: CompiledScene, stored: Plan) -> FloatArray:
+    """(2 bodies + nv, 9) see ``discrete_gradient.Scratch.weight``: 1 / size^2, but none along symmetries.
+
+    Which directions of a joint energy does not depend on is read off its gradients at a few states, turned
+    into the axes of the joint's outer frame.
+    """
+    plan, nv = scene.plan, scene.nv
+    bodies = len(plan.tree)
+    size = scene.group_full[scene.group_of]
+    seen = _gradients(scene, stored, size)
+    joints = [k for slots in scene.joint_slots.values() for k in range(slots.v.start, slots.v.stop)]
+    joints += [k for k in range(nv) if k not in joints and not _is_modal(scene, k)]
+    nothing = _NOTHING * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
+    weight = np.zeros((2 * bodies + nv, 9))
+    weight[2 * bodies :, 0] = 1.0 / size**2
+    for i, row in enumerate(plan.tree):
+        kind, o = int(row[at.JOINT]), int(row[at.JOINT_V])
+        if kind in (at.REVOLUTE, at.PRISMATIC, at.SCREW):
+            if np.abs(seen[:, o]).max() * size[o] <= nothing:
+                weight[2 * bodies + o, 0] = 0.0
+        elif kind == at.FREE:
+            weight[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
+            weight[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
+        elif kind == at.SPHERICAL:
+            weight[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
+    return weight
+
+
+def _is_modal(scene: CompiledScene, k: int) -> bool:
+    return any(slots.v.start <= k < slots.v.stop for slots in scene.modal_slots.values())
+
+
+def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
+    """Projection on what the gradients (k, 3) span, over size^2, row by row."""
+    _, values, axes = np.linalg.svd(seen)
+    kept = axes[values * size > nothing]
+    return (kept.T @ kept / size**2).ravel()
+
+
+def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArray:
+    """(k, nv) gradients of energy at a few states, turning ones in the axes of the joint's outer frame."""
+    plan, nv = scene.plan, scene.nv
+    modal = np.array([_is_modal(scene, k) for k in range(nv)], bool)
+    work = new_work(plan)
+    none, p, x = np.zeros(nv), np.zeros(nv), np.empty(scene.nx)
+    rate = max(1.0, math.sqrt(float(np.linalg.norm(plan.gravity)) / scene.extent))
+    random = np.random.default_rng(0)
+    seen = np.zeros((_SAMPLES, nv))
+    for gradient in seen:
+        draw = random.standard_normal(nv) * size * np.where(modal, 1e-3, 1.0)
+        retract(plan, scene.start, draw, x)
+        v = random.standard_normal(nv) * size * rate * np.where(modal, 1e-3, 1.0)
+        wrench = np.zeros((len(plan.tree), 6))
+        canonical(stored, work, x, v, 0.5 * v, none, wrench, np.zeros(6), p, gradient)
+        for i, row in enumerate(plan.tree):
+            if row[at.JOINT] in (at.SPHERICAL, at.FREE):
+                o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
+                turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
+                gradient[o : o + 3] = turn @ gradient[o : o + 3]
+    return seen
+
+
+@part_of_kernel
+def _turned(move, before, after, a_before, a_after, o, h, error):
+    """Local error of the rotation ``move``, against a quadrature of 4th order with Magnus' first bracket."""
+    turn = load3(move, o)
+    angle = math.sqrt(dot3(turn, turn))
+    share = 2.0 * math.atan(0.5 * angle) / angle if angle > 1e-8 else 1.0
+    bracket = scale3(h * h * h / 12.0, cross3(load3(before, o), load3(a_before, o)))
+    lack = add3(scale3(share - 1.0, turn), scale3(-1.0, bracket))
+    store3(error, o, add3(load3(error, o), lack))
+
+
+@part_of_kernel
+def _local_error(plan, state, groups, s, a_end, h, rate):
+    """The step's error over what is tolerated, against quadratures of the velocities and accelerations it leaves."""
+    h1 = state.numbers[st.STEP_BEFORE]
+    v_end = s.v_end[0]
+    for k in range(a_end.shape[0]):
+        bend = h * h / 12.0 * (state.a[k] - a_end[k])
+        s.error_x[k] = s.move[k] - 0.5 * h * (state.v[k] + v_end[k]) - bend
+        # the integral of the parabola through the last three accelerations
+        curve = 0.0
+        if h1 > 0.0:
+            slope = (state.a[k] - state.memory[step.BEFORE, k]) / h1
+            curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
+        mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
+        s.error_v[k] = v_end[k] - state.v[k] - h * mean
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.JOINT] == at.SPHERICAL or row[at.JOINT] == at.FREE:
+            o = row[at.JOINT_V] + (3 if row[at.JOINT] == at.FREE else 0)
+            _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
+    return st.error_ratio(plan, state, groups, s.error_x, s.error_v, h, rate)
+
+
+@part_of_kernel
+def _accept(plan, state, groups, s, a_end, record, h):
+    """Make the trial state the current one and write a row of the record."""
+    for k in range(state.v.shape[0]):
+        state.memory[step.BEFORE, k] = state.a[k]
+        state.memory[step.MOMENTUM, k] = s.p_end[k]
+        state.v[k] = s.v_end[0, k]
+        state.a[k] = a_end[k]
+    for k in range(state.x.shape[0]):
+        state.x[k] = s.x_end[k]
+    state.numbers[step.ENERGY] += state.numbers[step.WORK]
+    st.store(plan, state, groups, record, h)
+
+
+@part_of_kernel
+def _solve(plan, stored_plan, work, aw, state, groups, s, h, rate, newton):
+    """A trial step of h; False if Newton's iteration failed."""
+    t = state.numbers[st.TIME]
+    if plan.driven.shape[0] > 0:
+        evaluate_times(plan, st.end_of_step(state, h), work.time)
+        for i in range(plan.driven.shape[0]):
+            for k in range(3):
+                s.driven[i, k] = work.time[plan.driven[i, at.DRIVEN_TIME], k]
+    evaluate_times(plan, t + 0.5 * h, work.time)
+    st.set_scales(state, groups, s, rate, newton)
+    return solve_step(plan, stored_plan, work, aw, state, groups, s, h, rate, newton)
+
+
+@kernel
+def advance(plan, stored_plan, work, aw, state, groups, s, record, newton):
+    """Step until the end, a full record, or a failure.
+
+    Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
+    step STEP at TIME, worst velocity WORST).
+    """
+    number = state.numbers
+    count = state.counts
+    fixed = count[st.FIXED_STEP] == 1
+    while number[st.TIME] < number[st.TIME_END]:
+        if count[st.STORED] == record.t.shape[0]:
+            return st.OUTPUT
+        h = number[st.STEP]
+        rate = st.machine_rate(state, groups)
+        if not fixed:
+            h = min(h, _LONGEST / (rate + 1e-300))
+        whole = h
+        h = st.next_step(state, whole)
+        solved = _solve(plan, stored_plan, work, aw, state, groups, s, h, rate, newton)
+        if solved and plan.flag[0] == 0:
+            evaluate_times(plan, st.end_of_step(state, h), work.time)
+            forward_dynamics(plan, work, aw, s.x_end, s.v_end[0], s.a_end, state.multipliers, s.extra)
+        if plan.flag[0] != 0:
+            return st.CALLBACK_FAILED
+        if not solved:
+            count[st.REJECTED] += 1
+            if fixed:
+                return st.NEWTON_FAILED
+            if h <= number[st.STEP_FLOOR_SIZE]:
+                return st.STEP_FLOOR
+            number[st.STEP] = 0.25 * h
+            continue
+        if fixed:
+            _accept(plan, state, groups, s, s.a_end, record, h)
+            continue
+        ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
+        growth = 0.9 / np.cbrt(max(ratio, 1e-4))
+        if not ratio <= 1.0:
+            count[st.REJECTED] += 1
+            count[step.HOLD] = _HOLD
+            if h <= number[st.STEP_FLOOR_SIZE]:
+                return st.STEP_FLOOR
+            number[st.STEP] = h * max(0.2, growth) if np.isfinite(growth) else 0.2 * h
+            continue
+        _accept(plan, state, groups, s, s.a_end, record, h)
+        # the step changes seldom, for each change costs a factorisation
+        count[step.HOLD] -= 1
+        if h < whole:
+            number[st.STEP] = whole  # it was cut short by the end alone
+        elif growth > 1.25 and count[step.HOLD] <= 0:
+            number[st.STEP] = min(number[st.STEP_CEILING], h * min(growth, 2.0))
+        else:
+            number[st.STEP] = h if growth > 0.95 else 0.85 * h
+    return st.DONE

@@ -1,0 +1,207 @@
+"""Order, energy, momenta and the work of loads of the energy-momentum method."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.integrate.energy_momentum import ORDER
+from flexmbd.multibody.initial import mass_matrix
+from flexmbd.multibody.kernels.layout import new_work
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
+from machines import slider_crank
+from particles import particle_body
+
+METHOD = fm.EnergyMomentum()
+CLOUDS = (particle_body(1, modes=3, stretched=(0, 2)), particle_body(2, modes=4))
+
+
+def flexible_double_pendulum(*, hold=1.0):
+    """Two particle bodies of 3 and 4 modes, the first with stretch, swinging about y."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    a, b = (scene.add(fm.FlexibleBody(cloud.record), name=name) for cloud, name in zip(CLOUDS, "ab", strict=True))
+    upper = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), a.frame("root"), name="upper")
+    lower = scene.connect(fm.joint.Revolute("y"), a.frame("tip"), b.frame("root"), name="lower")
+    if hold is not None:
+        upper.position = hold
+    lower.position = 0.5
+    return scene, upper, lower
+
+
+def flying_machine(gravity):
+    """A tumbling flexible body that carries a rigid one by a ball joint."""
+    scene = fm.System(gravity=gravity)
+    body = scene.add(fm.FlexibleBody(CLOUDS[1].record), name="body")
+    arm = scene.add(fm.RigidBody(0.5, np.diag([0.01, 0.02, 0.03]), (0.2, 0.1, 0.0)), name="arm")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame("root"))
+    free.velocity = (0.3, -0.2, 0.5, 3.0, -2.0, 4.0)
+    ball = scene.connect(fm.joint.Spherical(), body.frame("tip"), arm.frame())
+    ball.velocity = (1.0, 2.0, 3.0)
+    return scene, body, arm
+
+
+def particle_momenta(run, body, arm):
+    """Linear and angular momentum (nt, 3) of ``flying_machine`` about the origin, summed over particles."""
+    cloud = CLOUDS[1]
+    p, R = run.position(body.frame()), run.rotation(body.frame())
+    v, w = run.velocity(body.frame()), run.angular_velocity(body.frame())
+    local = cloud.x + np.einsum("kai,ti->tka", cloud.phi, run.q(body))
+    reach = np.einsum("tab,tkb->tka", R, local)
+    speed = v[:, None] + np.cross(w[:, None], reach) + np.einsum("tab,kbi,ti->tka", R, cloud.phi, run.q_rate(body))
+    linear = np.einsum("k,tka->ta", cloud.mass, speed)
+    angular = np.einsum("k,tka->ta", cloud.mass, np.cross(p[:, None] + reach, speed))
+    centre = arm.frame(p=(0.2, 0.1, 0.0))
+    R, w, v = run.rotation(centre), run.angular_velocity(centre), 0.5 * run.velocity(centre)
+    spin = np.einsum("tij,j,tkj,tk->ti", R, [0.01, 0.02, 0.03], R, w)
+    return linear + v, angular + np.cross(run.position(centre), v) + spin
+
+
+def spread(values):
+    """Largest range of the columns."""
+    return np.ptp(values, axis=0).max()
+
+
+def test_order_two_for_positions_velocities_and_accelerations():
+    """Against generalized-alpha at a small step."""
+    scene, *_ = flexible_double_pendulum()
+    exact = scene.simulate(0.5, h=0.5 / 12800, rtol=1e-10)
+    errors = []
+    for steps in (200, 400, 800):
+        run = scene.simulate(0.5, h=0.5 / steps, integrator=METHOD)
+        errors.append([np.abs(getattr(run, k)[-1] - getattr(exact, k)[-1]).max() for k in "xva"])
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    np.testing.assert_allclose(orders, ORDER, atol=0.1)
+
+
+@pytest.mark.parametrize("h", [0.002, 0.01, 0.04])
+def test_energy_of_a_flexible_double_pendulum_does_not_drift(h):
+    """Of some 27 J that go to and fro, over 3000 steps, whether the step resolves the modes or not."""
+    scene, *_ = flexible_double_pendulum()
+    run = scene.simulate(3000 * h, h=h, integrator=METHOD)
+    energy = run.energy()
+    assert np.ptp(energy.kinetic) > 20.0
+    assert np.ptp(energy.total) < 1e-9
+    assert abs(energy.total[-300:].mean() - energy.total[:300].mean()) < 1e-12
+    other = scene.simulate(3000 * h, h=h, integrator=fm.GeneralizedAlpha(1.0)) if h == 0.01 else None
+    assert other is None or np.ptp(other.energy().total) > 1e-4
+
+
+def test_energy_is_kept_at_steps_of_any_length():
+    scene, *_ = flexible_double_pendulum()
+    exact = scene.simulate(1.0, h=1.0 / 12800, rtol=1e-10)
+    errors = []
+    for rtol in (1e-3, 1e-5):
+        run = scene.simulate(1.0, rtol=rtol, integrator=METHOD)
+        assert np.ptp(np.diff(run.t)) > 1e-4 * run.t[-1] / len(run.t)
+        assert np.ptp(run.energy().total) < 1e-10
+        errors.append(np.abs(run.x[-1] - exact.x[-1]).max())
+    assert errors[0] < 1e-3
+    assert 30.0 < errors[0] / errors[1] < 300.0
+
+
+@pytest.mark.parametrize("gravity", [0.0, -9.81])
+def test_momenta_of_a_flying_machine(gravity):
+    """All of them without gravity; with it the horizontal linear and the vertical angular one."""
+    scene, body, arm = flying_machine((0.0, 0.0, gravity))
+    run = scene.simulate(5.0, h=0.005, integrator=METHOD)
+    linear, angular = particle_momenta(run, body, arm)
+    horizontal, vertical = (slice(0, 3), slice(0, 3)) if gravity == 0.0 else (slice(0, 2), slice(2, 3))
+    assert np.abs(np.diff(run.q(body), axis=0)).max() > 1e-3
+    assert spread(linear[:, horizontal]) < 1e-12
+    assert spread(angular[:, vertical]) < 1e-11
+    assert np.ptp(run.energy().total) < 1e-12 * np.abs(run.energy().kinetic).max() + 1e-11
+
+
+def test_momentum_of_a_vertical_hinge():
+    """A slewing crane with a flexible jib: the momentum of the slewing angle, over 10^4 steps."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    post = scene.add(fm.RigidBody(2.0, np.diag([0.1, 0.1, 0.2]), (0.1, 0.0, 0.0)), name="post")
+    jib = scene.add(fm.FlexibleBody(CLOUDS[0].record), name="jib")
+    slew = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), post.frame())
+    luff = scene.connect(fm.joint.Revolute("y"), post.frame(p=(0.3, 0.0, 0.0)), jib.frame("root"))
+    slew.velocity = 3.0
+    scene.add_force(fm.force.JointSpring(luff, 5.0))
+    run = scene.simulate(50.0, h=0.005, integrator=METHOD)
+    work = new_work(run.scene.plan)
+    momentum = [(mass_matrix(run.scene, work, x) @ v)[0] for x, v in zip(run.x[::50], run.v[::50], strict=True)]
+    assert np.ptp(run.beta_rate(slew)) > 0.1
+    assert np.ptp(momentum) < 1e-12 * abs(momentum[0])
+    assert np.ptp(run.energy().total) < 1e-10
+
+
+def test_body_free_of_torque():
+    """An unevenly shaped body turns over and over: energy, spatial spin, rotations orthonormal."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), name="body")
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), body.frame())
+    ball.velocity = (0.1, 2.0, 0.1)
+    run = scene.simulate(200.0, h=0.01, integrator=METHOD)
+    R = run.rotation(body.frame())
+    spin = np.einsum("tij,j,tj->ti", R, [1.0, 2.0, 3.0], run.v)
+    assert run.v[:, 1].min() < -1.9
+    assert spread(spin) < 1e-12
+    assert np.ptp(run.energy().total) < 1e-10
+    assert np.abs(np.einsum("tji,tjk->tik", R, R) - np.eye(3)).max() < 1e-14
+
+
+def test_heavy_top():
+    """BENCHMARKS A7: order 2 at 0.5 s, energy, and the vertical angular momentum."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    inertia = np.array([15.234375, 0.46875, 15.234375])
+    top = scene.add(fm.RigidBody(15.0, np.diag(inertia - [15.0, 0.0, 15.0]), (0.0, 1.0, 0.0)), name="top")
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    ball.velocity = (0.0, 150.0, -4.61538)
+    exact = np.array([-0.702468297057, -0.021165184702, -0.711400257652])
+    errors = []
+    for h in (4e-4, 2e-4):
+        run = scene.simulate(0.5, h=h, integrator=METHOD)
+        spin = np.einsum("tij,j,tj->ti", run.rotation(top.frame()), inertia, run.v)
+        assert np.ptp(spin[:, 2]) < 1e-11 * abs(spin[0, 2])
+        assert np.ptp(run.energy().total) < 1e-12 * run.energy().total[0]
+        errors.append(np.abs(run.position(top.frame(p=(0.0, 1.0, 0.0)))[-1] - exact).max())
+    assert errors[1] < 5e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
+
+
+def test_energy_changes_by_the_work_of_loads_and_dampers():
+    """Torque at the middle of the step over the step's turn; modal damping takes some too."""
+    scene, upper, lower = flexible_double_pendulum()
+    scene.add_force(fm.force.JointSpring(lower, 20.0, rest=0.2, damping=0.1))
+    scene.add_force(fm.force.JointTorque(upper, fm.Sine(3.0, 20.0, 0.4)))
+    scene.add_force(fm.force.JointDamper(lower, 0.3))
+    run = scene.simulate(5.0, h=0.005, integrator=METHOD)
+    turns = np.diff([run.beta(upper), run.beta(lower)], axis=1)
+    middle = 0.5 * (run.t[1:] + run.t[:-1])
+    work = 3.0 * np.sin(20.0 * middle + 0.4) * turns[0] - 0.4 * turns[1] ** 2 / np.diff(run.t)
+    total = run.energy().total
+    assert np.ptp(total) > 3.0
+    np.testing.assert_allclose(total[1:] - total[0], np.cumsum(work), atol=1e-10)
+
+
+def test_prescribed_motion_by_the_midpoint_rule():
+    """Order 2 against generalized-alpha, where a drive moves the upper hinge."""
+    scene, upper, _ = flexible_double_pendulum(hold=None)
+    upper.prescribe(lambda t: (np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)))
+    exact = scene.simulate(0.5, h=1.0 / 12800, rtol=1e-10)
+    errors = []
+    for h in (1.0 / 400, 1.0 / 800):
+        run = scene.simulate(0.5, h=h, integrator=METHOD)
+        errors.append([np.abs(getattr(run, k)[-1] - getattr(exact, k)[-1]).max() for k in "xva"])
+    np.testing.assert_allclose(np.divide(*errors), 4.0, atol=0.3)
+
+
+def test_constraints_are_refused_by_name():
+    scene, *_ = slider_crank()
+    with pytest.raises(fm.FlexmbdError, match=r"'guide' is held by multipliers.*GeneralizedAlpha"):
+        scene.simulate(0.1, h=1e-3, integrator=METHOD)
+
+
+@pytest.mark.parametrize("newton", [0.0, -1e-9, 0.1])
+def test_newton_must_be_a_small_number(newton):
+    with pytest.raises(fm.FlexmbdError, match="newton must lie between"):
+        fm.EnergyMomentum(newton=newton)
