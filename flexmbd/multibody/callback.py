@@ -82,6 +82,11 @@ class Callbacks:
 
         return self._keep(_StateThunk(thunk))
 
+    @property
+    def addresses(self) -> frozenset[int]:
+        """Of all Python callables."""
+        return frozenset(_address(thunk) for thunk in self._kept)
+
     def reset(self) -> None:
         """Forget an error."""
         self.flag[0] = 0
@@ -128,7 +133,11 @@ class Callbacks:
 
     def _keep(self, thunk: Any) -> int:
         self._kept.append(thunk)
-        return int(ctypes.cast(thunk, ctypes.c_void_p).value or 0)
+        return _address(thunk)
+
+
+def _address(thunk: Any) -> int:
+    return int(ctypes.cast(thunk, ctypes.c_void_p).value or 0)
 
 
 def _view(address: int, size: int) -> FloatArray:

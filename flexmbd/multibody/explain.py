@@ -13,7 +13,7 @@ _KINDS = {
     at.TIME_PIECEWISE: "read as data",
     at.TIME_SINE: "read as data",
     at.TIME_COMPILED: "called compiled",
-    at.TIME_PYTHON: "Python, one return to the interpreter a step",
+    at.TIME_PYTHON: "Python, called at each new time",
 }
 
 
@@ -45,6 +45,7 @@ def explain(start: Start) -> str:
         lines.append(f"  {branch.connection.name}: {joint} -> {body.name} ({kind}), {how}{back}")
     lines.extend(_closures(start))
     lines.extend(_inputs(start))
+    lines.extend(_elements(start))
     lines.extend(_skipped(start))
     if start.moved:
         lines.append("the start was made consistent:")
@@ -87,6 +88,19 @@ def _inputs(start: Start) -> list[str]:
     ]
 
 
+def _elements(start: Start) -> list[str]:
+    """One line a force element; of those that call a user's function, at what cost."""
+    scene = start.scene
+    lines: dict[str, None] = {}
+    for name, row in zip(scene.element_names, scene.plan.elements, strict=True):
+        cost = ""
+        if row[at.EL_KIND] in (at.ON_FUNCTION, at.ON_STATE):
+            python = row[at.EL_ADDRESS] in scene.callbacks.addresses
+            cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
+        lines[name + cost] = None
+    return list(lines)
+
+
 def _skipped(start: Start) -> list[str]:
     plan = start.scene.plan
     skipped = []
@@ -100,6 +114,8 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")
+    if len(plan.elements) == 0:
+        skipped.append("force elements (none)")
     if not plan.gravity.any():
         skipped.append("gravity (zero)")
     return ["skipped: " + "; ".join(skipped)] if skipped else []

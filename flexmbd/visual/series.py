@@ -77,7 +77,7 @@ def _lines(
 ) -> list[tuple[str, FloatArray]]:
     if not series:
         energy = trajectory.energy()
-        parts = {name: getattr(energy, name) for name in ("kinetic", "elastic", "gravitational")}
+        parts = {name: getattr(energy, name) for name in ("kinetic", "elastic", "gravitational", "spring")}
         # parts that a machine does not have are left out
         shown = {name: part for name, part in parts.items() if part.any()}
         series = [*shown.items(), ("total", energy.total)]

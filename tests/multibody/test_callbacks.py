@@ -96,6 +96,19 @@ def test_drive_leaves_springs_and_given_forces_out():
     assert np.ptp(run.a) > 1.0
 
 
+def test_explain_tells_elements_and_what_calls_python():
+    scene, hinge = wheel()
+    assert "force elements (none)" in scene.explain()
+    scene.add_force(fm.force.JointSpring(hinge, 3.0))
+    scene.add_force(fm.force.JointLaw(hinge, compiled_law))
+    scene.add_force(fm.force.StateForce(lambda t, x, v: -v, "brake"))
+    text = scene.explain()
+    assert "\nJointSpring on joint 'hinge'\n" in text
+    assert "JointLaw on joint 'hinge': called compiled\n" in text
+    assert "StateForce 'brake': Python, called at each evaluation of the equations" in text
+    assert "force elements (none)" not in text
+
+
 # --- failures --------------------------------------------------------------------------------
 
 

@@ -177,7 +177,7 @@ def test_constraint_rates_are_derivatives_of_the_residuals():
     second = -49.0 / 18.0 * places[0] + sum(
         w * (places[k] + places[-k]) for k, w in ((1, 1.5), (2, -0.15), (3, 1.0 / 90.0))
     )
-    assert len(phi) == 6 + 5 + 5
+    assert len(phi) == 5 + 5 + 5
     np.testing.assert_allclose(rate, first / step, atol=1e-10 * np.abs(rate).max())
     np.testing.assert_allclose(rate2, second / step**2, atol=1e-7 * np.abs(rate2).max())
 
