@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
 from flexmbd.multibody.plan import CompiledScene, Slots, add_probe
-from flexmbd.multibody.reaction import reactions
+from flexmbd.multibody.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
 from flexmbd.reduced import ReducedBody
 
@@ -161,8 +161,11 @@ class Trajectory:
         """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
 
         Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
-        is collective over the team where they are Python callables.
+        is collective over the team where they are Python callables.  Of a joint held by constraints it is what
+        its reaction does along its only coordinate.
         """
+        if id(connection) in self.scene.closure_frames and len(connection.joint.angular) == 1:
+            return coordinate_force(connection.joint, self.reaction(connection))
         slots = self._slots(connection)
         plan = self.scene.plan
         kind = plan.elements[:, at.EL_KIND]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.enforcement import Penalty
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.reduced import ReducedBody
@@ -60,10 +61,14 @@ def _flexible(record: ReducedBody) -> str:
 
 def _closures(start: Start) -> list[str]:
     scene = start.scene
+    penalised = [c for c in scene.topology.closures if isinstance(c.enforce, Penalty)]
+    yielding = [f"  {c.name}: {type(c.joint).__name__}, yields to a penalty, no multipliers" for c in penalised]
     if not len(start.unreduced.plan.rows):
-        return ["loops: none, so no multipliers and no drift"]
+        return ["loops: none, so no multipliers and no drift", *yielding]
     lines = ["loops, closed by multipliers:"]
-    for owner in dict.fromkeys((*scene.topology.closures, *start.unreduced.row_owners)):
+    lines.extend(yielding)
+    held = [c for c in scene.topology.closures if c not in penalised]
+    for owner in dict.fromkeys((*held, *start.unreduced.row_owners)):
         count = sum(other is owner for other in scene.row_owners)
         whole = sum(other is owner for other in start.unreduced.row_owners)
         kind, why = type(owner).__name__, ""

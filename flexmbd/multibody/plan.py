@@ -13,14 +13,15 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.enforcement import Penalty
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.protocol import Joint, Step
+from flexmbd.multibody.joint.protocol import Joint, Row, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
-from flexmbd.multibody.plan_forces import lay_forces
+from flexmbd.multibody.plan_forces import ForceTable, lay_forces
 from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.time_function import TimeRow, as_row
@@ -258,6 +259,10 @@ class _Builder:
         """Where a body's modal coordinates lie; None if it has none."""
         return self.modal_slots.get(id(body))
 
+    def find_closure(self, connection: Connection) -> tuple[int, int] | None:
+        """Rows of F and G of a joint held by constraints; None for others."""
+        return self.closure_frames.get(id(connection))
+
     def find_body(self, body: Body) -> int | None:
         """The body's row, -1 for the ground; None if it is not in the scene."""
         return self.row_of.get(id(body))
@@ -344,6 +349,7 @@ def build(
     rows = _constraint_rows(b, topology, couplings)
     driven = _driven(b, topology)
     table = lay_forces(b, ground, forces)
+    _lay_penalties(b, rows, table)
     driven_v = {row[at.DRIVEN_V] for row in driven}
     free = [k for k in range(len(b.names)) if k not in driven_v]
     times, time_data = _time_table(b.times)
@@ -364,6 +370,7 @@ def build(
         lapack=lapack_addresses(),
         flag=b.callbacks.flag,
         elements=_int_table(table.elements, at.N_ELEMENT),
+        penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
     )
     scene = CompiledScene(
@@ -408,25 +415,27 @@ def _extent(topology: Topology) -> float:
 
 @dataclass
 class _Rows:
-    """Growing rows of constraints, their names and whose they are."""
+    """Growing rows of constraints, their names and whose they are; and those that penalties enforce."""
 
     table: list[list[int]]
     names: list[str]
     owners: list[Connection | Coupling]
+    penalties: list[list[int]]
+    penalised: list[tuple[str, Penalty]]
+
+
+#: The row that holds a joint's only coordinate, by the kind of its step.
+_COORDINATE = {
+    at.REVOLUTE: Row(at.ROW_ANGLE, 0, "prescribed angle"),
+    at.SCREW: Row(at.ROW_ANGLE, 0, "prescribed angle"),
+    at.PRISMATIC: Row(at.ROW_TRANSLATION, 2, "prescribed displacement"),
+}
 
 
 def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupling]) -> _Rows:
-    rows = _Rows([], [], [])
+    rows = _Rows([], [], [], [], [])
     for closure in topology.closures:
-        turn = closure.joint.turn
-        f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], turn)
-        g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], turn)
-        b.closure_frames[id(closure)] = (f, g)
-        for row in closure.joint.rows:
-            data = b.add_data(np.array(row.data)) if row.data else 0
-            rows.table.append([f, g, row.kind, row.index, data, row.level, -1])
-            rows.names.append(f"{closure.name}: {row.name}")
-            rows.owners.append(closure)
+        _add_closure(b, rows, closure)
     for coupling in couplings:
         values = [float(len(coupling.terms)), 0.0]  # the sum is set at the start
         for term in coupling.terms:
@@ -444,13 +453,41 @@ def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupli
     return rows
 
 
+def _add_closure(b: _Builder, rows: _Rows, closure: Connection) -> None:
+    """Append the rows of a joint held by constraints, and that of its prescribed motion."""
+    joint = closure.joint
+    f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], joint.turn)
+    g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], joint.turn)
+    b.closure_frames[id(closure)] = (f, g)
+    held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
+    if closure.motion is not None:
+        what = f"motion of joint {closure.name!r}"
+        time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)
+        held.append((_COORDINATE[joint.steps[0].kind], time))
+    for row, time in held:
+        data = b.add_data(np.array(row.data)) if row.data else 0
+        line = [f, g, row.kind, row.index, data, row.level, time]
+        name = f"{closure.name}: {row.name}"
+        if isinstance(closure.enforce, Penalty):
+            rows.penalties.append(line)
+            rows.penalised.append((name, closure.enforce))
+        else:
+            rows.table.append(line)
+            rows.names.append(name)
+            rows.owners.append(closure)
+
+
+def _lay_penalties(b: _Builder, rows: _Rows, table: ForceTable) -> None:
+    """Append the elements that stand for penalised rows."""
+    for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
+        scale = b.extent**2 if row[at.ROW_KIND] in at.ROWS_IN_RAD else 1.0
+        stiffness = penalty.stiffness * scale if row[at.ROW_LEVEL] == at.LEVEL_POSITION else 0.0
+        data = b.add_data(np.array([stiffness, penalty.damping * scale]))
+        f, g = row[at.ROW_F], row[at.ROW_G]
+        table.element(at.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)
+
+
 def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
-    for closure in topology.closures:
-        if closure.motion is not None:
-            raise SceneError(
-                f"joint {closure.name!r} closes a loop and has no coordinate to prescribe; "
-                "ask for Way.COORDINATES, so that another joint closes the loop"
-            )
     rows: list[list[int]] = []
     for branch in topology.branches:
         connection = branch.connection

@@ -43,6 +43,9 @@ class Numbering(Protocol):
     def find_modes(self, body: Body) -> Slots | None:
         """Where a body's modal coordinates lie; None if it has none."""
 
+    def find_closure(self, connection: Connection) -> tuple[int, int] | None:
+        """Rows of F and G of a joint held by constraints, their axes z along the joint's; None for others."""
+
     def add_frame(self, frame: Frame, row: int, turn: np.ndarray) -> int:
         """Append a frame of the body in ``row``, its axes turned by ``turn``; return its row."""
 
@@ -139,9 +142,17 @@ class ForceTable:
             hook(scene)
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
-        """Let a function of time act on a joint's only coordinate."""
-        _, v = self.coordinate(connection, 0)
-        self.forces.append([v, self.time(function, what)])
+        """Let a function of time act on a joint's only coordinate, or on its frames where constraints hold it."""
+        frames = self._numbering.find_closure(connection)
+        if frames is None:
+            _, v = self.coordinate(connection, 0)
+            self.forces.append([v, self.time(function, what)])
+            return
+        along_z = np.zeros(6)
+        along_z[5 if connection.joint.angular[0] else 2] = 1.0
+        data = self.numbers(along_z)
+        time = self.time(function, what)
+        self.element(at.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,

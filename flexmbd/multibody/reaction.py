@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.reactions import row_reactions, tree_reactions
@@ -29,9 +30,10 @@ def reactions(
     The moment is about the origin of the child's frame, both in that frame's axes.
 
     Raises:
-        SceneError: the joint is not of this scene.
+        SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.
     """
     out: FloatArray = np.zeros((len(t), 6))
+    scene.callbacks.reset()
     series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
     work = new_work(scene.plan)
     rows = scene.coordinate_rows.get(id(connection))
@@ -51,4 +53,14 @@ def reactions(
         row_reactions(scene.plan, work, f, g, *series)
     else:
         raise SceneError(f"joint {connection.name!r} has no reaction in this trajectory; it is of another scene")
+    scene.refuse_failed(work)
     return np.hstack([out[:, :3] @ turn.T, out[:, 3:] @ turn.T])
+
+
+def coordinate_force(joint: Joint, reaction: FloatArray) -> FloatArray:
+    """(nt,) what reactions (nt, 6) do on the coordinate of a joint that has only one (N m or N)."""
+    (step,) = joint.steps
+    axis = (joint.turn @ step_turn(step, False))[:, 2]
+    if step.kind == at.PRISMATIC:
+        return reaction[:, :3] @ axis
+    return reaction[:, 3:] @ axis + step.pitch * (reaction[:, :3] @ axis)

@@ -12,7 +12,6 @@ from flexmbd.multibody.plan import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
-_MOMENTS = (at.ROW_DIRECTION, at.ROW_AXIS, at.ROW_ANGLE)  # rows whose multipliers are moments
 _RANK = 1e-9  # singular values below this share of the largest are round-off
 
 
@@ -36,7 +35,7 @@ def minimum_norm_multipliers(
         (nt, rows of ``full``) N or N m.
     """
     chosen = [full.row_names.index(name) for name in kept.row_names]
-    weight = np.where(np.isin(full.plan.rows[:, at.ROW_KIND], _MOMENTS), 1.0 / full.extent, 1.0)
+    weight = np.where(np.isin(full.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0 / full.extent, 1.0)
     spread = np.zeros((len(x), len(full.row_names)))
     for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
         jacobian = constraint_jacobian(full, work, place)[:, full.plan.free]

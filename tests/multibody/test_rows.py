@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.element_variation import element_wrench_variation
+from flexmbd.multibody.kernels.elements import element_wrench
+from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.rows import row_value, row_wrench, row_wrench_variation
 
 DATA = 0.37
@@ -111,3 +114,29 @@ def test_angle_is_the_turn_about_z(plan):
         turn = Rotation.from_rotvec([0.9, -1.3, 0.0]) * Rotation.from_rotvec([0.0, 0.0, angle])
         value = row_value(plan, row, *flat(np.zeros(3), turn.as_matrix()))
         assert value == pytest.approx(angle, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", {**KINDS, **ROLLING})
+def test_penalty_wrench_and_its_variation(plan, name):
+    """-(k phi + c d phi/dt) times the unit wrench; the variation by differences of it."""
+    kind, index = {**KINDS, **ROLLING}[name]
+    level = at.LEVEL_VELOCITY if name in ROLLING else at.LEVEL_POSITION
+    held = np.array([0, 0, kind, index, 1, level, -1])
+    stiffness, damping = (0.0 if name in ROLLING else 30.0), 7.0
+    penalised = plan._replace(data=np.array([0.0, DATA, stiffness, damping]), penalties=held[None])
+    work = new_work(penalised)
+    row = np.array([at.BETWEEN_PENALTY, 0, 0, -1, -1, -1, 2, 0, 0])
+    d, R, dd, dtheta = places(1)
+    rate, spin, drate, dspin = np.random.default_rng(2).standard_normal((4, 3))
+
+    def wrench(s):
+        place = flat(*moved(d, R, dd, dtheta, s))
+        speeds = tuple(rate + s * drate), tuple(spin + s * dspin)
+        return np.array(element_wrench(penalised, work, row, *place, *speeds))
+
+    unit = np.array(row_wrench(plan, held, *flat(d, R)))
+    pull = stiffness * row_value(plan, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])
+    np.testing.assert_allclose(wrench(0.0), -pull * unit, atol=1e-12 * abs(pull))
+    changes = (tuple(map(float, c)) for c in (rate, spin, dd, dtheta, drate, dspin))
+    change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes)
+    np.testing.assert_allclose(np.array(change), differences(wrench), atol=1e-7)

@@ -96,3 +96,60 @@ def test_reaction_of_a_hanging_weight():
         # in world axes force (0, 0, mg) and moment (0.3, 0, 0) x force = (0, -0.3 mg, 0)
         expected = np.array([0.0, 0.0, 1.0, -0.3, 0.0, 0.0]) * 2.0 * 9.81
         np.testing.assert_allclose(reaction, [expected, expected], atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["revolute", "screw", "universal"])
+def test_penalty_yields_by_one_over_its_stiffness(name):
+    """Ten times the stiffness leaves a tenth of the difference from the exact motion and reaction."""
+
+    def end(**choice):
+        scene, bodies, joints = machine(name, **choice)
+        run = scene.simulate(0.25, rtol=1e-7)
+        assert len(scene.compile().plan.rows) == 0
+        return run.position(bodies[2].frame())[-1], run.reaction(joints[1])[-1]
+
+    exact = end()
+    gaps = []
+    for stiffness in (1e4, 1e5):
+        # well damped, so that the start, which knows nothing of the load, has died away
+        place, reaction = end(enforce=fm.Penalty(stiffness, 1.4 * np.sqrt(stiffness)))
+        gaps.append([np.linalg.norm(place - exact[0]), np.linalg.norm(reaction - exact[1])])
+    ratio = np.array(gaps[0]) / gaps[1]
+    assert (7.0 < ratio).all(), ratio
+    assert (ratio < 14.0).all(), ratio
+    assert gaps[1][0] < 1e-3
+
+
+def driven(way, what):
+    """A cart, a wheel on it and a load on the wheel; the wheel's joint is turned by a torque or a motion."""
+    scene = fm.System(gravity=GRAVITY)
+    cart = scene.add(fm.RigidBody(1.3, (0.05, 0.06, 0.07)), name="cart")
+    wheel = scene.add(fm.RigidBody(0.9, (0.02, 0.03, 0.04), (0.1, 0.05, -0.02)), name="wheel")
+    slide = scene.connect(fm.joint.Prismatic((1.0, 0.2, 0.5)), scene.ground.frame(), cart.frame(), way=way)
+    turn = scene.connect(fm.joint.Revolute((0.0, 1.0, 1.0)), cart.frame(R=TILT), wheel.frame(), way=way)
+    if what == "forces":
+        scene.add_force(fm.force.JointTorque(turn, fm.Sine(3.0, 10.0)))
+        scene.add_force(fm.force.JointForce(slide, 5.0))
+    else:
+        turn.prescribe(fm.Sine(7.0, 2.0))  # past a whole turn
+        slide.prescribe(fm.Sine(0.2, 6.0))
+        if way is fm.Way.COORDINATES:
+            return scene, (cart, wheel), (slide, turn)
+        slide.velocity, turn.velocity = 1.2, 14.0
+    return scene, (cart, wheel), (slide, turn)
+
+
+@pytest.mark.parametrize("what", ["forces", "motions"])
+def test_forces_and_motions_on_joints_held_by_constraints(what):
+    """They move the machine, and add to the reaction, as on joint coordinates."""
+    ends = []
+    for way in fm.Way:
+        scene, bodies, joints = driven(way, what)
+        run = scene.simulate(0.9, h=3e-4)
+        parts = [states(run, bodies)[-1]]
+        parts += [run.reaction(j)[-1] for j in joints]
+        parts += [run.reaction(j)[0] for j in joints]
+        parts += [run.drive(j)[-1:] for j in joints]
+        ends.append(parts)
+    for part, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(other, part, atol=3e-6 * max(1.0, np.abs(part).max()))

@@ -6,7 +6,8 @@ import math
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
-from flexmbd.multibody.kernels.elements import six_times
+from flexmbd.multibody.kernels.elements import penalty_pull, six_times
+from flexmbd.multibody.kernels.rows import row_wrench_variation
 from flexmbd.multibody.kernels.so3 import (
     add3,
     cross3,
@@ -68,6 +69,23 @@ def _bushing_variation(data, o, d, R, rate, spin, dd, dtheta, drate, dspin):
 
 
 @kernel
+def _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin):
+    held = plan.penalties[row[at.EL_COUNT]]
+    o = row[at.EL_DATA]
+    _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
+    force_change, torque_change = row_wrench_variation(plan, held, d, R, dd, dtheta)
+    value_change = 0.0
+    if held[at.ROW_LEVEL] == at.LEVEL_POSITION:
+        value_change = dot3(force, dd) + dot3(torque, dtheta)
+    speed_change = dot3(force_change, rate) + dot3(torque_change, spin) + dot3(force, drate) + dot3(torque, dspin)
+    pull_change = plan.data[o] * value_change + plan.data[o + 1] * speed_change
+    return (
+        scale3(-1.0, add3(scale3(pull_change, force), scale3(pull, force_change))),
+        scale3(-1.0, add3(scale3(pull_change, torque), scale3(pull, torque_change))),
+    )
+
+
+@kernel
 def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin):
     """Variation of ``element_wrench`` for d + dd, exp(dtheta) R, rate + drate, spin + dspin.
 
@@ -80,6 +98,8 @@ def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drat
         return _spring_variation(data, o, d, rate, dd, drate)
     if kind == at.BETWEEN_BUSHING:
         return _bushing_variation(data, o, d, R, rate, spin, dd, dtheta, drate, dspin)
+    if kind == at.BETWEEN_PENALTY:
+        return _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin)
     if kind == at.BETWEEN_GIVEN_G:
         factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
         force = rotate(R, scale3(factor, load3(data, o)))

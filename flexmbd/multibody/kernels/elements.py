@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import call_law, call_state
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
+from flexmbd.multibody.kernels.rows import row_value, row_wrench, wrap
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -189,6 +190,23 @@ def six_times(data, o, a, b):
 
 
 @kernel
+def penalty_pull(plan, work, row, d, R, rate, spin):
+    """A penalised row's value and rate, what it pulls in place of a multiplier, and its unit wrench."""
+    held = plan.penalties[row[at.EL_COUNT]]
+    o = row[at.EL_DATA]
+    force, torque = row_wrench(plan, held, d, R)
+    value = row_value(plan, held, d, R)
+    speed = dot3(force, rate) + dot3(torque, spin)
+    f = held[at.ROW_TIME]
+    if f >= 0:
+        speed -= work.time[f, 1]
+        value -= work.time[f, 0]
+        if held[at.ROW_KIND] == at.ROW_ANGLE:
+            value = wrap(value)
+    return value, speed, plan.data[o] * value + plan.data[o + 1] * speed, force, torque
+
+
+@kernel
 def element_wrench(plan, work, row, d, R, rate, spin):
     """Force on G at G's origin and torque on G, in F's axes, of an element between frames.
 
@@ -208,6 +226,9 @@ def element_wrench(plan, work, row, d, R, rate, spin):
         drag, twist = six_times(data, o + 36, rate, left_jacobian_inverse(theta, spin))
         torque = left_jacobian_inverse_transposed(theta, add3(torque, twist))
         return scale3(-1.0, add3(force, drag)), scale3(-1.0, torque)
+    if kind == at.BETWEEN_PENALTY:
+        _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
+        return scale3(-pull, force), scale3(-pull, torque)
     factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
     force = scale3(factor, load3(data, o))
     torque = scale3(factor, load3(data, o + 3))
@@ -245,6 +266,10 @@ def elements_energy(plan, work, x):
         elif row[at.EL_KIND] == at.BETWEEN_SPRING:
             d, _, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2
+        elif row[at.EL_KIND] == at.BETWEEN_PENALTY:
+            d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            value, _, _, _, _ = penalty_pull(plan, work, row, d, R, rate, spin)
+            energy += 0.5 * plan.data[o] * value * value
         elif row[at.EL_KIND] == at.BETWEEN_BUSHING:
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             theta = rotation_vector(R)

@@ -67,6 +67,7 @@ ROW_DISTANCE = 5  # |d| = L; data: L (m)
 ROW_TOUCH = 6  # the rim of a disc about n in the plane z = 0; data: its radius (m)
 ROW_ROLL = 7  # the touching point's velocity along axis index of F = 0 (velocity level); data: the radius
 ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, r_k) ...
+ROWS_IN_RAD = (ROW_DIRECTION, ROW_AXIS, ROW_ANGLE)  # their multipliers are moments, those of the others forces
 # ROW_LEVEL
 LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 
@@ -81,8 +82,8 @@ EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS, N_ELEME
 # Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  Forces on modes: EL_COUNT numbers.
 ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE = range(7)
 # Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
-# torque (3) in F's or in G's axes.
-BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G = range(7, 11)
+# torque (3) in F's or in G's axes.  A penalty: k, c, for row EL_COUNT of Plan.penalties.
+BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(7, 12)
 
 # Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
 DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
@@ -125,6 +126,7 @@ class Plan(NamedTuple):
     lapack: IntArray
     flag: IntArray
     elements: IntArray
+    penalties: IntArray  # constraint rows, with the columns of ``rows``, that yield instead of having multipliers
 
 
 # Columns of Work.body.
