@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels import layout as at
 class Distance:
     """The origins of F and G stay apart by ``length``, as if by a massless rod with two balls.
 
-    The multiplier is the rod's tension, negative (N), where the constraint is held exactly.
+    The multiplier is the rod's tension (N).
 
     Attributes:
         length: m, positive.
