@@ -120,3 +120,15 @@ def test_a_reaction_of_another_scene():
     run = scene.simulate(1e-3, h=1e-3)
     with pytest.raises(SceneError, match="another scene"):
         run.reaction(strange)
+
+
+def test_explain_tells_links_ways_and_penalties():
+    scene = fm.System()
+    bodies = [scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name=name) for name in "abc"]
+    scene.connect(JOINT.Planar(), scene.ground.frame(), bodies[0].frame())
+    scene.connect(JOINT.Cylindrical(), bodies[0].frame(), bodies[1].frame(), way=fm.Way.CONSTRAINTS)
+    scene.connect(JOINT.Universal(), bodies[1].frame(), bodies[2].frame(), enforce=fm.Penalty(1e5))
+    text = scene.explain()
+    assert "3 bodies and 2 massless links, 15 velocities" in text
+    assert "cylindrical a-b: Cylindrical, 4 of 4 rows, by constraints as asked" in text
+    assert "universal b-c: Universal, yields to a penalty, no multipliers" in text
