@@ -56,7 +56,7 @@ def test_a_joint_asked_to_go_where_it_cannot():
         JOINT.Revolute(), bodies[0].frame(), bodies[1].frame(), name="both", way=fm.Way.COORDINATES
     )
     scene.connect(JOINT.Fixed(), bodies[0].frame(), bodies[1].frame(), name="third", way=fm.Way.COORDINATES)
-    with pytest.raises(SceneError, match="'third' cannot go by coordinates"):
+    with pytest.raises(SceneError, match=r"'(third|both)' cannot go by coordinates"):
         scene.compile()
 
 
