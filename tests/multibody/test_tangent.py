@@ -86,7 +86,7 @@ def test_reactions_of_loops(seed):
     """Loops between bodies, to the ground, at deforming frames of one body or two."""
     scene, *_ = mixed_scene()
     compiled = scene.compile()
-    assert len(compiled.plan.rows) == 16
+    assert len(compiled.plan.rows) == 15
     compare(compiled.plan, random_state(compiled, seed))
 
 
