@@ -35,7 +35,7 @@ from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import drive
-from flexmbd.multibody.kernels.rotation_update import local_rates, move, quaternion_slots
+from flexmbd.multibody.kernels.rotation_update import coordinate_slots, move, turn_rates
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 
@@ -121,22 +121,19 @@ class ExplicitRungeKutta:
                 "fm.Pair.DORMAND_PRINCE_5"
             )
         tableau = self.pair.tableau
-        scratch = _new_scratch(scene, len(tableau.nodes))
+        scratch = _new_scratch(scene, tableau.a.shape[1])
         loops = new_loops(scene.plan, state)
         articulated = new_articulated_work(scene.plan)
         if state.counts[st.STEPS] == 0:
             state.numbers[RATIO_BEFORE] = 1e-4
             evaluate_times(scene.plan, float(state.numbers[st.TIME]), work.time)
             survey(scene, state, work)
-        quaternions = quaternion_slots(scene.plan)
-        way = int(self.rotations)
+        plain, quaternions = coordinate_slots(scene.plan)
+
+        parts = (scene.plan, work, articulated, loops, plain, quaternions, int(self.rotations), tableau)
 
         def advance_to(record: st.Record) -> int:
-            return int(
-                advance(
-                    scene.plan, work, articulated, loops, quaternions, way, tableau, state, groups, scratch, record
-                )
-            )
+            return int(advance(*parts, state, groups, scratch, record))
 
         return advance_to, _nothing_to_drop
 
@@ -161,15 +158,18 @@ def _new_scratch(scene: CompiledScene, stages: int) -> Scratch:
     )
 
 
-@kernel
-def _combine(weights, rates, h, out):
-    """out += h sum of weights[j] rates[j]."""
-    for j in range(weights.shape[0]):
-        share = h * weights[j]
+@part_of_kernel
+def _combine(tableau, i, state, s, h):
+    """s.u, s.v: local coordinates and velocities of stage i."""
+    for k in range(s.u.shape[0]):
+        s.u[k] = 0.0
+        s.v[k] = state.v[k]
+    for j in range(min(i, tableau.a.shape[1])):
+        share = h * tableau.a[i, j]
         if share != 0.0:
-            row = rates[j]
-            for k in range(out.shape[0]):
-                out[k] += share * row[k]
+            for k in range(s.u.shape[0]):
+                s.u[k] += share * s.rate_x[j, k]
+                s.v[k] += share * s.rate_v[j, k]
 
 
 @part_of_kernel
@@ -182,8 +182,12 @@ def _error(plan, loops, tableau, state, groups, s, h, rate):
         for k in range(s.u.shape[0]):
             s.error_x[e, k] = 0.0
             s.error_v[e, k] = 0.0
-        _combine(tableau.estimates[e], s.rate_x, h, s.error_x[e])
-        _combine(tableau.estimates[e], s.rate_v, h, s.error_v[e])
+        for j in range(tableau.estimates.shape[1]):
+            share = h * tableau.estimates[e, j]
+            if share != 0.0:
+                for k in range(s.u.shape[0]):
+                    s.error_x[e, k] += share * s.rate_x[j, k]
+                    s.error_v[e, k] += share * s.rate_v[j, k]
         if plan.rows.shape[0] > 0:
             drop_normal_part(loops, s.error_x[e])
             drop_normal_part(loops, s.error_v[e])
@@ -217,13 +221,13 @@ def _finite(s):
 
 
 @part_of_kernel
-def _step(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, h, rate):
+def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate):
     """Take the step h, or find that its error is too large.
 
     Returns its error ratio (0 for a fixed step), infinite where loops do not close or nothing finite
     came out; ``s`` holds the step's end where it is at most one.
     """
-    stages = tableau.nodes.shape[0]
+    stages = tableau.a.shape[1]
     fixed = state.counts[st.FIXED_STEP] == 1
     uses_end = tableau.estimates[0, stages] != 0.0
     ratio = 0.0
@@ -233,13 +237,9 @@ def _step(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, h,
     instant = np.nan
     for i in range(1, stages + 1):
         end = i == stages
-        for k in range(s.v.shape[0]):
-            s.u[k] = 0.0
-            s.v[k] = state.v[k]
-        _combine(tableau.weights if end else tableau.a[i, :i], s.rate_x, h, s.u)
-        _combine(tableau.weights if end else tableau.a[i, :i], s.rate_v, h, s.v)
-        move(plan, quaternions, way, state.x, s.u, s.x)
-        node = 1.0 if end else tableau.nodes[i]
+        _combine(tableau, i, state, s, h)
+        move(plain, quaternions, way, state.x, s.u, s.x)
+        node = tableau.nodes[i]
         if node != instant:
             t = st.end_of_step(state, h) if node == 1.0 else state.numbers[st.TIME] + node * h
             evaluate_times(plan, t, work.time)
@@ -253,23 +253,25 @@ def _step(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, h,
                 return ratio
         for attempt in range(2):
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
-                closed = project(plan, work, state, groups, loops, rate, s.x, s.v)
+                closed = project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v)
                 if end and not closed:
                     return np.inf
             accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
             state.counts[st.EVALUATIONS] += 1
             if end or plan.rows.shape[0] == 0 or not is_nearly_singular(loops):
                 break
-        local_rates(quaternions, way, s.u, s.v, s.rate_x[i])
         for k in range(s.v.shape[0]):
+            s.rate_x[i, k] = s.v[k]
             s.rate_v[i, k] = s.a[k]
+        if quaternions.shape[0] > 0:
+            turn_rates(quaternions, way, s.u, s.rate_x[i])
     if uses_end and not fixed:
         ratio = _error(plan, loops, tableau, state, groups, s, h, rate)
     return ratio if _finite(s) else np.inf
 
 
 @kernel
-def advance(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, record):
+def advance(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 
     Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NOT_FINITE (the step
@@ -277,7 +279,7 @@ def advance(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, 
     """
     number = state.numbers
     count = state.counts
-    exponent = 8.0 if tableau.nodes.shape[0] > 7 else 5.0
+    exponent = 8.0 if tableau.a.shape[1] > 7 else 5.0
     exponent = 1.0 / exponent
     while number[st.TIME] < number[st.TIME_END]:
         if count[st.STORED] == record.t.shape[0]:
@@ -288,7 +290,7 @@ def advance(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, 
             h = min(h, _LONGEST / rate)
         whole = h
         h = st.next_step(state, whole)
-        ratio = _step(plan, work, aw, loops, quaternions, way, tableau, state, groups, s, h, rate)
+        ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
         if plan.flag[0] != 0:
             return st.CALLBACK_FAILED
         if not ratio <= 1.0:

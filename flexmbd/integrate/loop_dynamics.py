@@ -19,10 +19,10 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated import forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.closure import constraints, load_relative, relative_pose
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
-from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
 from flexmbd.multibody.kernels.recursion import backward, forward
+from flexmbd.multibody.kernels.rotation_update import EXPONENTIAL, move
 from flexmbd.multibody.kernels.rows import row_wrench
 from flexmbd.multibody.kernels.so3 import store3
 from flexmbd.multibody.plan import CompiledScene
@@ -216,7 +216,7 @@ def _respond(loops, rank, rows, out):
 
 
 @part_of_kernel
-def project(plan, work, state, groups, loops, rate, x, v):
+def project(plan, work, plain, quaternions, state, groups, loops, rate, x, v):
     """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
 
     Newton's iteration with those factors; it ends where corrections vanish or round-off stops them.
@@ -245,7 +245,7 @@ def project(plan, work, state, groups, loops, rate, x, v):
             before = np.inf
         elif on_positions:
             before = size
-            retract(plan, x, loops.move, x)
+            move(plain, quaternions, EXPONENTIAL, x, loops.move, x)
         else:
             before = size
             for k in range(v.shape[0]):

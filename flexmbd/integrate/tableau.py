@@ -15,13 +15,12 @@ FloatArray = NDArray[np.float64]
 class Tableau(NamedTuple):
     """Arrays of one method of s stages.
 
-    a: (s, s) strictly lower.  weights: (s,).  nodes: (s,).
+    a: (s + 1, s) strictly lower; its last row are the weights of the step's end.  nodes: (s + 1,).
     estimates: (2, s + 1) weights of two error estimates, zero where a method has fewer; the last
     column weighs the derivative at the step's end.
     """
 
     a: FloatArray
-    weights: FloatArray
     nodes: FloatArray
     estimates: FloatArray
 
@@ -35,11 +34,10 @@ def _tableau(
     estimates: Sequence[Mapping[int, float]] = (),
 ) -> Tableau:
     table = Tableau(
-        np.zeros((stages, stages)), np.zeros(stages), np.array(nodes), np.zeros((2, stages + 1))
+        np.zeros((stages + 1, stages)), np.array([*nodes, 1.0]), np.zeros((2, stages + 1))
     )
     for into, row in (
-        *zip(table.a, rows, strict=True),
-        (table.weights, weights),
+        *zip(table.a, (*rows, weights), strict=True),
         *zip(table.estimates, estimates, strict=False),
     ):
         into[list(row)] = list(row.values())

@@ -82,12 +82,13 @@ def observed_orders(errors):
 def test_tableau_meets_the_conditions_of_its_order(pair):
     """Quadrature conditions, sums of rows, and those of trees with a branch of height two."""
     table = pair.tableau
+    a, weights, nodes = table.a[:-1], table.a[-1], table.nodes[:-1]
     np.testing.assert_allclose(table.a.sum(axis=1), table.nodes, atol=4e-15)
     for k in range(1, pair.order + 1):
-        assert table.weights @ table.nodes ** (k - 1) == pytest.approx(1 / k, abs=2e-15)
+        assert weights @ nodes ** (k - 1) == pytest.approx(1 / k, abs=2e-15)
     for k in range(1, pair.order - 1):
         for j in range(pair.order - k - 1):
-            tree = table.weights @ (table.nodes**j * (table.a @ table.nodes**k))
+            tree = weights @ (nodes**j * (a @ nodes**k))
             assert tree == pytest.approx(1 / ((k + 1) * (k + j + 2)), abs=1e-14)
     np.testing.assert_allclose(table.estimates.sum(axis=1), 0.0, atol=1e-15)
 
@@ -275,3 +276,32 @@ def test_a_fixed_step_far_too_long_fails_with_what_was_computed():
     with pytest.raises(fm.FlexmbdError, match="no finite state") as failure:
         scene.simulate(1.0, h=0.1, integrator=fm.ExplicitRungeKutta())
     assert failure.value.trajectory.t[0] == 0.0
+
+
+def symmetric_top(tilt):
+    """BENCHMARKS A8: inertia 5, 5, 1 about the tip, weight moment 20, spin 50 about its axis, tilted."""
+    scene = fm.System(gravity=(0.0, 0.0, -20.0))
+    top = scene.add(fm.RigidBody(1.0, np.diag([4.0, 4.0, 1.0]), (0.0, 0.0, 1.0)), name="top")
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
+    ball.position = (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0)
+    ball.velocity = (0.0, 0.0, 50.0)
+    return scene, top
+
+
+@pytest.mark.parametrize("rotations", list(fm.Rotations))
+@pytest.mark.parametrize("pair", CONTROLLED)
+def test_symmetric_top_to_all_digits(pair, rotations):
+    """BENCHMARKS A8: the axis at 1, 5 and 10 s, up to the side it leans to at the start."""
+    scene, top = symmetric_top(0.05)
+    run = scene.simulate(10.0, rtol=1e-11, integrator=fm.ExplicitRungeKutta(pair, rotations))
+    axis = run.rotation(top.frame())[:, :, 2]
+    height = np.sort(axis[:, 2])
+    assert np.cos(0.054551690224342) < height[0] + 1e-12
+    np.testing.assert_allclose(run.energy().total, 1269.9750052079, atol=1e-6)
+    for t, exact in {
+        1.0: (0.021541105, -0.0500103355, 0.998516373),
+        5.0: (0.0470679597, 0.0241956756, 0.9985986063),
+        10.0: (-0.0471322314, 0.0267486864, 0.9985304505),
+    }.items():
+        end = scene.simulate(t, rtol=1e-11, integrator=fm.ExplicitRungeKutta(pair, rotations))
+        np.testing.assert_allclose(end.rotation(top.frame())[-1, :, 2], exact, atol=2e-10)

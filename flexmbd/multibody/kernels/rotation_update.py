@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
-from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.so3 import (
     add3,
@@ -23,24 +22,31 @@ from flexmbd.multibody.kernels.so3 import (
     dot3,
     left_jacobian_inverse,
     load3,
+    quaternion_exp,
     quaternion_product,
     scale3,
     store3,
 )
 
+IntArray = NDArray[np.int64]
+
 # Ways to turn.
 EXPONENTIAL, CAYLEY, QUATERNION = range(3)
 
 
-def quaternion_slots(plan: Plan) -> NDArray[np.int64]:
-    """(k, 2) offsets in x and in v of each quaternion and of its angular velocity (body axes)."""
+def coordinate_slots(plan: Plan) -> tuple[IntArray, IntArray]:
+    """(k, 2) offsets in x and in v of coordinates that add, and of quaternions with their spins (body axes)."""
     found = []
     for row in plan.tree:
         if row[at.JOINT] == at.SPHERICAL:
             found.append((row[at.JOINT_X], row[at.JOINT_V]))
         elif row[at.JOINT] == at.FREE:
             found.append((row[at.JOINT_X] + 3, row[at.JOINT_V] + 3))
-    return np.array(found, np.int64).reshape(-1, 2)
+    quaternions = np.array(found, np.int64).reshape(-1, 2)
+    nv = len(plan.free) + len(plan.driven)
+    in_x = np.setdiff1d(np.arange(nv + len(found)), (quaternions[:, :1] + np.arange(4)).ravel())
+    in_v = np.setdiff1d(np.arange(nv), (quaternions[:, 1:] + np.arange(3)).ravel())
+    return np.stack([in_x, in_v], axis=1).astype(np.int64), quaternions
 
 
 @kernel
@@ -55,29 +61,29 @@ def local_rate(way, u, w):
 
 
 @kernel
-def move(plan, quaternions, way, x, u, out):
-    """out = x moved by the local coordinates u (nv,); what is no quaternion adds."""
-    retract(plan, x, u, out)
-    if way == EXPONENTIAL:
-        return
+def move(plain, quaternions, way, x, u, out):
+    """out = x moved by the local coordinates u (nv,); what is no quaternion adds.
+
+    ``plain``, ``quaternions``: ``coordinate_slots``.
+    """
+    for i in range(plain.shape[0]):
+        out[plain[i, 0]] = x[plain[i, 0]] + u[plain[i, 1]]
     for i in range(quaternions.shape[0]):
         o = quaternions[i, 0]
-        turn = load3(u, quaternions[i, 1])
-        scalar = 1.0
-        if way == QUATERNION:
-            scalar = math.sqrt(max(0.0, 1.0 - 0.25 * dot3(turn, turn)))
-        turned = quaternion_product(
-            (x[o], x[o + 1], x[o + 2], x[o + 3]), (scalar, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
-        )
+        v = load3(u, quaternions[i, 1])
+        if way == EXPONENTIAL:
+            turn = quaternion_exp(v)
+        else:
+            scalar = 1.0 if way == CAYLEY else math.sqrt(max(0.0, 1.0 - 0.25 * dot3(v, v)))
+            turn = (scalar, 0.5 * v[0], 0.5 * v[1], 0.5 * v[2])
+        turned = quaternion_product((x[o], x[o + 1], x[o + 2], x[o + 3]), turn)
         out[o] = turned[0]
         store3(out, o + 1, (turned[1], turned[2], turned[3]))
 
 
 @kernel
-def local_rates(quaternions, way, u, v, out):
-    """out = du/dt of the local coordinates u for velocities v."""
-    for k in range(v.shape[0]):
-        out[k] = v[k]
+def turn_rates(quaternions, way, u, rates):
+    """Turn the velocities ``rates`` (nv,) into rates of the local coordinates u; what adds stays."""
     for i in range(quaternions.shape[0]):
         o = quaternions[i, 1]
-        store3(out, o, local_rate(way, load3(u, o), load3(v, o)))
+        store3(rates, o, local_rate(way, load3(u, o), load3(rates, o)))

@@ -1,0 +1,97 @@
+"""Motion between steps: exact at their ends, of order 6, 5 and 4 between, turns included."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from machines import pendulum
+
+import flexmbd as fm
+from flexmbd.multibody.kernels.interpolation import interpolate
+from flexmbd.multibody.kernels.so3 import quaternion_exp, quaternion_product
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+PLAIN = np.array([[4, 3]])
+QUATERNIONS = np.array([[0, 0]])
+
+
+def conical(t):
+    """A frame in conical motion beside a sine: quaternion and value, rates in body axes, accelerations.
+
+    R = exp(z 3t) exp(y 1.1) exp(z 5t): its spin is known in closed form.
+    """
+    outer = quaternion_exp((0.0, 0.0, 3.0 * t))
+    tilt = quaternion_exp((0.0, 1.1, 0.0))
+    inner = quaternion_exp((0.0, 0.0, 5.0 * t))
+    q = quaternion_product(quaternion_product(outer, tilt), inner)
+    s, c = np.sin(1.1), np.cos(1.1)
+    turn = 5.0 * t
+    # the outer axis seen from the body: exp(-z 5t) exp(-y 1.1) z
+    w = (-3.0 * s * np.cos(turn), 3.0 * s * np.sin(turn), 3.0 * c + 5.0)
+    dw = (15.0 * s * np.sin(turn), 15.0 * s * np.cos(turn), 0.0)
+    return (
+        np.array([*q, np.sin(4.0 * t)]),
+        np.array([*w, 4.0 * np.cos(4.0 * t)]),
+        np.array([*dw, -16.0 * np.sin(4.0 * t)]),
+    )
+
+
+def between(t0, h, s):
+    x, v, a = np.zeros(5), np.zeros(4), np.zeros(4)
+    interpolate(PLAIN, QUATERNIONS, h, s, *conical(t0), *conical(t0 + h), x, v, a)
+    return x, v, a
+
+
+def test_orders_between_the_ends():
+    """Largest errors over many intervals and places, for h halved twice."""
+    errors = []
+    for h in (0.1, 0.05, 0.025):
+        worst = np.zeros(3)
+        for t0 in np.arange(0.0, 2.0, 0.1):
+            for s in (0.2, 0.5, 0.7):
+                found, exact = between(t0, h, s), conical(t0 + s * h)
+                worst = np.maximum(worst, [np.abs(f - e).max() for f, e in zip(found, exact, strict=True)])
+        errors.append(worst)
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    np.testing.assert_allclose(orders[-1], (6.0, 5.0, 4.0), atol=0.25)
+    assert errors[-1][0] < 1e-9
+
+
+@pytest.mark.parametrize("h", [0.1, 0.7])
+def test_exact_at_both_ends_even_for_turns_beyond_half(h):
+    """0.7 s turn the frame by more than four radians: the quaternion's sign tells which way."""
+    for s in (0.0, 1.0):
+        for found, exact in zip(between(0.3, h, s), conical(0.3 + s * h), strict=True):
+            np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-11)
+
+
+def test_a_trajectory_gives_its_rows_back_and_velocities_between():
+    scene, bob, hinge = pendulum()
+    run = scene.simulate(1.0, rtol=1e-9, integrator=fm.ExplicitRungeKutta())
+    for part, rows in zip(run.motion(run.t), (run.x, run.v, run.a), strict=True):
+        np.testing.assert_array_equal(part, rows)
+    t = np.linspace(0.0, 1.0, 57)
+    angle, rate = run.beta(hinge, t=t), run.beta_rate(hinge, t=t)
+    np.testing.assert_allclose(0.5 * rate**2, 9.81 * -np.sin(angle), atol=3e-7)  # energy
+    tip = bob.frame(p=(1.0, 0.0, 0.0))
+    place, velocity = run.position(tip, t=t), run.velocity(tip, t=t)
+    np.testing.assert_allclose(velocity[:, 0], -rate * place[:, 1], atol=1e-12)
+    np.testing.assert_allclose(run.angular_velocity(tip, t=t)[:, 2], rate, atol=1e-12)
+    inward = np.einsum("ki,ki->k", run.acceleration(tip, t=t), place)
+    np.testing.assert_allclose(inward, -(rate**2), atol=1e-9)
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize(("pair", "share"), [(fm.Pair.DORMAND_PRINCE_5, 1.0), (fm.Pair.DORMAND_PRINCE_8, 30.0)])
+def test_error_between_the_steps_against_rtol(rtol, pair, share):
+    """The pendulum against a run with rtol 1e-12; long steps of order 8 lose some digits between."""
+    scene, _, hinge = pendulum()
+    fine = scene.simulate(5.0, rtol=1e-12, integrator=fm.ExplicitRungeKutta())
+    run = scene.simulate(5.0, rtol=rtol, integrator=fm.ExplicitRungeKutta(pair))
+    at_ends = np.abs(run.beta(hinge) - fine.beta(hinge, t=run.t)).max()
+    everywhere = np.abs(run.beta(hinge, t=fine.t) - fine.beta(hinge)).max()
+    assert everywhere < 1.5 * at_ends + share * rtol
