@@ -13,6 +13,7 @@ from flexmbd.integrate.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
 from flexmbd.integrate.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from flexmbd.integrate.radau_iia import RadauIIA as RadauIIA
 from flexmbd.integrate.tableau import Pair as Pair
 from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint

@@ -47,6 +47,21 @@ METHODS = [
             "governor": 1e-4,
         },
     ),
+    Method(
+        "Radau IIA",
+        fm.RadauIIA,
+        1e-11,
+        {
+            "pendulum": 1e-9,
+            "rods, both horizontal": 1e-8,
+            "rods, second hanging": 1e-8,
+            "tip masses, both horizontal": 1e-8,
+            "tip masses, second hanging": 1e-8,
+            "heavy top": 3e-6,
+            "fast top": 1e-6,
+            "governor": 1e-6,
+        },
+    ),
 ]
 
 TREES: dict[str, Callable[..., Mechanism]] = {

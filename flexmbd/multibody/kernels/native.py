@@ -16,7 +16,15 @@ from flexmbd.multibody.kernels.compiling import kernel
 
 def lapack_addresses() -> np.ndarray:
     """(2,) addresses of LAPACK's dgetrf and dgetrs, from SciPy."""
-    names = ("dgetrf", "dgetrs")
+    return _addresses("dgetrf", "dgetrs")
+
+
+def complex_lapack_addresses() -> np.ndarray:
+    """(2,) addresses of zgetrf and zgetrs, for ``factor`` and ``solve`` of complex matrices."""
+    return _addresses("zgetrf", "zgetrs")
+
+
+def _addresses(*names: str) -> np.ndarray:
     module = "scipy.linalg.cython_lapack"
     return np.array([get_cython_function_address(module, name) for name in names], np.int64)
 

@@ -1,0 +1,133 @@
+"""Newton's iteration of a Radau IIA step, with old factors while they serve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.radau_coefficients import STAGES
+from flexmbd.integrate.radau_matrix import correct_stages, factor_step, take_tangent
+from flexmbd.integrate.radau_stages import (
+    CONTRACTION,
+    END,
+    NEWTON,
+    POLYNOMIAL,
+    STEP_FACTORED,
+    TANGENT,
+    evaluate_stage,
+    guess_stages,
+    place_stages,
+)
+from flexmbd.multibody.kernels.compiling import part_of_kernel
+from flexmbd.multibody.kernels.native import solve
+
+MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
+_MAX_FIXED = 20
+_RENEW = 0.1  # a slower contraction than this renews the tangent for the next step
+_ROUND_OFF = 1e-13
+_SWEEPS = 3  # of rotations at the first guess
+_LAST = STAGES - 1
+
+
+@part_of_kernel
+def _iterate(plan, work, state, s, h, tolerance):
+    """Iterate with the factors at hand; whether the stages converged."""
+    before = 0.0
+    # what the same factors did in the step before lets a good guess pass after one iteration
+    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
+    for iteration in range(most):
+        for i in range(STAGES):
+            evaluate_stage(plan, work, state, s, i)
+        state.counts[st.ITERATIONS] += 1
+        state.counts[NEWTON] = iteration + 1
+        correct_stages(plan, s, h)
+        size = place_stages(plan, state, s, h)
+        if not np.isfinite(size):
+            return False
+        if iteration > 0:
+            contraction = size / before if before > 0.0 else 0.0
+        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1e300
+        # round-off of the residual may leave no better
+        stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
+        if size * left <= tolerance or size <= 1e-15 or stalled:
+            # unmeasured, it is trusted a little less at each step
+            state.numbers[CONTRACTION] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+            return True
+        if iteration > 0:
+            remaining = most - 1 - iteration
+            if contraction > 0.9 or size * left * contraction**remaining > tolerance:
+                return False
+        before = size
+    return False
+
+
+@part_of_kernel
+def _close_end(plan, work, tw, state, s, h, tolerance):
+    """Accelerations and multipliers at the step's end from M a + C^T nu = f, C a = -gamma; whether they converged.
+
+    The stage's own multipliers would be of order 3.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    before = 0.0
+    for _ in range(MAX_ITERATIONS):
+        if state.counts[END] == 0:
+            before = 0.0
+            if not take_tangent(plan, work, tw, state, s, True):
+                return False
+        evaluate_stage(plan, work, state, s, _LAST)
+        for j in range(nu):
+            s.rhs_final[0, j] = -s.equation[_LAST, j]
+        for r in range(m):
+            s.rhs_final[0, nu + r] = -s.phi_rate2[r]
+        solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.rhs_final)
+        size = 0.0
+        for j in range(nu):
+            k = plan.free[j]
+            s.a[_LAST, k] += s.rhs_final[0, j]
+            size = max(size, abs(s.rhs_final[0, j]) * h / s.scale_v[k])
+        for r in range(m):
+            s.multipliers[_LAST, r] += s.rhs_final[0, nu + r]
+        if not np.isfinite(size):
+            return False
+        contraction = size / before if before > 0.0 else 0.1
+        if size * min(contraction, 1.0) <= tolerance or size <= _ROUND_OFF:
+            return True
+        if contraction > _RENEW:
+            state.counts[END] = 0
+        before = size
+    return False
+
+
+@part_of_kernel
+def solve_step(plan, work, tw, state, s, h, tolerance):
+    """Solve the stages with the old factors where they still serve, with new ones otherwise.
+
+    Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
+    """
+    known = state.counts[POLYNOMIAL] == 1
+    for attempt in range(3):
+        if attempt == 0 and state.counts[TANGENT] == 0:
+            continue
+        if attempt == 2 and not known:
+            break
+        guess_stages(plan, state, s, h, known and attempt < 2)
+        s.u[:, :] = 0.0
+        for _ in range(_SWEEPS if s.quaternions.shape[0] > 0 else 1):
+            place_stages(plan, state, s, h)
+        if attempt > 0:
+            state.numbers[CONTRACTION] = 1.0
+            if not take_tangent(plan, work, tw, state, s, False):
+                break
+        if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
+            break
+        if not _iterate(plan, work, state, s, h, tolerance):
+            continue
+        if plan.rows.shape[0] > 0 and not _close_end(plan, work, tw, state, s, h, tolerance):
+            continue
+        if state.numbers[CONTRACTION] > _RENEW:
+            state.counts[TANGENT] = 0
+        return True
+    state.counts[TANGENT] = 0
+    return False

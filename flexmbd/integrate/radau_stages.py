@@ -1,0 +1,235 @@
+"""The stages of a Radau IIA step on the manifold: where they are and what their equations leave.
+
+Stage i lies at x = retract(x_n, u_i), u' = J(u)^-1 (v + D^T mu), v' = a, with J the differential of the exponential map
+for rotations, the identity for all else; M a + b + C^T nu = f.  Loops are closed at the level of positions and of
+velocities: mu shifts the positions along D (stabilised index 2; Gear, Leimkuhler & Gupta 1985).  The unknowns of a
+stage are a, nu and the rate kappa of mu.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.radau_coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
+from flexmbd.multibody.kernels.closure import constraints
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import Plan
+from flexmbd.multibody.kernels.residual import drive, residual
+from flexmbd.multibody.kernels.rotation_update import quaternion_slots
+from flexmbd.multibody.kernels.so3 import left_jacobian_inverse, load3, scale3, store3
+from flexmbd.multibody.kernels.time_functions import evaluate_times
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ComplexArray = NDArray[np.complex128]
+
+# The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
+# iteration leaves of the error; error and size of the last step that error control accepted.
+STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RATIO_BEFORE, STEP_ACCEPTED = range(st.METHOD, st.METHOD + 5)
+# Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, whether the factors of
+# the end's accelerations serve, iterations of the last step, whether the last try was rejected.
+POLYNOMIAL, TANGENT, END, NEWTON, HOLD = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# Rows of State.memory: accelerations and multipliers of the last step's stages, each coordinate's own rate (1/s).
+STAGE_A, STAGE_NU, RATE, N_MEMORY = 0, 3, 6, 7
+
+
+class Scratch(NamedTuple):
+    """Work arrays of a step; nu free velocities, m rows, n = nu + 2 m unknowns a stage.
+
+    x, v, a, u, p: (3, ...) of the stages; p is the rate of u.  multipliers, shift: (3, m) nu and kappa.
+    time: (3, times, 3) functions of time at the stages.  equation: (3, n).
+    mass, damping, stiffness: (nu, nu) the tangent.  reach: (m, nu) C.  turn: (m, nu) d(C v)/dx.
+    direction: (m, nu) D.  real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
+    """
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    u: FloatArray
+    p: FloatArray
+    multipliers: FloatArray
+    shift: FloatArray
+    time: FloatArray
+    equation: FloatArray
+    out: FloatArray
+    tangent: FloatArray
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    reach: FloatArray
+    turn: FloatArray
+    direction: FloatArray
+    real: FloatArray
+    complex: ComplexArray
+    final: FloatArray
+    block: FloatArray
+    rhs_real: FloatArray
+    rhs_complex: ComplexArray
+    rhs_final: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+    scale_x: FloatArray
+    scale_v: FloatArray
+    phi: FloatArray
+    phi_rate: FloatArray
+    phi_rate2: FloatArray
+    quaternions: IntArray
+    lapack_complex: IntArray
+    pivot_real: NDArray[np.int32]
+    pivot_complex: NDArray[np.int32]
+    pivot_final: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+
+
+def new_scratch(
+    plan: Plan, nx: int, nv: int, *, time_shape: tuple[int, ...], lapack_complex: IntArray
+) -> Scratch:
+    """Allocate the work arrays of a step for ``plan``."""
+    m, nu = len(plan.rows), len(plan.free)
+    n = nu + 2 * m
+    zeros = np.zeros
+    return Scratch(
+        x=zeros((STAGES, nx)),
+        v=zeros((STAGES, nv)),
+        a=zeros((STAGES, nv)),
+        u=zeros((STAGES, nv)),
+        p=zeros((STAGES, nv)),
+        multipliers=zeros((STAGES, m)),
+        shift=zeros((STAGES, m)),
+        time=zeros((STAGES, *time_shape)),
+        equation=zeros((STAGES, n)),
+        out=zeros(nv),
+        tangent=zeros((nv, nv)),
+        mass=zeros((nu, nu)),
+        damping=zeros((nu, nu)),
+        stiffness=zeros((nu, nu)),
+        reach=zeros((m, nu)),
+        turn=zeros((m, nu)),
+        direction=zeros((m, nu)),
+        real=zeros((n, n)),
+        complex=zeros((n, n), np.complex128),
+        final=zeros((nu + m, nu + m)),
+        block=zeros((nu, nu)),
+        rhs_real=zeros((1, n)),
+        rhs_complex=zeros((1, n), np.complex128),
+        rhs_final=zeros((1, nu + m)),
+        error_x=zeros(nu),
+        error_v=zeros(nu),
+        scale_x=zeros(nv),
+        scale_v=zeros(nv),
+        phi=zeros(m),
+        phi_rate=zeros(m),
+        phi_rate2=zeros(m),
+        quaternions=np.ascontiguousarray(quaternion_slots(plan)[:, 1]),
+        lapack_complex=lapack_complex,
+        pivot_real=zeros(max(1, n), np.int32),
+        pivot_complex=zeros(max(1, n), np.int32),
+        pivot_final=zeros(max(1, n), np.int32),
+        sizes=zeros(4, np.int32),
+    )
+
+
+@part_of_kernel
+def evaluate_stage_times(plan, work, state, s, h):
+    """Functions of time at the instants of the stages; False where a callable failed, its time in ``work``."""
+    for i in range(STAGES):
+        t = state.numbers[st.TIME] + NODES[i] * h
+        if i == STAGES - 1:
+            t = st.end_of_step(state, h)
+        evaluate_times(plan, t, work.time)
+        s.time[i, :, :] = work.time
+        if plan.flag[0] != 0:
+            return False
+    return True
+
+
+@part_of_kernel
+def guess_stages(plan, state, s, h, extrapolate):
+    """Stages' accelerations and multipliers on the last step's polynomial, or as they are at the start."""
+    step = h / state.numbers[STEP_POLYNOMIAL] if extrapolate else 0.0
+    memory = state.memory
+    for i in range(STAGES):
+        # values of the polynomial through the last stages, as weights of these
+        t = 1.0 + NODES[i] * step
+        w0 = TO_POWERS[0, 0] + t * (TO_POWERS[1, 0] + t * TO_POWERS[2, 0])
+        w1 = TO_POWERS[0, 1] + t * (TO_POWERS[1, 1] + t * TO_POWERS[2, 1])
+        w2 = TO_POWERS[0, 2] + t * (TO_POWERS[1, 2] + t * TO_POWERS[2, 2])
+        for k in range(state.a.shape[0]):
+            s.a[i, k] = state.a[k]
+            if extrapolate:
+                s.a[i, k] = w0 * memory[STAGE_A, k] + w1 * memory[STAGE_A + 1, k] + w2 * memory[STAGE_A + 2, k]
+        for r in range(plan.rows.shape[0]):
+            s.shift[i, r] = 0.0
+            s.multipliers[i, r] = state.multipliers[r]
+            if extrapolate:
+                s.multipliers[i, r] = (
+                    w0 * memory[STAGE_NU, r] + w1 * memory[STAGE_NU + 1, r] + w2 * memory[STAGE_NU + 2, r]
+                )
+
+
+@kernel
+def place_stages(plan, state, s, h):
+    """Velocities and local coordinates of the stages; returns the largest change over its scale.
+
+    Rates of rotation vectors depend on these themselves: each call is one sweep of a fixed-point iteration that
+    contracts by about a twelfth of the squared turn, besides Newton's own.
+    """
+    m = plan.rows.shape[0]
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        for i in range(STAGES):
+            gain = WEIGHTS[i, 0] * s.a[0, k] + WEIGHTS[i, 1] * s.a[1, k] + WEIGHTS[i, 2] * s.a[2, k]
+            v = state.v[k] + h * gain
+            part = abs(v - s.v[i, k]) / s.scale_v[k]
+            if not part <= largest:
+                largest = part
+                state.counts[st.WORST] = k
+            s.v[i, k] = v
+            for r in range(m):
+                drift = (
+                    WEIGHTS[i, 0] * s.shift[0, r] + WEIGHTS[i, 1] * s.shift[1, r] + WEIGHTS[i, 2] * s.shift[2, r]
+                )
+                v += h * drift * s.direction[r, j]
+            s.p[i, k] = v
+    for q in range(s.quaternions.shape[0]):
+        o = s.quaternions[q]
+        for i in range(STAGES):
+            back = scale3(-1.0, load3(s.u[i], o))  # body axes: the right Jacobian
+            store3(s.p[i], o, left_jacobian_inverse(back, load3(s.p[i], o)))
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        for i in range(STAGES):
+            u = h * (WEIGHTS[i, 0] * s.p[0, k] + WEIGHTS[i, 1] * s.p[1, k] + WEIGHTS[i, 2] * s.p[2, k])
+            part = abs(u - s.u[i, k]) / s.scale_x[k]
+            if not part <= largest:
+                largest = part
+                state.counts[st.WORST] = k
+            s.u[i, k] = u
+    return largest
+
+
+@part_of_kernel
+def evaluate_stage(plan, work, state, s, i):
+    """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
+    for f in range(work.time.shape[0]):
+        for c in range(3):
+            work.time[f, c] = s.time[i, f, c]
+    retract(plan, state.x, s.u[i], s.x[i])
+    drive(plan, work, s.x[i], s.v[i], s.a[i])
+    residual(plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.out)
+    state.counts[st.EVALUATIONS] += 1
+    if plan.rows.shape[0] > 0:
+        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    for j in range(nu):
+        s.equation[i, j] = s.out[plan.free[j]]
+    for r in range(m):
+        s.equation[i, nu + r] = s.phi[r]
+        s.equation[i, nu + m + r] = s.phi_rate[r]
