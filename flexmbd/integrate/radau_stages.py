@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.residual import drive, residual
-from flexmbd.multibody.kernels.rotation_update import quaternion_slots
+from flexmbd.multibody.kernels.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.so3 import left_jacobian_inverse, load3, scale3, store3
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 
@@ -125,7 +125,7 @@ def new_scratch(
         phi=zeros(m),
         phi_rate=zeros(m),
         phi_rate2=zeros(m),
-        quaternions=np.ascontiguousarray(quaternion_slots(plan)[:, 1]),
+        quaternions=np.ascontiguousarray(coordinate_slots(plan)[1][:, 1]),
         lapack_complex=lapack_complex,
         pivot_real=zeros(max(1, n), np.int32),
         pivot_complex=zeros(max(1, n), np.int32),
