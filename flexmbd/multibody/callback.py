@@ -52,7 +52,7 @@ class Callbacks:
 
         def thunk(t: float, out: Any) -> None:
             answer = self._agreed(
-                lambda: np.array(ask_python(row, t, motion=motion)), np.zeros(3), f"{what} at t = {t:g} s"
+                lambda: np.array(ask_python(row, t, motion=motion)), 3, lambda: f"{what} at t = {t:g} s"
             )
             for k in range(3):
                 out[k] = answer[k]
@@ -63,9 +63,11 @@ class Callbacks:
         """Return the address of ``double f(double t, double beta, double rate)`` for a law on a coordinate."""
 
         def thunk(t: float, beta: float, rate: float) -> float:
-            where = f"{what} at t = {t:g} s, coordinate {beta:.9g}, rate {rate:.9g}"
-            answer = self._agreed(lambda: checked(law(t, beta, rate), ()), np.zeros(()), where)
-            return float(answer)
+            answer = self._agreed(
+                lambda: checked(law(t, beta, rate), ()).reshape(1), 1,
+                lambda: f"{what} at t = {t:g} s, coordinate {beta:.9g}, rate {rate:.9g}",
+            )
+            return float(answer[0])
 
         return self._keep(_LawThunk(thunk))
 
@@ -74,11 +76,12 @@ class Callbacks:
 
         def thunk(t: float, nx: int, nv: int, x: int, v: int, out: int) -> None:
             position, velocity = _view(x, nx).copy(), _view(v, nv).copy()
-            told = np.array2string(np.concatenate([position, velocity]), precision=6, threshold=12)
-            where = f"{what} at t = {t:g} s, state (x, v) = {told}"
-            _view(out, nv)[:] = self._agreed(
-                lambda: checked(function(t, position, velocity), (nv,)), np.zeros(nv), where
-            )
+
+            def where() -> str:
+                told = np.concatenate([_view(x, nx), _view(v, nv)])
+                return f"{what} at t = {t:g} s, state (x, v) = {np.array2string(told, precision=6, threshold=12)}"
+
+            _view(out, nv)[:] = self._agreed(lambda: checked(function(t, position, velocity), (nv,)), nv, where)
 
         return self._keep(_StateThunk(thunk))
 
@@ -108,9 +111,9 @@ class Callbacks:
         error = SceneError(f"{name} at t = {t:g} s: the compiled function gave no finite number")
         return str(error), error
 
-    def _agreed(self, ask: Callable[[], FloatArray], like: FloatArray, where: str) -> FloatArray:
+    def _agreed(self, ask: Callable[[], FloatArray], size: int, where: Callable[[], str]) -> FloatArray:
         """Rank 0's answer on every rank, or NaN on every rank where any rank's callable fails."""
-        nothing: FloatArray = np.full_like(like, np.nan)
+        nothing: FloatArray = np.full(size, np.nan)
         if self.flag[0]:
             return nothing
         answer = nothing
@@ -128,7 +131,7 @@ class Callbacks:
         except Exception as reason:  # noqa: BLE001  (this rank's or another's)
             self.flag[0] = at.FLAG_PYTHON
             self.error = reason if error is None or told is error else error
-            self._where = where
+            self._where = where()
             return nothing
 
     def _keep(self, thunk: Any) -> int:

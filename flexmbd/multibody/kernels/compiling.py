@@ -141,8 +141,11 @@ _announced = False
 
 
 def kernel(function: F) -> F:
-    """Compile ``function`` at its first call, without the GIL's objects, cached on disk."""
-    return njit(cache=True, error_model="numpy", nogil=True)(function)
+    """Compile ``function`` at its first call, without the GIL's objects, cached on disk.
+
+    Nobody calls kernels as C functions, and a seventh of the compile time would go into wrappers for that.
+    """
+    return njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
 
 
 def part_of_kernel(function: F) -> F:

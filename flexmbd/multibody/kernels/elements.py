@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.native import call_law, call_state
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.rows import row_value, row_wrench, wrap
@@ -89,7 +89,7 @@ def coordinate_law(plan, row, x, rate):
     return force, 0.0, slope
 
 
-@kernel
+@part_of_kernel
 def _coordinate_energy(plan, row, x):
     """What a law on a coordinate stores (J)."""
     data = plan.data
@@ -115,8 +115,8 @@ def _finite(values):
     return np.isfinite(total)
 
 
-@kernel
-def user_law(plan, work, i, x, rate):
+@part_of_kernel
+def _user_law(plan, work, i, x, rate):
     """What the user's law of row i gives; NaN and ``plan.flag`` where it gives no finite number.
 
     A state that is not finite is the trial's fault: nobody is asked.
@@ -129,7 +129,7 @@ def user_law(plan, work, i, x, rate):
     return force
 
 
-@kernel
+@part_of_kernel
 def _push_user_forces(plan, work, i, x, v, out):
     """Subtract from ``out`` what the user's function of row i gives; NaN and ``plan.flag`` as above."""
     force = work.generalized
@@ -153,7 +153,7 @@ def push_coordinates(plan, work, x, v, out):
         if kind <= at.ON_FRICTION:
             out[k] -= coordinate_law(plan, row, x[row[at.EL_X]], v[k])[0]
         elif kind == at.ON_FUNCTION:
-            out[k] -= user_law(plan, work, i, x[row[at.EL_X]], v[k])
+            out[k] -= _user_law(plan, work, i, x[row[at.EL_X]], v[k])
         elif kind == at.ON_MODES:
             factor = work.time[row[at.EL_TIME], 0]
             for j in range(row[at.EL_COUNT]):
@@ -175,18 +175,20 @@ def relative_rates(plan, work, f, g):
 
 
 @kernel
+def _six_dot(data, o, a, b):
+    return (
+        data[o] * a[0] + data[o + 1] * a[1] + data[o + 2] * a[2]
+        + data[o + 3] * b[0] + data[o + 4] * b[1] + data[o + 5] * b[2]
+    )
+
+
+@kernel
 def six_times(data, o, a, b):
     """The row-major 6 x 6 matrix data[o:] times (a, b)."""
-    s = (a[0], a[1], a[2], b[0], b[1], b[2])
-    t0 = t1 = t2 = t3 = t4 = t5 = 0.0
-    for k in range(6):
-        t0 += data[o + k] * s[k]
-        t1 += data[o + 6 + k] * s[k]
-        t2 += data[o + 12 + k] * s[k]
-        t3 += data[o + 18 + k] * s[k]
-        t4 += data[o + 24 + k] * s[k]
-        t5 += data[o + 30 + k] * s[k]
-    return (t0, t1, t2), (t3, t4, t5)
+    return (
+        (_six_dot(data, o, a, b), _six_dot(data, o + 6, a, b), _six_dot(data, o + 12, a, b)),
+        (_six_dot(data, o + 18, a, b), _six_dot(data, o + 24, a, b), _six_dot(data, o + 30, a, b)),
+    )
 
 
 @kernel
