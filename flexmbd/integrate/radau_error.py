@@ -66,6 +66,16 @@ def _estimate(plan, state, groups, s, h):
 
 
 @part_of_kernel
+def widen_scales(state, s, h, machine_rate):
+    """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
+    share = min(1.0, h * machine_rate)
+    for k in range(s.scale_x.shape[0]):
+        gain = min(1.0, h * max(machine_rate, state.memory[RATE, k])) / share
+        s.scale_x[k] *= gain
+        s.scale_v[k] *= gain
+
+
+@part_of_kernel
 def local_error(plan, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.integrate.radau_coefficients import ORDER, STAGES
-from flexmbd.integrate.radau_error import local_error, step_growth
+from flexmbd.integrate.radau_error import local_error, step_growth, widen_scales
 from flexmbd.integrate.radau_newton import solve_step
 from flexmbd.integrate.radau_stages import (
     END,
@@ -38,7 +38,8 @@ from flexmbd.multibody.plan import CompiledScene
 
 _NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
 _LONGEST = 1.0  # the longest step in characteristic times of the machine
-_WORTH = 1.2  # growth that is worth new factors
+_WORTH = 1.25  # growth that is worth new factors
+_HOLD = 4  # steps without growth after a rejection
 _TIGHT = 0.92  # growth below which the step had better shrink: its safety is spent
 
 
@@ -130,6 +131,7 @@ def advance(plan, work, tw, state, groups, s, record):
         h = st.next_step(state, whole)
         limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
         st.set_scales(state, groups, s, rate, limit)
+        widen_scales(state, s, h, rate)
         solved = evaluate_stage_times(plan, work, state, s, h)
         if solved:
             solved = solve_step(plan, work, tw, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))
@@ -149,10 +151,10 @@ def advance(plan, work, tw, state, groups, s, record):
                 number[st.STEP] = min(number[st.STEP_CEILING], h * growth)
             else:
                 number[st.STEP] = h if growth > _TIGHT else h * growth
-            count[HOLD] = 0
+            count[HOLD] = max(0, count[HOLD] - 1)
             continue
         count[st.REJECTED] += 1
-        count[HOLD] = 1  # no growth right after a rejection
+        count[HOLD] = _HOLD
         if solved:
             number[st.STEP] = h * step_growth(state, h, ratio)
         elif fixed:

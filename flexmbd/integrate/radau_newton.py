@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.native import solve
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
-_RENEW = 0.1  # a slower contraction than this renews the tangent for the next step
+_RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
 _ROUND_OFF = 1e-13
 _SWEEPS = 3  # of rotations at the first guess
 _LAST = STAGES - 1

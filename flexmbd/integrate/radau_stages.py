@@ -32,7 +32,7 @@ ComplexArray = NDArray[np.complex128]
 # iteration leaves of the error; error and size of the last step that error control accepted.
 STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RATIO_BEFORE, STEP_ACCEPTED = range(st.METHOD, st.METHOD + 5)
 # Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, whether the factors of
-# the end's accelerations serve, iterations of the last step, whether the last try was rejected.
+# the end's accelerations serve, iterations of the last step, how many steps may not grow.
 POLYNOMIAL, TANGENT, END, NEWTON, HOLD = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: accelerations and multipliers of the last step's stages, each coordinate's own rate (1/s).
 STAGE_A, STAGE_NU, RATE, N_MEMORY = 0, 3, 6, 7
