@@ -126,7 +126,7 @@ def solve_step(plan, work, tw, state, s, h, tolerance):
             continue
         if plan.rows.shape[0] > 0 and not _close_end(plan, work, tw, state, s, h, tolerance):
             continue
-        if state.numbers[CONTRACTION] > _RENEW:
+        if state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW:  # as measured
             state.counts[TANGENT] = 0
         return True
     state.counts[TANGENT] = 0
