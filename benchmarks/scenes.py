@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,8 @@ class Method:
 #: All that is compared and tried; a new integrator is one line more.
 METHODS = [
     Method("generalized-alpha", fm.GeneralizedAlpha),
+    Method("Dormand-Prince 5(4)", fm.ExplicitRungeKutta),
+    Method("Dormand-Prince 8(5,3)", partial(fm.ExplicitRungeKutta, fm.Pair.DORMAND_PRINCE_8), tight=True),
 ]
 
 

@@ -15,6 +15,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import flexmbd as fm
+from flexmbd.integrate import state as st
+from flexmbd.multibody.team import Alone
+from flexmbd.stepping import Integration, new_snapshot
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import CRANK, pendulum, slider_crank, slider_position
@@ -305,3 +308,115 @@ def test_symmetric_top_to_all_digits(pair, rotations):
     }.items():
         end = scene.simulate(t, rtol=1e-11, integrator=fm.ExplicitRungeKutta(pair, rotations))
         np.testing.assert_allclose(end.rotation(top.frame())[-1, :, 2], exact, atol=2e-10)
+
+
+# --- functions of time, prescribed motion ----------------------------------------------------
+
+
+def driven_pendulum():
+    """A bar of 1 m on a carriage that a sine moves along x, its hinge loaded by a function of time."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    carriage = scene.add(fm.RigidBody(2.0, (1.0, 1.0, 1.0)), name="carriage")
+    bar = scene.add(fm.RigidBody(1.0, (1e-4, 1 / 12, 1 / 12), (0.5, 0.0, 0.0)), name="bar")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), carriage.frame())
+    slide.prescribe(fm.Sine(0.2, 7.0, 0.3))
+    hinge = scene.connect(fm.joint.Revolute("z"), carriage.frame(), bar.frame())
+    return scene, slide, hinge
+
+
+def driven_angle(t_end):
+    """Angle and rate of the bar, by its own equation."""
+
+    def equations(t, y):
+        pull = 0.2 * 49.0 * np.sin(7.0 * t + 0.3)  # minus the carriage's acceleration
+        torque = np.cos(3.0 * t) - 0.5 * 9.81 * np.cos(y[0]) - 0.5 * pull * np.sin(y[0])
+        return y[1], 3.0 * torque
+
+    return solve_ivp(equations, (0.0, t_end), (0.0, 0.0), method="DOP853", rtol=3e-14, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_order_with_prescribed_motion_and_a_python_function(pair):
+    scene, slide, hinge = driven_pendulum()
+    scene.add_force(fm.force.JointTorque(hinge, lambda t: np.cos(3.0 * t)))
+    angle, rate = driven_angle(1.0)
+    errors = []
+    for n in (16, 32) if pair.order == 8 else (100, 200):
+        run = scene.simulate(1.0, h=1.0 / n, integrator=fm.ExplicitRungeKutta(pair))
+        errors.append([abs(run.beta(hinge)[-1] - angle), abs(run.beta_rate(hinge)[-1] - rate)])
+        for found, exact in (
+            (run.beta(slide), 0.2 * np.sin(7.0 * run.t + 0.3)),
+            (run.beta_rate(slide), 1.4 * np.cos(7.0 * run.t + 0.3)),
+        ):
+            np.testing.assert_allclose(found, exact, atol=1e-14)
+    assert observed_orders(errors).min() > pair.order - 0.5, errors
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_a_function_that_raises_stops_the_run_where_it_stands(pair):
+    scene, _, hinge = driven_pendulum()
+
+    def torque(t):
+        if t > 0.4:
+            raise ValueError("no table beyond 0.4 s")
+        return 0.0
+
+    scene.add_force(fm.force.JointTorque(hinge, torque))
+    with pytest.raises(fm.FlexmbdError, match="no table beyond") as failure:
+        scene.simulate(1.0, h=0.03, integrator=fm.ExplicitRungeKutta(pair))
+    assert failure.value.trajectory.t[-1] == pytest.approx(0.39)
+
+
+# --- long runs ---------------------------------------------------------------------------------
+
+
+def tumbling(spin=(0.3, 2.0, 0.1)):
+    """A free body about its middle axis, no load: angular momentum and energy are kept."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), name="body")
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), body.frame())
+    ball.velocity = spin
+    return scene
+
+
+def momentum(x, v):
+    return turn(x) @ (np.array([1.0, 2.0, 3.0]) * v)
+
+
+@pytest.mark.parametrize("rotations", list(fm.Rotations))
+def test_many_steps_keep_rotations_and_momentum(rotations):
+    """Tumbling for 10^5 steps: unit quaternion to round-off, momentum to the method's error."""
+    start = tumbling().start()
+    method = fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4, rotations)
+    snapshot = new_snapshot(start, method, t_start=0.0, t_end=1e3, rtol=1e-6, h=0.01)
+    integration = Integration(start, method, Alone(), snapshot, one_by_one=False)
+    before = momentum(start.x, start.v)
+    code = st.OUTPUT
+    while code == st.OUTPUT:
+        code = integration.advance(1e3)
+    assert integration.state.counts[st.STEPS] == pytest.approx(100_000, abs=1)
+    x = integration.state.x
+    np.testing.assert_allclose(turn(x).T @ turn(x), np.eye(3), atol=1e-14)
+    assert np.linalg.norm(x) == pytest.approx(1.0, abs=1e-15)
+    drift = np.linalg.norm(momentum(x, integration.state.v) - before) / np.linalg.norm(before)
+    assert drift < 1e-6
+
+
+@pytest.mark.parametrize("rotations", list(fm.Rotations))
+@pytest.mark.parametrize("pair", PAIRS)
+def test_momentum_drifts_with_the_order(pair, rotations):
+    scene = tumbling()
+    drifts = []
+    for n in (60, 120):
+        run = scene.simulate(20.0, h=20.0 / n, integrator=fm.ExplicitRungeKutta(pair, rotations))
+        drifts.append(np.abs(momentum(run.x[-1], run.v[-1]) - momentum(run.x[0], run.v[0])).max())
+    assert np.log2(drifts[0] / drifts[1]) > pair.order - 0.5, drifts
+
+
+def test_restart_from_a_checkpoint_is_the_same_to_the_bit():
+    scene, _, _ = loaded_slider_crank()
+    method = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)
+    whole = scene.simulate(0.1, rtol=1e-7, integrator=method, checkpoints=[0.05])
+    rest = scene.simulate(0.1, integrator=method, restart=whole.checkpoints[0])
+    np.testing.assert_array_equal(rest.x[-1], whole.x[-1])
+    np.testing.assert_array_equal(rest.multipliers[-1], whole.multipliers[-1])
