@@ -253,7 +253,7 @@ CORNER = np.array([0.328458111536, 0.944518538180])
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_singular_positions_are_crossed_with_fixed_steps(pair):
-    """BENCHMARKS A2 and F8: two rank losses a turn, ten turns, all loops redundant in space."""
+    """BENCHMARKS A2 and F8: two rank losses a turn, five turns, all loops redundant in space."""
     scene, corner = four_bars(2)
     run = scene.simulate(10.0, h=2e-3, integrator=fm.ExplicitRungeKutta(pair))
     assert np.abs(run.position(corner)[-1, :2] - CORNER).max() < 1e-6
