@@ -17,7 +17,8 @@ import numpy as np
 from flexmbd.errors import SceneError
 from flexmbd.integrate import implicit_step as step
 from flexmbd.integrate import state as st
-from flexmbd.integrate.implicit_step import new_scratch, solve_step
+from flexmbd.integrate.augmented import solve_passes
+from flexmbd.integrate.implicit_step import new_scratch
 from flexmbd.integrate.local_error import local_error
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
@@ -154,7 +155,7 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     for _ in range(2):
         for k in range(state.a.shape[0]):
             state.memory[step.AUXILIARY, k] = state.a[k] + delay * (s.a[k] - state.a[k])
-        if not solve_step(plan, work, state, groups, s, h, tolerance):
+        if not solve_passes(plan, work, state, groups, s, h, tolerance):
             return False
     return True
 
@@ -182,7 +183,7 @@ def advance(plan, work, state, groups, s, record):
         limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
         st.set_scales(state, groups, s, rate, limit)
         aim = max(_NEWTON_SHARE * limit, 5e-15)
-        solved = solve_step(plan, work, state, groups, s, h, aim)
+        solved = solve_passes(plan, work, state, groups, s, h, aim)
         if solved and count[step.KNOWN_BEFORE] == 0:
             solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
         if plan.flag[0] != 0:

@@ -46,6 +46,8 @@ class Scratch(NamedTuple):
     a: FloatArray
     auxiliary: FloatArray
     multipliers: FloatArray
+    known: FloatArray
+    lacking: FloatArray
     move: FloatArray
     out: FloatArray
     probe: FloatArray
@@ -79,6 +81,8 @@ def new_scratch(plan: Plan, nx: int, nv: int) -> Scratch:
         a=zeros(nv),
         auxiliary=zeros(nv),
         multipliers=zeros(m),
+        known=zeros(m),
+        lacking=zeros(m),
         move=zeros(nv),
         out=zeros(nv),
         probe=zeros(nv),
@@ -144,6 +148,12 @@ def update(plan, work, state, s, h, unknown):
 
 
 @kernel
+def is_unshifted(plan, i):
+    """Whether row i has no position to be shifted: it holds velocities alone, or yields."""
+    return plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY or plan.rows[i, at.ROW_HOLD] > 0
+
+
+@kernel
 def trial(plan, work, state, s, h, unknown, equation):
     """Evaluate the step's equations at ``unknown``."""
     nu = plan.free.shape[0]
@@ -157,11 +167,17 @@ def trial(plan, work, state, s, h, unknown, equation):
     if m > 0:
         constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
         for i in range(m):
-            if plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY:
-                equation[nu + i] = unknown[nu + m + i]  # no position to shift
+            if is_unshifted(plan, i):
+                equation[nu + i] = unknown[nu + m + i]
             else:
                 equation[nu + i] = s.phi[i] / per_x
             equation[nu + m + i] = s.phi_rate[i] / per_v
+            o = plan.rows[i, at.ROW_HOLD]
+            if o > 0:  # the reaction is what stiffness and damping give, beyond that of the pass before
+                k = plan.data[o + at.HOLD_STIFFNESS]
+                c = plan.data[o + at.HOLD_DAMPING]
+                gap = s.known[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+                equation[nu + m + i] = gap / (k * per_x + c * per_v)
 
 
 @part_of_kernel

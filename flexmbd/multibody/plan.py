@@ -13,7 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.enforcement import Penalty
+from flexmbd.multibody.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
@@ -421,7 +421,7 @@ class _Rows:
     names: list[str]
     owners: list[Connection | Coupling]
     penalties: list[list[int]]
-    penalised: list[tuple[str, Penalty]]
+    penalised: list[tuple[str, FloatArray]]
 
 
 #: The row that holds a joint's only coordinate, by the kind of its step.
@@ -447,7 +447,7 @@ def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupli
                 )
             values += [float(found[term.index]), term.share]
         data = b.add_data(np.array(values))
-        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1])
+        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1, 0])
         rows.names.append(coupling.name)
         rows.owners.append(coupling)
     return rows
@@ -466,23 +466,39 @@ def _add_closure(b: _Builder, rows: _Rows, closure: Connection) -> None:
         held.append((_COORDINATE[joint.steps[0].kind], time))
     for row, time in held:
         data = b.add_data(np.array(row.data)) if row.data else 0
-        line = [f, g, row.kind, row.index, data, row.level, time]
+        line = [f, g, row.kind, row.index, data, row.level, time, 0]
         name = f"{closure.name}: {row.name}"
+        if isinstance(closure.enforce, AugmentedLagrangian):
+            line[at.ROW_HOLD] = b.add_data(_hold(b.extent, row, closure.enforce, name))
         if isinstance(closure.enforce, Penalty):
             rows.penalties.append(line)
-            rows.penalised.append((name, closure.enforce))
+            rows.penalised.append((name, _yield(b.extent, row, closure.enforce, name)))
         else:
             rows.table.append(line)
             rows.names.append(name)
             rows.owners.append(closure)
 
 
+def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
+    """(2,) stiffness and damping of a row, in its own unit."""
+    scale = extent**2 if row.kind in at.ROWS_IN_RAD else 1.0
+    if row.level == at.LEVEL_POSITION:
+        return np.array([choice.stiffness, choice.damping]) * scale
+    if choice.damping == 0.0:
+        raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
+    return np.array([0.0, choice.damping * scale])
+
+
+def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
+    """(N_HOLD,) what an augmented Lagrangian enforces a row by."""
+    size = 1.0 if row.kind in at.ROWS_IN_RAD else extent
+    return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
+
+
 def _lay_penalties(b: _Builder, rows: _Rows, table: ForceTable) -> None:
     """Append the elements that stand for penalised rows."""
     for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
-        scale = b.extent**2 if row[at.ROW_KIND] in at.ROWS_IN_RAD else 1.0
-        stiffness = penalty.stiffness * scale if row[at.ROW_LEVEL] == at.LEVEL_POSITION else 0.0
-        data = b.add_data(np.array([stiffness, penalty.damping * scale]))
+        data = b.add_data(penalty)
         f, g = row[at.ROW_F], row[at.ROW_G]
         table.element(at.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)
 

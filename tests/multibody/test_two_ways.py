@@ -153,3 +153,19 @@ def test_forces_and_motions_on_joints_held_by_constraints(what):
         ends.append(parts)
     for part, other in zip(*ends, strict=True):
         np.testing.assert_allclose(other, part, atol=3e-6 * max(1.0, np.abs(part).max()))
+
+
+@pytest.mark.parametrize("name", ["revolute", "screw", "universal"])
+@pytest.mark.parametrize("choice", [(1e6, 0.0), (1e8, 0.0), (1e7, 1e4)], ids=["soft", "stiff", "damped"])
+def test_augmented_lagrangian_closes_what_it_enforces(name, choice):
+    """To its tolerance, whatever the stiffness; the motion is that of multipliers, at the step's own error."""
+    exact, bodies, joints = machine(name, way=fm.Way.CONSTRAINTS)
+    exact = exact.simulate(0.1, h=1e-3, rtol=1e-8)
+    place, reaction = exact.position(bodies[2].frame())[-1], exact.reaction(joints[1])[-1]
+    scene, bodies, joints = machine(name, enforce=fm.AugmentedLagrangian(*choice, tol=1e-10))
+    run = scene.simulate(0.1, h=1e-3, rtol=1e-8)
+    extent = scene.compile().extent
+    assert run.stats.constraint_residual <= 1e-10 * max(1.0, extent)
+    np.testing.assert_allclose(run.position(bodies[2].frame())[-1], place, atol=2e-6)
+    np.testing.assert_allclose(run.reaction(joints[1])[-1], reaction, atol=2e-2 * np.abs(reaction).max())
+    assert run.stats.iterations > 1.5 * exact.stats.iterations or choice[0] == 1e8  # passes were made

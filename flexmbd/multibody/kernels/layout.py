@@ -55,8 +55,10 @@ N_FLEX = 8
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
 # parameters in Plan.data, whether it holds positions or velocities alone, and the function of time (-1: none) that
-# is subtracted from its value.
-ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, N_ROW = range(8)
+# is subtracted from its value; the offset in Plan.data of what an augmented Lagrangian enforces it by (0: nothing).
+ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, ROW_HOLD, N_ROW = range(9)
+# There: stiffness, damping, what may stay open (m or rad; m/s where velocities are held), the same over the extent.
+HOLD_STIFFNESS, HOLD_DAMPING, HOLD_OPEN, HOLD_TOL, N_HOLD = range(5)
 # ROW_KIND; d = p_FG_F, R = R_FG, n the z axis of G in F, "angle" that of the turn about z (the twist).
 ROW_TRANSLATION = 0  # d[index] = 0
 ROW_DIRECTION = 1  # R[index // 3, index % 3] = 0
