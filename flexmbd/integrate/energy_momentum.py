@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import discrete_gradient as step
 from flexmbd.integrate import state as st
-from flexmbd.integrate.discrete_gradient import kinetic_energy, new_scratch, solve_step
+from flexmbd.integrate.discrete_gradient import factor_end, kinetic_energy, new_scratch, solve_step
+from flexmbd.integrate.loop_dynamics import new_loops, note_scales, survey
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated import forward_dynamics
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
@@ -43,24 +43,28 @@ _SAMPLES = 8  # states that tell which coordinates energy depends on
 _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
 
 #: Force elements that store what they take.
-_STORING = (at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.BETWEEN_SPRING, at.BETWEEN_BUSHING)
+_STORING = (
+    at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.BETWEEN_SPRING, at.BETWEEN_BUSHING, at.BETWEEN_PENALTY,
+)  # fmt: skip
 #: Where the data of each holds its damper: first entry and how many.
 _DAMPERS = {
     at.ON_SPRING: (2, 1),
     at.ON_CHARACTERISTIC: (1, 1),
     at.ON_STOP: (3, 1),
     at.BETWEEN_SPRING: (2, 1),
+    at.BETWEEN_PENALTY: (1, 1),
     at.BETWEEN_BUSHING: (36, 36),
 }
 
 
 @dataclass(frozen=True)
 class EnergyMomentum:
-    """Choice of the method for trees.
+    """Choice of the method.
 
     ``newton`` is what Newton's iteration leaves of a step's error, relative to the machine's sizes and
     speeds: energy is kept to about that at each step.
 
+    Loops are closed at the end of each step, in position and velocity.
     With error control the steps differ in length; energy and momenta are kept at each of them as at
     equal ones.  Where a motion is prescribed its drive does work, energy is not kept, and the method
     is the implicit midpoint rule.
@@ -87,17 +91,11 @@ class EnergyMomentum:
 
     @property
     def memory_rows(self) -> int:
-        """Momenta, and the accelerations at the step before."""
+        """Scales of the loops; momenta; the accelerations at the step before."""
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
-        """Refuse constraints, by their joints' names."""
-        if len(scene.plan.rows):
-            names = ", ".join(repr(name) for name in dict.fromkeys(c.name for c in scene.row_owners))
-            raise SceneError(
-                f"the energy-momentum method runs trees without constraints; here {names} is held by multipliers; "
-                "take GeneralizedAlpha()"
-            )
+        """Runs every scene."""
 
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
@@ -106,19 +104,21 @@ class EnergyMomentum:
         plan = scene.plan
         stored = storing_plan(plan)
         scratch = new_scratch(plan, scene.nx, scene.nv, correction_weights(scene, stored))
-        articulated = new_articulated_work(plan)
+        articulated, loops = new_articulated_work(plan), new_loops(plan, state)
         if state.counts[st.STEPS] == 0:
-            state.counts[step.KEEPS_ENERGY] = len(plan.driven) == 0
+            state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
             state.counts[step.SPLITS] = splits(plan)
             state.memory[step.BEFORE] = state.a
             momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
             forward(plan, work, state.x, scratch.none, scratch.none)
             kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
             state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
+            evaluate_times(plan, state.numbers[st.TIME], work.time)
+            survey(scene, state, work)
 
         def advance_to(record: st.Record) -> int:
             return int(
-                advance(plan, stored, work, articulated, state, groups, scratch, record, self.newton)
+                advance(plan, stored, work, articulated, loops, state, groups, scratch, record, self.newton)
             )
 
         def drop_factors() -> None:
@@ -126,6 +126,12 @@ class EnergyMomentum:
 
         drop_factors()
         return advance_to, drop_factors
+
+
+def is_driven(plan: Plan) -> bool:
+    """Whether a motion is prescribed, on a coordinate, a constraint row or a penalty."""
+    times = np.concatenate([plan.rows[:, at.ROW_TIME], plan.penalties[:, at.ROW_TIME]])
+    return len(plan.driven) > 0 or bool((times >= 0).any())
 
 
 def splits(plan: Plan) -> bool:
@@ -192,6 +198,7 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
     work = new_work(plan)
     none, p, x = np.zeros(nv), np.zeros(nv), np.empty(scene.nx)
     rate = max(1.0, math.sqrt(float(np.linalg.norm(plan.gravity)) / scene.extent))
+    weight = float(plan.rigid[:, at.MASS].sum()) * scene.extent * rate**2
     random = np.random.default_rng(0)
     seen = np.zeros((_SAMPLES, nv))
     for gradient in seen:
@@ -199,7 +206,8 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
         retract(plan, scene.start, draw, x)
         v = random.standard_normal(nv) * size * rate * np.where(modal, 1e-3, 1.0)
         wrench = np.zeros((len(plan.tree), 6))
-        canonical(stored, work, x, v, 0.5 * v, none, wrench, np.zeros(6), p, gradient)
+        pull = random.standard_normal(len(plan.rows)) * weight
+        canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
         for i, row in enumerate(plan.tree):
             if row[at.JOINT] in (at.SPHERICAL, at.FREE):
                 o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
@@ -243,7 +251,7 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
 
 
 @part_of_kernel
-def _accept(plan, state, groups, s, a_end, record, h):
+def _accept(plan, loops, state, groups, s, a_end, record, h):
     """Make the trial state the current one and write a row of the record."""
     for k in range(state.v.shape[0]):
         state.memory[step.BEFORE, k] = state.a[k]
@@ -252,26 +260,33 @@ def _accept(plan, state, groups, s, a_end, record, h):
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):
         state.x[k] = s.x_end[k]
+    for i in range(state.multipliers.shape[0]):
+        state.multipliers[i] = s.nu_end[i]
+    note_scales(loops)
     state.numbers[step.ENERGY] += state.numbers[step.WORK]
     st.store(plan, state, groups, record, h)
 
 
 @part_of_kernel
-def _solve(plan, stored_plan, work, aw, state, groups, s, h, rate, newton):
+def _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
-    if plan.driven.shape[0] > 0:
+    if plan.driven.shape[0] + plan.rows.shape[0] > 0:
         evaluate_times(plan, st.end_of_step(state, h), work.time)
+        for i in range(plan.rows.shape[0]):
+            if plan.rows[i, at.ROW_TIME] >= 0:
+                s.row_end[i, 0] = work.time[plan.rows[i, at.ROW_TIME], 0]
+                s.row_end[i, 1] = work.time[plan.rows[i, at.ROW_TIME], 1]
         for i in range(plan.driven.shape[0]):
             for k in range(3):
                 s.driven[i, k] = work.time[plan.driven[i, at.DRIVEN_TIME], k]
     evaluate_times(plan, t + 0.5 * h, work.time)
     st.set_scales(state, groups, s, rate, newton)
-    return solve_step(plan, stored_plan, work, aw, state, groups, s, h, rate, newton)
+    return solve_step(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton)
 
 
 @kernel
-def advance(plan, stored_plan, work, aw, state, groups, s, record, newton):
+def advance(plan, stored_plan, work, aw, loops, state, groups, s, record, newton):
     """Step until the end, a full record, or a failure.
 
     Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
@@ -289,10 +304,10 @@ def advance(plan, stored_plan, work, aw, state, groups, s, record, newton):
             h = min(h, _LONGEST / (rate + 1e-300))
         whole = h
         h = st.next_step(state, whole)
-        solved = _solve(plan, stored_plan, work, aw, state, groups, s, h, rate, newton)
+        solved = _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton)
         if solved and plan.flag[0] == 0:
             evaluate_times(plan, st.end_of_step(state, h), work.time)
-            forward_dynamics(plan, work, aw, s.x_end, s.v_end[0], s.a_end, state.multipliers, s.extra)
+            factor_end(plan, work, aw, loops, s)
         if plan.flag[0] != 0:
             return st.CALLBACK_FAILED
         if not solved:
@@ -304,7 +319,7 @@ def advance(plan, stored_plan, work, aw, state, groups, s, record, newton):
             number[st.STEP] = 0.25 * h
             continue
         if fixed:
-            _accept(plan, state, groups, s, s.a_end, record, h)
+            _accept(plan, loops, state, groups, s, s.a_end, record, h)
             continue
         ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
         growth = 0.9 / np.cbrt(max(ratio, 1e-4))
@@ -315,7 +330,7 @@ def advance(plan, stored_plan, work, aw, state, groups, s, record, newton):
                 return st.STEP_FLOOR
             number[st.STEP] = h * max(0.2, growth) if np.isfinite(growth) else 0.2 * h
             continue
-        _accept(plan, state, groups, s, s.a_end, record, h)
+        _accept(plan, loops, state, groups, s, s.a_end, record, h)
         # the step changes seldom, for each change costs a factorisation
         count[step.HOLD] -= 1
         if h < whole:

@@ -164,7 +164,7 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     rank = loops.rank[0]
     while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < _SINGULAR * loops.usual[0]:
         rank -= 1
-    _respond(loops, rank, loops.rate2, loops.move)
+    respond(loops, rank, loops.rate2, loops.move)
     for i in range(m):
         multipliers[i] = loops.solution[i]
     for k in range(a.shape[0]):
@@ -196,13 +196,13 @@ def drop_normal_part(loops, out):
         for k in range(out.shape[0]):
             total += loops.jacobian[i, k] * out[k]
         loops.phi[i] = total
-    _respond(loops, loops.rank[0], loops.phi, loops.move)
+    respond(loops, loops.rank[0], loops.phi, loops.move)
     for k in range(out.shape[0]):
         out[k] -= loops.move[k]
 
 
 @kernel
-def _respond(loops, rank, rows, out):
+def respond(loops, rank, rows, out):
     """out = M^-1 C^T (C M^-1 C^T)^-1 rows."""
     solve_semidefinite(
         loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution
@@ -227,7 +227,7 @@ def project(plan, work, plain, quaternions, state, groups, loops, rate, x, v):
     for _ in range(2 * _MAX_ITERATIONS):
         forward(plan, work, x, v, v)
         constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-        _respond(loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        respond(loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
         size = 0.0
         for k in range(v.shape[0]):
             g = groups.of[k]

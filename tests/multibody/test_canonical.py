@@ -54,7 +54,8 @@ def test_force_is_the_lagrangians_gradient_and_momentum_its_velocity_gradient(se
     plan.flex[:, at.MODAL_DAMPING] = -1
     x, v = state(compiled, seed)
     p, out, none = np.zeros((3, nv))
-    canonical(plan, work, x, v, 0.5 * v, none, np.zeros((len(plan.tree), 6)), np.zeros(6), p, out)
+    loose = np.zeros(len(plan.rows))
+    canonical(plan, work, x, v, 0.5 * v, none, loose, np.zeros((len(plan.tree), 6)), np.zeros(6), p, out)
     weights = ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0))
     step = 1e-2
     (_, k0), = free_rows(plan)

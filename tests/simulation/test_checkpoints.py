@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).parents[1] / "multibody"))
 from machines import pendulum, slider_crank
 from particles import particle_body
 
-METHODS = [fm.GeneralizedAlpha(), fm.GeneralizedAlpha(rho=0.5)]
+METHODS = [fm.GeneralizedAlpha(), fm.GeneralizedAlpha(rho=0.5), fm.EnergyMomentum()]
 
 
 def tree():

@@ -13,6 +13,7 @@ changes in T is seen at the joint alone, from the momentum of all that lies beyo
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.column_tangent import joint_size
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces, elastic_energy
@@ -205,21 +206,23 @@ def _gather(plan, work, v, wrench, p, part, out):
 
 
 @kernel
-def canonical(plan, work, x, v, half, none, wrench, part, p, out):
-    """p = M(x) v and out = -dT/dx + dV/dx - loads, without the loops' reactions (see the module's text).
+def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
+    """p = M(x) v and out = -dT/dx + dV/dx - loads + C^T nu (see the module's text).
 
     ``work.time`` must be up to date.  Leaves the kinematics of (x, v) in ``work``.
 
-    x, v: (nx,), (nv,) configuration and velocity.  half, none: (nv,) v / 2 and zeros.  wrench, part:
-    (bodies, 6) and (6,) scratch.  p, out: (nv,) output.
+    x, v: (nx,), (nv,) configuration and velocity.  half, none: (nv,) v / 2 and zeros.
+    multipliers: (m,) nu of the constraint rows.  wrench, part: (bodies, 6) and (6,) scratch.  p, out: (nv,) output.
     """
     for k in range(out.shape[0]):
         out[k] = 0.0
     forward(plan, work, x, v, none)
     _ask(plan, work, x, v, half, none, wrench, p, out)
+    load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
         load_elements(plan, work, out)
     backward(plan, work, out)
+    load_couplings(plan, multipliers, out)
     _gather(plan, work, v, wrench, p, part, out)
     if plan.elements.shape[0] > 0:
         push_coordinates(plan, work, x, v, out)
