@@ -59,9 +59,12 @@ class Penalty:
 class AugmentedLagrangian:
     """Constraints hold to a tolerance: reaction = nu* + stiffness phi + damping d phi/dt.
 
-    nu* is found anew within each step by repeated solutions, each with the reaction of the one
-    before (Hestenes and Powell's iteration), until no row stays open by more than ``tol`` times
-    the machine's extent (rad rows: by more than ``tol``).
+    nu* is found within each step of GeneralizedAlpha by repeated solutions, each adding what the
+    stiffness makes of what the one before left open (Hestenes and Powell's iteration), until no
+    row stays open by more than ``tol`` times the machine's extent (rad rows: by more than
+    ``tol``).  A stiffness above mass / step^2 makes for few solutions; reactions are known to
+    about tol times mass / step^2.  Other integrators solve for the reaction itself, as with
+    Multipliers.
 
     Attributes:
         stiffness: N/m, positive; rad rows take it times the square of the machine's extent.

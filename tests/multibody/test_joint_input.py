@@ -60,6 +60,14 @@ def test_a_joint_asked_to_go_where_it_cannot():
         scene.compile()
 
 
+@pytest.mark.parametrize("choice", [fm.Penalty(1e5), fm.AugmentedLagrangian(1e5)])
+def test_rolling_needs_damping_where_it_yields(choice):
+    scene, bodies, *_ = pair(JOINT.Free())
+    scene.connect(JOINT.RollingDisc(0.5), scene.ground.frame(), bodies[1].frame(), name="roll", enforce=choice)
+    with pytest.raises(SceneError, match="roll: no slip along x: holds velocities alone"):
+        scene.compile()
+
+
 def test_couplings_that_are_none():
     scene, bodies, first, second = pair()
     slide = scene.connect(JOINT.Prismatic(), bodies[0].frame(), bodies[1].frame(), name="slide")
