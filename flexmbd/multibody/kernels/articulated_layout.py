@@ -19,64 +19,70 @@ PARENT = 0  # row of the parent, -1 the ground
 FORM = 1  # how the joint is eliminated, below
 JOINT_X = 2  # first entry of the joint in x
 JOINT_V = 3  # first entry of the joint in v
-FLEX = 4  # row of ArticulatedWork.flex, -1 for a rigid body
-INTERFACE = 5  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
-FREEDOMS = 6  # coordinates that yield: 0 for a fixed or prescribed joint
+FREEDOMS = 4  # coordinates that yield: 0 for a fixed or prescribed joint
+FLEX = 5  # row of ArticulatedWork.flex, -1 for a rigid body
+INTERFACE = 6  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
 MULTI = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
-KIND = 8  # joint kind
-N_LINK = 9
+N_LINK = 8
 
-# FORM.  ALIGNED: one coordinate at most, and the frame F on a rigid parent has the parent's axes.
-# TURNED: one coordinate at most.  SEVERAL: more coordinates.
-ALIGNED, TURNED, SEVERAL = range(3)
+# FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that bears no child but the next row.
+# ALIGNED: one coordinate at most, F along the axes of a rigid parent.  TURNED: one coordinate at most.
+# SEVERAL: more coordinates.
+PLAIN, ALIGNED, TURNED, SEVERAL = range(4)
 
-# Columns of ArticulatedWork.constant: position and axes of F in the parent, mass integrals about
-# the body's own origin (mass, first moment, inertia tensor), turn and shift per unit of the joint's
-# coordinate, position and axes of G in a flexible body.
-C_P, C_R, C_MASS, C_FIRST, C_INERTIA = 0, 3, 12, 13, 16
-C_TURN, C_SHIFT, C_OWN_P, C_OWN_R, N_CONSTANT = 22, 23, 24, 27, 36
+# Columns of ArticulatedWork.constant: position of F in the parent, mass integrals about the body's own origin
+# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate.
+C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, N_CONSTANT = 0, 3, 4, 7, 13, 14, 16
 
-# Columns of ArticulatedWork.row: cosine and sine of the joint; angular velocity of the body;
-# acceleration of G that needs no acceleration of the parent or joint (angular, linear; G's axes);
-# U, 1/D and u of a joint of one coordinate; acceleration of the body (angular, linear).
-R_COS, R_SIN, R_SPIN, R_BIAS_ANGULAR, R_BIAS_LINEAR = 0, 1, 2, 5, 8
-R_U, R_D, R_FORCE, R_ANGULAR, R_LINEAR, N_ROW = 11, 17, 18, 19, 22, 25
+# Columns of ArticulatedWork.axes: axes of F in the parent, position and axes of G in the body.
+X_R, X_OWN_P, X_OWN_R, N_AXES = 0, 9, 12, 21
 
-# Columns of ArticulatedWork.pose: axes and position of G in the parent (of the frame that deforms
-# where there is one), and of a flexible body the acceleration of B that needs none of G, in B.
-P_R, P_P, P_BIAS, N_POSE = 0, 9, 12, 15
+# Columns of ArticulatedWork.row: cosine and sine of the joint; angular velocity of the body; linear acceleration of
+# G that needs no other, in G's axes; U, 1/D and u of a joint of one coordinate.
+R_COS, R_SIN, R_SPIN, R_BIAS, R_U, R_D, R_FORCE, N_ROW = 0, 1, 2, 5, 8, 14, 15, 16
+
+# Columns of ArticulatedWork.pose, not of PLAIN bodies: axes and position of G in the parent (of the frame that
+# deforms where there is one); angular acceleration of G that needs no other; of a flexible body the acceleration of
+# B that needs none of G, in B; acceleration of the body (angular, linear).
+P_R, P_P, P_BIAS, P_OWN_BIAS, P_ANGULAR, P_LINEAR, N_POSE = 0, 9, 12, 15, 18, 21, 24
 
 # Columns of ArticulatedWork.gathered: A, B, M and the wrench that children ask of the body.
 G_A, G_B, G_M, G_TORQUE, G_FORCE, N_GATHERED = 0, 6, 15, 21, 24, 27
 
-# Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many.
-F_MODES, F_FLEX, F_BODY, F_FIRST, F_COUNT, N_FLEXIBLE = 0, 1, 2, 3, 4, 5
+# Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many, offset in pairs.
+F_MODES, F_FLEX, F_BODY, F_FIRST, F_COUNT, F_PAIRS, N_FLEXIBLE = range(7)
+
+# Rows of ArticulatedWork.table, one column a mode: symmetric part of the mode's first moments (xx .. zz); torque and
+# force per unit modal acceleration, six rows; vector of the skew part of the moments with the modes' rates.
+T_COUPLING, N_TABLE = 6, 15
 
 # Columns of ArticulatedWork.body, one row a flexible body: its rigid inertia and bias wrench in B.
 B_INERTIA, B_FIRST, B_TORQUE, B_FORCE, N_BODY = 0, 6, 9, 12, 15
 
-# Columns of ArticulatedWork.interface: pose of the deformed frame in B, its rotation vector, its
-# acceleration in B that needs no other (angular, linear), what the child asks there (inertia,
-# wrench; in B's axes about the frame), the acceleration of the frame.
-I_P, I_R, I_THETA, I_BIAS_ANGULAR, I_BIAS_LINEAR = 0, 3, 12, 15, 18
-I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, N_INTERFACE = 21, 27, 36, 42, 45, 48, 51, 54
+# Columns of ArticulatedWork.interface: pose of the deformed frame in B, the matrix that takes the rate of its
+# rotation vector to its angular velocity, its acceleration in B that needs no other (angular, linear), what the child
+# asks there (inertia, wrench; in B's axes about the frame), the acceleration of the frame.
+I_P, I_R, I_TURN, I_BIAS_ANGULAR, I_BIAS_LINEAR = 0, 3, 12, 21, 24
+I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, N_INTERFACE = 27, 33, 42, 48, 51, 54, 57, 60
 
 
 class ArticulatedWork(NamedTuple):
     """Constants and scratch of the articulated-body recursion of one plan.
 
-    link, constant: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.
+    link, constant, axes: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.
     subspace (k, 3, 6, 6), force (k, 6): S, U, D of joints of several coordinates, and u.
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
-    coupling (f, 6, n): torque and force per unit modal acceleration.  weight, bias, ask (f, n):
-    inverse modal mass without children; modal forces that the motion asks for; scratch.
-    response, stiff (f, 6 c, 6), compliance, inertia, yielding (f, 6 c, 6 c), load (f, 4, 6 c),
-    system (6 c, 18 c): elimination of modes that carry children.
+    pairs: for each flexible body (1 + n, 9, n), the symmetric parts and the skew parts' vectors of its modes' first
+    moments with x and with each mode.  table (f, 15, n): the same of the deformed body, see N_TABLE.
+    weight, bias, ask (f, n): inverse modal mass without children; modal forces that the motion asks for; scratch.
+    response, stiff (f, 6 c, 6), compliance, yielding (f, 6 c, 6 c), load (f, 3, 6 c), system (6 c, 12 c + 6):
+    elimination of modes that carry children.
     asked: (nv,) generalised forces asked by elements and joint forces.  rest: (nv,) zeros.
     """
 
     link: IntArray
     constant: FloatArray
+    axes: FloatArray
     row: FloatArray
     pose: FloatArray
     gathered: FloatArray
@@ -86,14 +92,14 @@ class ArticulatedWork(NamedTuple):
     body: FloatArray
     interface: FloatArray
     interface_frame: IntArray
-    coupling: FloatArray
+    pairs: FloatArray
+    table: FloatArray
     weight: FloatArray
     bias: FloatArray
     ask: FloatArray
     response: FloatArray
     stiff: FloatArray
     compliance: FloatArray
-    inertia: FloatArray
     yielding: FloatArray
     load: FloatArray
     system: FloatArray
@@ -112,34 +118,41 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     count = len(plan.tree)
     links = np.zeros((count, N_LINK), np.int64)
     constants = np.zeros((count, N_CONSTANT))
+    axes = np.zeros((count, N_AXES))
     flex, interface_frames = _flexible_bodies(plan)
     flex_of = {int(row[F_BODY]): k for k, row in enumerate(flex)}
     slot_of = {f: k for k, f in enumerate(interface_frames)}
     driven = set(plan.driven[:, at.DRIVEN_V])
+    apart = {int(tree[at.PARENT]) for i, tree in enumerate(plan.tree) if tree[at.PARENT] != i - 1}
     several = 0
     for i, tree in enumerate(plan.tree):
         kind = int(tree[at.JOINT])
-        _place(plan, i, constants[i], flex_of)
+        _place(plan, i, constants[i], axes[i], flex_of)
         slot = slot_of.get(int(tree[at.FRAME_PARENT]), -1)
         subspace = _subspace(kind, plan.data[tree[at.JOINT_DATA]])
         if subspace is not None:
             constants[i, C_TURN : C_TURN + 2] = subspace
-            level = np.array_equal(constants[i, C_R : C_R + 9].reshape(3, 3), np.eye(3))
-            form, multi = ALIGNED if level and slot < 0 else TURNED, -1
+            level = np.array_equal(axes[i, X_R : X_R + 9].reshape(3, 3), np.eye(3))
+            multi = -1
+            form = ALIGNED if level and slot < 0 else TURNED
             freedoms = 0 if kind == at.FIXED or int(tree[at.JOINT_V]) in driven else 1
+            if form == ALIGNED and kind == at.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
+                form = PLAIN
         else:
             form, multi, freedoms = SEVERAL, several, 3 if kind == at.SPHERICAL else 6
             several += 1
         links[i] = [
-            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], flex_of.get(i, -1), slot, freedoms, multi, kind
+            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, multi
         ]  # fmt: skip
     modes = int(flex[:, F_MODES].max(initial=0))
+    pairs, table = _modal_moments(plan, flex, modes)
     wide = 6 * int(flex[:, F_COUNT].max(initial=0))
     nv = len(plan.free) + len(plan.driven)
     zeros = np.zeros
     return ArticulatedWork(
         link=links,
         constant=constants,
+        axes=axes,
         row=zeros((count, N_ROW)),
         pose=zeros((count, N_POSE)),
         gathered=zeros((count, N_GATHERED)),
@@ -149,17 +162,17 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         body=zeros((len(flex), N_BODY)),
         interface=zeros((len(interface_frames), N_INTERFACE)),
         interface_frame=np.array(interface_frames, np.int64),
-        coupling=zeros((len(flex), 6, modes)),
+        pairs=pairs,
+        table=table,
         weight=zeros((len(flex), modes)),
         bias=zeros((len(flex), modes)),
         ask=zeros((len(flex), modes)),
         response=zeros((len(flex), wide, 6)),
         stiff=zeros((len(flex), wide, 6)),
         compliance=zeros((len(flex), wide, wide)),
-        inertia=zeros((len(flex), wide, wide)),
         yielding=zeros((len(flex), wide, wide)),
-        load=zeros((len(flex), 4, wide)),
-        system=zeros((wide, 3 * wide)),
+        load=zeros((len(flex), 3, wide)),
+        system=zeros((wide, 2 * wide + 6)),
         asked=zeros(nv),
         rest=zeros(nv),
     )
@@ -169,19 +182,47 @@ def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
     """Rows of ArticulatedWork.flex, and the frames of all interfaces body by body."""
     rows: list[list[int]] = []
     frames: list[int] = []
+    offset = 0
     for i, tree in enumerate(plan.tree):
         if tree[at.FLEX] < 0:
             continue
         carriers = [int(f) for f in plan.tree[plan.tree[:, at.PARENT] == i, at.FRAME_PARENT]]
         deforming = [f for f in carriers if plan.frame_of[f, at.FRAME_MODES] >= 0]
         modes = int(plan.flex[tree[at.FLEX], at.N_MODES])
-        rows.append([modes, int(tree[at.FLEX]), i, len(frames), len(deforming)])
+        rows.append([modes, int(tree[at.FLEX]), i, len(frames), len(deforming), offset])
         frames.extend(deforming)
+        offset += 9 * modes * (modes + 1)
     return np.array(rows, np.int64).reshape(-1, N_FLEXIBLE), frames
 
 
-def _place(plan: Plan, i: int, constant: FloatArray, flex_of: dict[int, int]) -> None:
-    """Fill the constants of body i: F in the parent's frame of reference, and its mass integrals."""
+def _modal_moments(plan: Plan, flex: IntArray, modes: int) -> tuple[FloatArray, FloatArray]:
+    """Fill ArticulatedWork.pairs, and the constant rows of ArticulatedWork.table."""
+    blocks: list[FloatArray] = [np.zeros(0)]
+    table = np.zeros((len(flex), N_TABLE, modes))
+    for k, row in enumerate(flex):
+        n, offsets = int(row[F_MODES]), plan.flex[row[F_FLEX]]
+        first = plan.modal[offsets[at.MODAL_FIRST] :][: 3 * n].reshape(n, 3)
+        table[k, T_COUPLING + 3 : T_COUPLING + 6, :n] = first.T
+        # [mode, component a b, with what]: x first, then each mode
+        of_x = plan.modal[offsets[at.MODAL_SECOND] :][: 9 * n].reshape(n, 3, 3).transpose(1, 2, 0)
+        of_modes = plan.modal[offsets[at.MODAL_PAIR] :][: 9 * n * n].reshape(n, 3, 3, n)
+        for moments in (of_x, *of_modes):
+            blocks.append(np.concatenate([_symmetric_part(moments), _skew_vector(moments)]).ravel())
+    return np.concatenate(blocks), table
+
+
+def _symmetric_part(moments: FloatArray) -> FloatArray:
+    """(xx, xy, xz, yy, yz, zz) of (3, 3, n)."""
+    return (0.5 * (moments + moments.transpose(1, 0, 2)))[np.triu_indices(3)]
+
+
+def _skew_vector(moments: FloatArray) -> FloatArray:
+    """Integral of r x phi from that of phi r^T, (3, 3, n)."""
+    return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
+
+
+def _place(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: dict[int, int]) -> None:
+    """Fill the constants of body i: F in the parent's frame of reference, mass integrals, G in the body."""
     tree, rigid = plan.tree[i], plan.rigid[i]
     p, R = _frame(plan, int(tree[at.FRAME_PARENT]))
     parent = int(tree[at.PARENT])
@@ -198,8 +239,8 @@ def _place(plan: Plan, i: int, constant: FloatArray, flex_of: dict[int, int]) ->
         second = second - cross - cross.T + mass * np.outer(own_p, own_p)
         first, second = own_R.T @ (first - mass * own_p), own_R.T @ second @ own_R
     tensor = np.trace(second) * np.eye(3) - second
-    constant[:C_TURN] = [*p, *R.ravel(), mass, *first, *tensor[np.triu_indices(3)]]
-    constant[C_OWN_P:] = [*own_p, *own_R.ravel()]
+    constant[:C_TURN] = [*p, mass, *first, *tensor[np.triu_indices(3)]]
+    axes[:] = [*R.ravel(), *own_p, *own_R.ravel()]
 
 
 def _frame(plan: Plan, f: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
