@@ -9,7 +9,6 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_flexible import accelerate_modes, deform_interface, prepare_body
 from flexmbd.multibody.kernels.articulated_several import accelerate_several, set_subspace
 from flexmbd.multibody.kernels.compiling import part_of_kernel
-from flexmbd.multibody.kernels.lean import 
 from flexmbd.multibody.kernels.joints import joint_motion, joint_pose
 from flexmbd.multibody.kernels.so3 import add3, compose, cross3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.spatial import put3, put9, row3, row6, row9, turn
