@@ -40,6 +40,8 @@ METHODS = [
     Method("energy-momentum", fm.EnergyMomentum),
     Method("Dormand-Prince 5(4)", fm.ExplicitRungeKutta),
     Method("Dormand-Prince 8(5,3)", partial(fm.ExplicitRungeKutta, fm.Pair.DORMAND_PRINCE_8), tight=True),
+    Method("Radau IIA", fm.RadauIIA),
+    Method("energy-momentum", fm.EnergyMomentum),
 ]
 
 

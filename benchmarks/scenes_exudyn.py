@@ -199,10 +199,7 @@ def _beam(
         system, positionRef=place, rotationMatrixRef=_about_z(turned), gravity=[0.0, 0.0, -gravity]
     )
     start = system.AddMarker(item.MarkerNodeRigid(nodeNumber=added["nRigidBody"]))
-    end = item.MarkerSuperElementRigid(
-        bodyNumber=added["oFFRFreducedOrder"], meshNodeNumbers=nodes, weightingFactors=[1.0 / len(nodes)] * len(nodes)
-    )
-    return start, system.AddMarker(end)
+    return start, _mean(system, added["oFFRFreducedOrder"], nodes)
 
 
 def _free_of(system: Any, first: Any, second: Any, free: int) -> None:
@@ -226,6 +223,24 @@ def _flexible_chain(system: Any, scene: scenes.Scene) -> Any:
         _free_of(system, end, start, 4)
         end = tip
     return _marker_sensor(system, end)
+
+
+def _averaged_pendulum(system: Any, scene: scenes.Scene) -> Any:
+    """The pendulum with its joint on the mean of all nodes of the rigid end, as its users write it."""
+    if scene.beam is None:
+        raise ValueError(f"{scene.name} has no beam")
+    body, nodes = _reduced(scene.beam.peer)
+    added = body.AddObjectFFRFreducedOrder(system, gravity=[0.0, 0.0, -scenes.G])
+    root = np.flatnonzero(np.abs(body.xRef[::3]) < 1e-9).tolist()
+    start, end = (_mean(system, added["oFFRFreducedOrder"], chosen) for chosen in (root, nodes))
+    _free_of(system, _ground(system), start, 4)
+    return _marker_sensor(system, end)
+
+
+def _mean(system: Any, body: Any, nodes: list[int]) -> Any:
+    weights = [1.0 / len(nodes)] * len(nodes)
+    marker = item.MarkerSuperElementRigid(bodyNumber=body, meshNodeNumbers=nodes, weightingFactors=weights)
+    return system.AddMarker(marker)
 
 
 def _spin_up(system: Any, scene: scenes.Scene) -> Any:
@@ -275,6 +290,7 @@ BUILDERS: dict[str, Callable[[Any, scenes.Scene], Any]] = {
     "heavy top": _heavy_top,
     "four-bars": _four_bars,
     "flexible chain": _flexible_chain,
+    "averaged pendulum": _averaged_pendulum,
     "spin-up": _spin_up,
     "slider-crank": _slider_crank,
 }

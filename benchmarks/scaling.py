@@ -1,0 +1,161 @@
+"""Time a step against the number of bodies, of modes, and of the dofs of the mesh.
+
+    ./run python benchmarks/scaling.py --quick     # few sizes, about a minute
+    ./run python benchmarks/scaling.py             # the whole; on a core that does nothing else
+    ./run python benchmarks/scaling.py --meshes FOLDER     # the beam from given meshes, *_5k_*.npz and so on
+
+By fixed steps, the least of several runs of enough steps; compiling comes before. What a step costs, not what it is
+worth: for that see work_precision.py.
+
+    bodies        rigid chain, 10 to 3000 links: RK4, and generalized-alpha; exudyn's kinematic tree to 200. "per body
+                  by that at 50" says how far the time is from growing in proportion.
+    modes         pendulum of the smallest mesh, 6 to 100 modes; and its forward dynamics as a leaf and with a child,
+                  whose ratio tells what carrying a child costs
+    mesh          pendulum of 20 modes from 5k, 19k and 63k dofs, the joint on the body frame's node in exudyn, or on
+                  its rigid end as the mean of that end's nodes
+    start         a fresh process: seconds from its start to the first step's end, with what is compiled in the cache
+
+Writes out_scaling/table.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import scenes
+from beam_record import beam
+
+import flexmbd as fm
+from flexmbd.integrate.protocol import Integrator
+
+PEER = importlib.util.find_spec("exudyn") is not None
+H = 1e-3
+CLASSICAL = fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4)
+
+Row = tuple[str, str, str]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="few sizes")
+    parser.add_argument("--part", help="only parts with this in their names")
+    parser.add_argument("--meshes", type=Path, metavar="FOLDER", help="of the beam's meshes")
+    parser.add_argument("--output", type=Path, default=Path("out_scaling"), metavar="FOLDER")
+    arguments = parser.parse_args()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    parts: dict[str, Callable[[], Iterator[Row]]] = {
+        "bodies": lambda: bodies(quick=arguments.quick),
+        "modes": lambda: modes(arguments.output, quick=arguments.quick),
+        "mesh": lambda: mesh(arguments.output, arguments.meshes, quick=arguments.quick),
+        "start": start,
+    }
+    lines = ["| part | what | us a step, and ratios |", "|---|---|---|"]
+    print("\n".join(lines), flush=True)
+    for name, part in parts.items():
+        if arguments.part is None or arguments.part in name:
+            for row in part():
+                lines.append(f"| {' | '.join(row)} |")
+                print(lines[-1], flush=True)
+    (arguments.output / "table.md").write_text("\n".join(lines) + "\n")
+    return 0
+
+
+def step_time(build: Callable[[], fm.System], method: Integrator, *, h: float = H, least: float = 0.2) -> float:
+    """us a step: the least of five runs that last for a while each."""
+    build().simulate(3.0 * h, h=h, integrator=method)
+    steps, seconds = 10, 0.0
+    while seconds < least / 5.0 and steps < 10**6:
+        steps *= 2
+        seconds = build().simulate(steps * h, h=h, integrator=method).stats.seconds
+    runs = [seconds, *(build().simulate(steps * h, h=h, integrator=method).stats.seconds for _ in range(4))]
+    return min(runs) / steps * 1e6
+
+
+def bodies(*, quick: bool) -> Iterator[Row]:
+    sizes = (10, 50, 200) if quick else (10, 20, 50, 100, 200, 500, 1000, 3000)
+    found = {}
+    for links in sizes:
+        # long chains swing slowly; a short step keeps Newton's iterations alike
+        found[links] = step_time(lambda n=links: scenes.rigid_chain(n)[0], CLASSICAL)
+    for links, explicit in found.items():
+        each = (explicit / links) / (found[50] / 50.0)
+        text = f"RK4 {explicit:.2f}; per body by that at 50: {each:.2f}"
+        if links <= 200:
+            implicit = step_time(lambda n=links: scenes.rigid_chain(n)[0], fm.GeneralizedAlpha())
+            text += f"; generalized-alpha {implicit:.1f}"
+            if PEER:
+                import scenes_exudyn as peer
+
+                scene = scenes.Scene("", "rigid chain", 1.0, 1.0, lambda n=links: scenes.rigid_chain(n), None, links)
+                theirs = min(peer.solve(peer.build(scene), peer.RK44, 0.2, h=H)[0] for _ in range(3)) / 200.0 * 1e6
+                damped = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(3)) / 100.0 * 1e6
+                text += f"; exudyn RK4 {theirs:.1f} ({theirs / explicit:.1f} times)"
+                text += f", generalized-alpha {damped:.1f} ({damped / implicit:.1f} times)"
+        yield "bodies", str(links), text
+
+
+def modes(folder: Path, *, quick: bool) -> Iterator[Row]:
+    for count in (8, 20) if quick else (6, 8, 12, 20, 35, 50, 75, 100):
+        record = fm.ReducedBody.load(beam("5k", count, folder=folder).plain)
+        leaf = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], CLASSICAL, h=1e-5)
+        parent = step_time(lambda r=record: _with_child(r), CLASSICAL, h=1e-5)
+        implicit = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], fm.GeneralizedAlpha())
+        text = f"RK4 {leaf:.1f}, with a child {parent:.1f} ({parent / leaf:.2f} times)"
+        yield "modes", str(count), f"{text}; generalized-alpha {implicit:.1f}"
+
+
+def _with_child(record: fm.ReducedBody) -> fm.System:
+    """The pendulum with a rigid body hinged to its end."""
+    scene, end = scenes.flexible_chain(record, 1)
+    child = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01), (0.1, 0.0, 0.0)), name="child")
+    scene.connect(fm.joint.Revolute("y"), end, child.frame())
+    return scene
+
+
+def mesh(folder: Path, meshes: Path | None, *, quick: bool) -> Iterator[Row]:
+    first = None
+    for size in ("5k",) if quick else ("5k", "19k", "63k"):
+        files = beam(size, 20, folder=folder, meshes=meshes)
+        record = fm.ReducedBody.load(files.plain)
+        ours = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], fm.GeneralizedAlpha())
+        first = first or ours
+        text = f"generalized-alpha {ours:.1f}; by that of the first mesh {ours / first:.3f}"
+        if PEER:
+            import scenes_exudyn as peer
+
+            for name, way in (("node", "flexible chain"), ("averaged", "averaged pendulum")):
+                scene = scenes.Scene("", way, 1.0, 1.0, lambda r=record: scenes.flexible_chain(r, 1), None, 1, files)
+                seconds = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(2))
+                theirs = seconds / 100.0 * 1e6
+                text += f"; exudyn, {name}: {theirs:.0f} ({theirs / ours:.1f} times)"
+        yield "mesh", size, text
+
+
+CODE = """
+import sys; sys.path.insert(0, {folder!r})
+import scenes
+import flexmbd as fm
+scenes.rigid_chain(10)[0].simulate(1e-3, h=1e-3, integrator={method})
+"""
+
+
+def start() -> Iterator[Row]:
+    here = str(Path(__file__).resolve().parent)
+    for method in ("fm.GeneralizedAlpha()", "fm.ExplicitRungeKutta()"):
+        seconds = []
+        for _ in range(4):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, "-c", CODE.format(folder=here, method=method)], check=True)
+            seconds.append(time.perf_counter() - began)
+        text = f"{min(seconds[1:]):.2f} s, python and its libraries included; the first time {seconds[0]:.2f} s"
+        yield "start", method.removeprefix("fm."), text
+
+
+if __name__ == "__main__":
+    sys.exit(main())
