@@ -129,6 +129,7 @@ def _finish(
     t, x, v, a, multipliers = integration.series()
     count = integration.state.counts
     stats = Stats(
+        integrator=integration.method.name,
         steps=int(count[st.STEPS]),
         rejected=int(count[st.REJECTED]),
         iterations=int(count[st.ITERATIONS]),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import SceneError
 from flexmbd.event import Event
-from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
@@ -211,13 +211,19 @@ class System:
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         return start
 
-    def explain(self) -> str:
+    def explain(self, *, rtol: float = 1e-6, h: float | None = None) -> str:
         """Say for a person what is computed, what is skipped, and why.
+
+        Args:
+            rtol: as for ``simulate``; it plays a part in the choice of the integrator.
+            h: as for ``simulate``.
 
         Raises:
             SceneError, AssemblyError: as ``start``.
         """
-        return explain(self.start())
+        start = self.start()
+        choice = choose(start, t=0.0, rtol=rtol, h=h)
+        return f"{explain(start)}\nintegrator: {choice.method.name} ({choice.why})"
 
     def simulate(
         self,
@@ -226,7 +232,7 @@ class System:
         rtol: float = 1e-6,
         h: float | None = None,
         t_start: float = 0.0,
-        integrator: Integrator | None = None,
+        integrator: Integrator | Literal["auto"] = "auto",
         events: Sequence[Event] = (),
         checkpoints: Sequence[float] = (),
         restart: Checkpoint | None = None,
@@ -240,7 +246,8 @@ class System:
                 machine's extent, and the largest deformation met.
             h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
             t_start: start time (s).
-            integrator: the method; by default GeneralizedAlpha(rho=0.8).
+            integrator: the method, as fm.RadauIIA(); "auto" chooses by what the scene holds, as
+                ``explain`` says.
             events: what to look for; each is located to the method's own accuracy and listed in the
                 trajectory's ``events``.  One that never takes place is not listed.
             checkpoints: times (s) to stop at and keep what a restart needs, in the trajectory's
@@ -257,9 +264,14 @@ class System:
         if restart is not None:
             t_start = restart.t
         check_times(t_start, t_end, rtol, h, checkpoints)
-        method = integrator or GeneralizedAlpha()
         begun = t_start if restart is None else restart.t_start
         start = self.start(t=begun)
+        if integrator == "auto":
+            method = choose(start, t=begun, rtol=rtol, h=h).method
+        elif isinstance(integrator, str):
+            raise SceneError(f"integrator {integrator!r} is unknown; give a method, as fm.RadauIIA(), or \"auto\"")
+        else:
+            method = integrator
         if restart is None:
             snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
         else:

@@ -39,6 +39,7 @@ class Stats:
     """What a simulation cost and how well it kept its constraints.
 
     Attributes:
+        integrator: the method's name and options.
         steps, rejected: accepted and rejected steps.
         iterations: Newton iterations.
         factorisations: of the iteration matrix.
@@ -50,6 +51,7 @@ class Stats:
         constraint_residual: largest constraint residual over the run, redundant rows included.
     """
 
+    integrator: str
     steps: int
     rejected: int
     iterations: int
@@ -62,7 +64,7 @@ class Stats:
     constraint_residual: float
 
 
-NOTHING_SPENT = Stats(0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
+NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

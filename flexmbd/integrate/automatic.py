@@ -1,0 +1,106 @@
+"""Which integrator runs a scene when the user names none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.integrate.radau_iia import RadauIIA
+from flexmbd.integrate.tableau import Pair
+from flexmbd.multibody.initial import Start
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.tangent import tangent
+from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.time_functions import evaluate_times
+
+_TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
+_STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in
+_LARGE = 300  # velocities above which the eigenvalues of springs are not asked for
+
+# What is stiff when it touches, slips or opens, however soft it is at the start.
+_HARD = {
+    at.ON_STOP: "stops",
+    at.ON_FRICTION: "friction",
+    at.BETWEEN_PENALTY: "penalties",
+    at.ON_STATE: "forces of the state, which may be stiff",
+    at.ON_FUNCTION: "forces of the state, which may be stiff",
+}
+_SPRINGS = (at.ON_SPRING, at.ON_CHARACTERISTIC, at.BETWEEN_SPRING, at.BETWEEN_BUSHING)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An integrator, and why it was taken.
+
+    Attributes:
+        method: the integrator.
+        why: a reason for a person.
+    """
+
+    method: Integrator
+    why: str
+
+
+def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
+    """Choose an integrator for a scene at its consistent start at time ``t`` (s).
+
+    Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control:
+    an explicit pair where nothing in the scene is stiff, Radau IIA where modes or springs are.
+    """
+    if h is not None:
+        return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
+    stiff = _stiffness(start, t)
+    if stiff:
+        return Choice(RadauIIA(), f"stiff: {stiff}")
+    pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
+    return Choice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
+
+
+def _stiffness(start: Start, t: float) -> str:
+    """What in the scene is stiff; empty if nothing is."""
+    plan = start.scene.plan
+    if len(plan.flex):
+        return "modes of flexible bodies"
+    kinds = set(plan.elements[:, at.EL_KIND].tolist())
+    hard = [text for kind, text in _HARD.items() if kind in kinds]
+    if hard:
+        return ", ".join(dict.fromkeys(hard))
+    if not kinds & set(_SPRINGS):
+        return ""
+    if start.scene.nv > _LARGE:
+        return "springs in a large machine"
+    fastest, motion = _fastest_rate(start, t), _motion_rate(start)
+    return f"springs and dampers of {fastest:.3g} 1/s" if fastest > _STIFF * motion else ""
+
+
+def _fastest_rate(start: Start, t: float) -> float:
+    """Largest eigenvalue (1/s) of the tree linearised about the start."""
+    scene = start.scene
+    plan, n = scene.plan, scene.nv
+    work, tangent_work = new_work(plan), new_tangent_work(plan, n)
+    evaluate_times(plan, t, work.time)
+    parts = np.zeros((3, n, n))
+    for part, share in zip(parts, np.eye(3), strict=True):
+        tangent(plan, work, tangent_work, start.x, start.v, start.a, start.multipliers, *share, part)
+    free = np.ix_(plan.free, plan.free)
+    stiffness, damping, mass = (part[free] for part in parts)
+    k = len(plan.free)
+    companion = np.zeros((2 * k, 2 * k))
+    companion[:k, k:] = np.eye(k)
+    companion[k:, :k] = -np.linalg.solve(mass, stiffness)
+    companion[k:, k:] = -np.linalg.solve(mass, damping)
+    return float(np.abs(np.linalg.eigvals(companion)).max(initial=0.0))
+
+
+def _motion_rate(start: Start) -> float:
+    """The machine's own rate (1/s) at the start."""
+    scene = start.scene
+    free = scene.plan.free
+    size = scene.group_full[scene.group_of[free]]
+    rates = np.maximum(np.abs(start.v[free]) / size, np.sqrt(np.abs(start.a[free]) / size))
+    return float(rates.max(initial=0.0))
