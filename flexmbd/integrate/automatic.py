@@ -66,7 +66,7 @@ def _stiffness(start: Start, t: float) -> str:
     plan = start.scene.plan
     if len(plan.flex):
         return "modes of flexible bodies"
-    kinds = set(plan.elements[:, at.EL_KIND].tolist())
+    kinds = {int(kind) for kind in plan.elements[:, at.EL_KIND]}
     hard = [text for kind, text in _HARD.items() if kind in kinds]
     if hard:
         return ", ".join(dict.fromkeys(hard))
@@ -85,8 +85,10 @@ def _fastest_rate(start: Start, t: float) -> float:
     work, tangent_work = new_work(plan), new_tangent_work(plan, n)
     evaluate_times(plan, t, work.time)
     parts = np.zeros((3, n, n))
-    for part, share in zip(parts, np.eye(3), strict=True):
-        tangent(plan, work, tangent_work, start.x, start.v, start.a, start.multipliers, *share, part)
+    at_start = (start.x, start.v, start.a, start.multipliers)
+    tangent(plan, work, tangent_work, *at_start, 1.0, 0.0, 0.0, parts[0])
+    tangent(plan, work, tangent_work, *at_start, 0.0, 1.0, 0.0, parts[1])
+    tangent(plan, work, tangent_work, *at_start, 0.0, 0.0, 1.0, parts[2])
     free = np.ix_(plan.free, plan.free)
     stiffness, damping, mass = (part[free] for part in parts)
     k = len(plan.free)

@@ -58,7 +58,7 @@ def test_pendulum_follows_the_reference_in_proportion_to_rtol():
     }
     for end, place in references.items():
         errors = [
-            np.abs(scene.simulate(end, rtol=rtol).position(tip)[-1, :2] - place).max()
+            np.abs(scene.simulate(end, rtol=rtol, integrator=fm.GeneralizedAlpha()).position(tip)[-1, :2] - place).max()
             for rtol in (1e-5, 1e-7)
         ]
         assert errors[1] < 60.0 * 1e-7
@@ -68,7 +68,7 @@ def test_pendulum_follows_the_reference_in_proportion_to_rtol():
 def test_pendulum_period_by_error_control():
     """T = 4 sqrt(L/g) K(1/2): back at the start, at rest."""
     scene, _, hinge = pendulum()
-    run = scene.simulate(2.36784194757624, rtol=1e-8)
+    run = scene.simulate(2.36784194757624, rtol=1e-8, integrator=fm.GeneralizedAlpha())
     assert run.beta(hinge)[-1] == pytest.approx(np.pi, abs=1e-6)
     assert run.beta_rate(hinge)[-1] == pytest.approx(0.0, abs=2e-6)
 
@@ -86,7 +86,7 @@ def test_heavy_top(closed):
     ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame())
     if not closed:
         ball.velocity = (0.0, 150.0, -4.61538)
-    run = scene.simulate(0.5, rtol=1e-7)
+    run = scene.simulate(0.5, rtol=1e-7, integrator=fm.GeneralizedAlpha())
     place = run.position(top.frame(p=(0.0, 1.0, 0.0)))[-1]
     exact = np.array([-0.702468297057, -0.021165184702, -0.711400257652])
     assert run.multipliers.shape[1] == (3 if closed else 0)
@@ -106,14 +106,14 @@ def test_double_pendulum():
     scene.connect(fm.joint.Revolute("z"), rods[0].frame(p=(1.0, 0.0, 0.0)), rods[1].frame())
     tip = rods[1].frame(p=(1.0, 0.0, 0.0))
     for end, place in ((1.0, (-1.6621151358, -1.0414666372)), (3.0, (1.3304368251, -1.3986448605))):
-        run = scene.simulate(end, rtol=1e-8)
+        run = scene.simulate(end, rtol=1e-8, integrator=fm.GeneralizedAlpha())
         np.testing.assert_allclose(run.position(tip)[-1, :2], place, atol=5e-6)
 
 
 def test_slider_crank_follows_its_closed_form():
     """The slider stays on x(angle) to 1e-8 of the stroke at rtol 1e-9; the loop stays closed."""
     scene, piston, j1 = loaded_slider_crank()
-    run = scene.simulate(0.05, rtol=1e-9)
+    run = scene.simulate(0.05, rtol=1e-9, integrator=fm.GeneralizedAlpha())
     stroke = 2.0 * CRANK
     x = run.position(piston.frame())
     assert np.abs(x[:, 0] - slider_position(run.beta(j1))).max() < 1e-8 * stroke
@@ -126,7 +126,7 @@ def test_slider_crank_motion_against_the_one_dof_equation():
     from scipy.integrate import solve_ivp
 
     scene, _, j1 = loaded_slider_crank()
-    run = scene.simulate(0.2, rtol=1e-8)
+    run = scene.simulate(0.2, rtol=1e-8, integrator=fm.GeneralizedAlpha())
 
     def inertia(angle):
         # generalised inertia from the kinetic energy at unit crank speed, piece by piece
@@ -158,7 +158,7 @@ def test_free_flight_keeps_momentum_and_energy():
     body = scene.add(fm.FlexibleBody(cloud.record), name="body")
     free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame("root"))
     free.velocity = (0.3, -0.2, 0.5, 3.0, -2.0, 4.0)
-    run = scene.simulate(2.0, rtol=1e-7)
+    run = scene.simulate(2.0, rtol=1e-7, integrator=fm.GeneralizedAlpha())
     p, R = run.position(body.frame()), run.rotation(body.frame())
     v, w = run.velocity(body.frame()), run.angular_velocity(body.frame())
     q, qd = run.q(body), run.v[:, run.scene.modal_slots[id(body)].v]
@@ -205,7 +205,7 @@ def test_flexible_slider_crank_tends_to_the_rigid_one():
         )
         scene, piston, j1 = slider_crank(stiff)
         j1.prescribe(lambda t: (30.0 * t**2, 60.0 * t, 60.0))
-        run = scene.simulate(0.3, rtol=1e-8)
+        run = scene.simulate(0.3, rtol=1e-8, integrator=fm.GeneralizedAlpha())
         x = run.position(piston.frame())[:, 0]
         deviations.append(np.abs(x - slider_position(run.beta(j1)))[len(x) // 2 :].max())
     ratios = np.array(deviations[:-1]) / deviations[1:]
@@ -216,5 +216,5 @@ def test_flexible_slider_crank_tends_to_the_rigid_one():
 def test_fixed_step_that_cannot_converge_stops_and_keeps_the_past():
     scene, _, _ = loaded_slider_crank()
     with pytest.raises(fm.FlexmbdError, match=r"stopped at t = .*fixed step.*smaller h") as caught:
-        scene.simulate(30.0, h=0.3, rtol=1e-9)
+        scene.simulate(30.0, h=0.3, rtol=1e-9, integrator=fm.GeneralizedAlpha())
     assert caught.value.trajectory.t[0] == 0.0

@@ -15,7 +15,14 @@ sys.path.append(str(Path(__file__).parents[1] / "multibody"))
 from machines import pendulum, slider_crank
 from particles import particle_body
 
-METHODS = [fm.GeneralizedAlpha(), fm.GeneralizedAlpha(rho=0.5), fm.EnergyMomentum()]
+METHODS = [
+    fm.GeneralizedAlpha(),
+    fm.GeneralizedAlpha(rho=0.5),
+    fm.ExplicitRungeKutta(),
+    fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8),
+    fm.RadauIIA(),
+    fm.EnergyMomentum(),
+]
 
 
 def tree():
