@@ -37,7 +37,6 @@ class Method:
 #: All that is compared and tried; a new integrator is one line more.
 METHODS = [
     Method("generalized-alpha", fm.GeneralizedAlpha),
-    Method("energy-momentum", fm.EnergyMomentum),
     Method("Dormand-Prince 5(4)", fm.ExplicitRungeKutta),
     Method("Dormand-Prince 8(5,3)", partial(fm.ExplicitRungeKutta, fm.Pair.DORMAND_PRINCE_8), tight=True),
     Method("Radau IIA", fm.RadauIIA),
