@@ -62,7 +62,7 @@ def _next_pass(plan, s, factor, first):
 
 
 @kernel
-def solve_passes(plan, work, state, groups, s, h, tolerance):
+def solve_passes(plan, work, state, s, h, tolerance):
     """``solve_step``, repeated where an augmented Lagrangian enforces rows until they are closed.
 
     Returns whether it converged; if so ``s`` holds the step's end.
@@ -76,7 +76,7 @@ def solve_passes(plan, work, state, groups, s, h, tolerance):
             tolerance = min(tolerance, 0.1 * plan.data[o + at.HOLD_TOL])
     factor = 1.0
     for k in range(_PASSES):
-        if not solve_step(plan, work, state, groups, s, h, tolerance):
+        if not solve_step(plan, work, state, s, h, tolerance):
             return False
         if not augmented or not _is_open(plan, work, s):
             return True

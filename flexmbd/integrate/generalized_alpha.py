@@ -61,7 +61,7 @@ class GeneralizedAlpha:
 
     @property
     def memory_rows(self) -> int:
-        """The method's acceleration, two true ones, and each coordinate's rate."""
+        """The method's acceleration, three true ones, and each coordinate's rate."""
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
@@ -74,9 +74,9 @@ class GeneralizedAlpha:
         if state.counts[st.STEPS] == 0:
             state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
             state.counts[step.FILTERS] = len(scene.plan.flex) > 0
-            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER):
+            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
                 state.memory[row] = state.a
-        scratch = new_scratch(scene.plan, scene.nx, scene.nv)
+        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv)
 
         def advance_to(record: st.Record) -> int:
             return int(advance(scene.plan, work, state, groups, scratch, record))
@@ -100,6 +100,7 @@ def _accept(plan, state, groups, s, record, h):
     """Make the trial state the current one and write a row of the record."""
     memory = state.memory
     for k in range(state.v.shape[0]):
+        memory[step.EARLIEST, k] = memory[step.EARLIER, k]
         memory[step.EARLIER, k] = memory[step.BEFORE, k]
         memory[step.BEFORE, k] = state.a[k]
         state.v[k] = s.v[k]
@@ -110,7 +111,7 @@ def _accept(plan, state, groups, s, record, h):
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.multipliers[i]
     state.numbers[step.STEP_EARLIER] = state.numbers[st.STEP_BEFORE]
-    state.counts[step.KNOWN_BEFORE] = min(2, state.counts[step.KNOWN_BEFORE] + 1)
+    state.counts[step.KNOWN_BEFORE] = min(3, state.counts[step.KNOWN_BEFORE] + 1)
     st.store(plan, state, groups, record, h)
 
 
@@ -155,7 +156,7 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     for _ in range(2):
         for k in range(state.a.shape[0]):
             state.memory[step.AUXILIARY, k] = state.a[k] + delay * (s.a[k] - state.a[k])
-        if not solve_passes(plan, work, state, groups, s, h, tolerance):
+        if not solve_passes(plan, work, state, s, h, tolerance):
             return False
     return True
 
@@ -183,7 +184,7 @@ def advance(plan, work, state, groups, s, record):
         limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
         st.set_scales(state, groups, s, rate, limit)
         aim = max(_NEWTON_SHARE * limit, 5e-15)
-        solved = solve_passes(plan, work, state, groups, s, h, aim)
+        solved = solve_passes(plan, work, state, s, h, aim)
         if solved and count[step.KNOWN_BEFORE] == 0:
             solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
         if plan.flag[0] != 0:

@@ -65,7 +65,7 @@ def _filter(plan, work, state, s):
     if plan.rows.shape[0] > 0:
         solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.error_v)
     else:
-        solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.error_v)
+        step.solve_factored(plan, s, s.error_v)
 
 
 @part_of_kernel

@@ -106,7 +106,7 @@ def test_a_stop_gives_back_what_hunt_and_crossley_say(damping):
     rate2 = run.a[:, 0]
     assert (rate2[angle > 0.3] <= 0.0).all()  # it never pulls
     assert (rate2[angle < -0.5] >= 0.0).all()
-    assert (rate2[(angle < 0.3) & (angle > -0.5)] == 0.0).all()
+    assert np.abs(rate2[(angle < 0.3) & (angle > -0.5)]).max() < 1e-10 * np.abs(rate2).max()
 
 
 def _rebound(a, w):

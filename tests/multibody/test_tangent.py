@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.kernels.tangent import tangent
 from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.tree_factor import ancestors, factor_tree, pays, solve_tree
 
 # central differences of order 8
 WEIGHTS = ((1, 4.0 / 5.0), (2, -1.0 / 5.0), (3, 4.0 / 105.0), (4, -1.0 / 280.0))
@@ -60,8 +61,9 @@ def differenced(plan, state, which, step):
     return matrix
 
 
-def compare(plan, state):
-    for which, step in enumerate((1e-2, 0.5, 0.5)):
+def compare(plan, state, *, speed_step=0.5):
+    """``speed_step``: inertia is quadratic in velocities, and exact for differences of any step."""
+    for which, step in enumerate((1e-2, speed_step, 0.5)):
         weights = np.eye(3)[which]
         expected = differenced(plan, state, which, step)
         # each entry over what its row and column make of the matrix
@@ -109,6 +111,107 @@ def test_jacobian_of_rows(seed):
                 slope[:, j] += sign * weight / 1e-2 * rate
     whole = 0.3 * slope + 0.7 * expected
     np.testing.assert_allclose(tw.rate_jacobian, whole, atol=1e-11 * np.abs(whole).max())
+
+
+@fm.compiled
+def _law(t, beta, rate):
+    return -3.0 * beta**3 - 0.4 * rate * abs(rate)
+
+
+@fm.compiled
+def _everywhere(t, x, v, out):
+    for k in range(len(v)):
+        out[k] = -0.3 * v[k] * v[0] + 0.2 * v[len(v) - 1] ** 2
+
+
+def forced_scene():
+    """Every kind of force between frames that deform, on both sides of a branch, and on coordinates."""
+    scene = fm.System(gravity=(0.0, -9.81, 1.0))
+    turn = Rotation.from_rotvec([0.2, 0.6, -0.3]).as_matrix()
+    bodies = []
+    for k, joint in enumerate((fm.joint.Screw(0.3, "x"), fm.joint.Spherical())):
+        body = scene.add(fm.FlexibleBody(particle_body(20 + k, modes=3, damping=1.0).record), name=f"limb {k}")
+        scene.connect(joint, scene.ground.frame(p=(0.3 * k, 0.1, 0.2), R=turn), body.frame("root"))
+        bodies.append(body)
+    last = scene.add(fm.RigidBody(0.8, (0.02, 0.03, 0.02), (0.1, 0.0, 0.2)), name="last")
+    hinge = scene.connect(fm.joint.Revolute("y"), bodies[0].frame("tip"), last.frame())
+    ends = bodies[0].frame("tip"), bodies[1].frame("tip")
+    matrix = np.diag([50.0, 60.0, 70.0, 5.0, 6.0, 7.0]) + 0.5
+    scene.add_force(fm.force.Bushing(*ends, matrix, 0.1 * matrix))
+    scene.add_force(fm.force.SpringDamper(ends[1], last.frame(p=(0.2, 0.1, 0.0)), 40.0, 0.2, 3.0))
+    scene.add_force(fm.force.FrameForce(ends[1], (1.0, 2.0, 3.0), (0.3, 0.2, 0.1)))
+    scene.add_force(fm.force.FrameForce(ends[0], (1.0, 2.0, 3.0), (0.3, 0.2, 0.1), fm.force.Axes.FRAME))
+    scene.add_force(fm.force.JointSpring(hinge, 4.0, 0.2, 0.6))
+    scene.add_force(fm.force.JointFriction(hinge, 0.3, 1.0))
+    return scene, hinge
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_force_elements(seed):
+    scene, _ = forced_scene()
+    compiled = scene.compile()
+    compare(compiled.plan, random_state(compiled, seed, spread=0.2), speed_step=2e-2)
+
+
+def test_forces_of_users_by_differences():
+    """Central differences of the laws hold some ten digits."""
+    scene, hinge = forced_scene()
+    without = scene.compile()
+    scene.add_force(fm.force.JointLaw(hinge, _law))
+    scene.add_force(fm.force.StateForce(_everywhere))
+    compiled = scene.compile()
+    state = random_state(compiled, 4, spread=0.2)
+    weights = (0.3, 0.7, 0.0)
+    added = analytic(compiled.plan, state, weights) - analytic(without.plan, state, weights)
+    x, v = state[0], state[1]
+    expected = np.zeros_like(added)
+    expected[:, 0] += 0.7 * 0.3 * v
+    expected += 0.7 * np.diag(np.full(len(v), 0.3 * v[0]))
+    expected[:, -1] -= 0.7 * 0.4 * v[-1]
+    k = compiled.joint_slots[id(hinge)].v.start
+    beta = x[compiled.joint_slots[id(hinge)].x.start]
+    expected[k, k] += 0.3 * 9.0 * beta**2 + 0.7 * 0.8 * abs(v[k])
+    np.testing.assert_allclose(added, expected, atol=1e-8)
+
+
+def test_factors_of_the_tree_fill_nothing_in():
+    """Against LAPACK, on a tree of flexible limbs; entries outside the pattern stay as they were."""
+    compiled = branched_scene().compile()
+    plan = tree_only(compiled)
+    matrix = analytic(plan, random_state(compiled, 3), (1e-4, 1e-2, 1.0))
+    lines = ancestors(plan)
+    allowed = np.eye(len(matrix), dtype=bool)
+    for k, line in enumerate(lines):
+        allowed[k, line[1 : 1 + line[0]]] = allowed[line[1 : 1 + line[0]], k] = True
+    assert not matrix[~allowed].any()
+    assert allowed.mean() < 0.75
+    factors = matrix.copy()
+    factors[~allowed] = np.nan
+    assert factor_tree(lines, factors)
+    sides = np.random.default_rng(0).standard_normal((3, len(matrix)))
+    found = sides.copy()
+    solve_tree(lines, factors, found)
+    np.testing.assert_allclose(found, np.linalg.solve(matrix, sides.T).T, rtol=1e-10, atol=1e-12)
+
+
+def test_factors_of_the_tree_refuse_a_small_pivot():
+    lines = np.array([[0, 0], [1, 0]])
+    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 1.0]]))
+    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 0.0]]))
+    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, np.nan]]))
+
+
+def test_the_trees_factors_are_taken_where_they_pay():
+    branched, chain = fm.System(), fm.System()
+    for scene, limbs, links in ((branched, 8, 4), (chain, 1, 32)):
+        for i in range(limbs):
+            end = scene.ground.frame()
+            for k in range(links):
+                link = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"{i}, {k}")
+                scene.connect(fm.joint.Revolute("y"), end, link.frame())
+                end = link.frame(p=(1.0, 0.0, 0.0))
+    assert pays(ancestors(branched.compile().plan))
+    assert not pays(ancestors(chain.compile().plan))
 
 
 def branched_scene():

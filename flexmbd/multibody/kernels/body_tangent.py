@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.elasticity import stretch
 from flexmbd.multibody.kernels.inertia import rigid_second_moment
 from flexmbd.multibody.kernels.so3 import (
@@ -98,7 +98,7 @@ def _put_composite(tw, i, body, mass, first, rest, second, flow):
         row[tl.C_TORQUE + k] = torque[k]
 
 
-@kernel
+@part_of_kernel
 def rigid_composite(plan, work, tw, i):
     """Write the moments of rigid body i."""
     rigid = plan.rigid[i]
@@ -109,7 +109,7 @@ def rigid_composite(plan, work, tw, i):
     _put_composite(tw, i, body, rigid[at.MASS], first, (0.0, 0.0, 0.0), second, flow)
 
 
-@kernel
+@part_of_kernel
 def _sum_pairs(modal, flex, q, qd, qdd, sums):
     """Fill ``sums``: for each mode j the integrals of rho phi_j (r, Phi qd, Phi qdd)^T."""
     n = flex[at.N_MODES]
@@ -129,7 +129,7 @@ def _sum_pairs(modal, flex, q, qd, qdd, sums):
             sums[18 + c, j] = e
 
 
-@kernel
+@part_of_kernel
 def flexible_composite(plan, work, tw, i, q, qd, qdd):
     """Write the moments of reduced body i as it is deformed; leaves ``tw.sums``."""
     flex = plan.flex[plan.tree[i, at.FLEX]]
@@ -162,7 +162,7 @@ def flexible_composite(plan, work, tw, i, q, qd, qdd):
     _put_composite(tw, i, body, rigid[at.MASS], first, rest, second, flow)
 
 
-@kernel
+@part_of_kernel
 def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
     """Write what the modes of body i feel of its frame's motion, and the wrench that they change.
 
@@ -227,7 +227,7 @@ def _particle_matrix(W, w, per_x, per_v):
     return add9(scale9(per_x, W), scale9(2.0 * per_v, skew(w)))
 
 
-@kernel
+@part_of_kernel
 def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch."""
     tree = plan.tree[i]
@@ -262,7 +262,7 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
         _add_stretch_block(plan, flex, q, s, per_x, first, tw.sums[0], matrix)
 
 
-@kernel
+@part_of_kernel
 def _add_stretch_block(plan, flex, q, number, per_x, first, slope, matrix):
     """Second derivatives of K_k (q_k + s)^2 / 2 with s = q^T C q / 2, but for K_k itself.
 

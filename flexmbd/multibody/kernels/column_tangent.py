@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.recursion import frame_motion, modal_sum
 from flexmbd.multibody.kernels.rows import column
 from flexmbd.multibody.kernels.so3 import (
@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.so3 import (
 from flexmbd.multibody.kernels.turning import add9, scale9, skew, turning, turning_torque
 
 
-@kernel
+@part_of_kernel
 def composite_change(row, turn, turn2, alpha):
     """Change of the wrench (force, torque about o) that a body asks of a moving frame.
 
@@ -50,7 +50,7 @@ def composite_change(row, turn, turn2, alpha):
     return force, add3(add3(cross3(h, alpha), turned), scale3(2.0, swept))
 
 
-@kernel
+@part_of_kernel
 def composite_feel(row, angular, linear):
     """What a row with this twist feels of phi', phi'' and alpha: `composite_change` transposed."""
     h = load3(row, tl.C_FIRST)
@@ -101,7 +101,7 @@ def _add_column(tw, row, k, per_x, angular, linear, turn, turn2, alpha):
     return force, torque
 
 
-@kernel
+@part_of_kernel
 def _joint_column(tw, i, k, weights, F, G, angular, linear):
     """One unknown of body i's joint: turns about ``angular`` through G, slides along ``linear``."""
     per_x, per_v, per_a = weights
@@ -142,7 +142,7 @@ def joint_size(kind):
     return 6 if kind == at.FREE else 1
 
 
-@kernel
+@part_of_kernel
 def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     """Write the columns of body i's inboard joint; its composite must be complete."""
     tree = plan.tree[i]
@@ -189,7 +189,7 @@ def _modes3(modal, o, n, k):
     return (modal[o + k], modal[o + n + k], modal[o + 2 * n + k])
 
 
-@kernel
+@part_of_kernel
 def _add_frame_block(plan, tw, f, first, n, matrix):
     """Add the modes' own rows of the columns that ``tw.sums`` holds: forces, moments, and what turns the rows."""
     modal = plan.modal

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.elements import coordinate_law
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.native import call_law, call_state
@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.native import call_law, call_state
 _STEP = 6e-6  # share of one plus a variable's size: the cube root of round-off
 
 
-@kernel
+@part_of_kernel
 def _user_slope(plan, work, row, beta, rate, per_x, per_v):
     """Derivative of a user's law along (per_x, per_v)."""
     size = max(abs(per_x) / (1.0 + abs(beta)), abs(per_v) / (1.0 + abs(rate)))
@@ -25,7 +25,7 @@ def _user_slope(plan, work, row, beta, rate, per_x, per_v):
     return (up - down) / (2.0 * step)
 
 
-@kernel
+@part_of_kernel
 def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
     """Derivative of a user's function of the whole state, column by column."""
     nv = v.shape[0]
@@ -47,7 +47,7 @@ def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
                 matrix[j, k] -= sign * work.generalized[j] / (2.0 * step)
 
 
-@kernel
+@part_of_kernel
 def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
     """Subtract from the tangent the derivatives of all forces on coordinates."""
     for i in range(plan.elements.shape[0]):

@@ -142,12 +142,12 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
             frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
 
 
-@kernel
+@part_of_kernel
 def _same_frames(row, other):
     return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
 
 
-@kernel
+@part_of_kernel
 def _last_of_group(plan, first):
     """One past the last row that joins the same frames as row ``first``."""
     last = first + 1
@@ -160,7 +160,7 @@ def _last_of_group(plan, first):
     return last
 
 
-@kernel
+@part_of_kernel
 def _coupling_row(plan, tw, i, per_v):
     """Jacobian of a coupling of coordinates."""
     o = plan.rows[i, at.ROW_DATA]
@@ -170,7 +170,7 @@ def _coupling_row(plan, tw, i, per_v):
         tw.rate_jacobian[i, v] += per_v * plan.data[o + 3 + 2 * k]
 
 
-@kernel
+@part_of_kernel
 def _total_wrench(plan, first, last, multipliers, d, R):
     """Wrench of rows first .. last - 1 together, at G, in F's axes."""
     force = torque = (0.0, 0.0, 0.0)
@@ -181,7 +181,7 @@ def _total_wrench(plan, first, last, multipliers, d, R):
     return force, torque
 
 
-@kernel
+@part_of_kernel
 def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
     """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
     dd, dtheta, drate, dspin, unit, turn = change

@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.law_tangent import add_laws
 from flexmbd.multibody.kernels.pair_tangent import add_closures, add_elements
 from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.so3 import load3, load9, rotate
+from flexmbd.multibody.kernels.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
 
 
 @part_of_kernel
@@ -182,3 +182,19 @@ def tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """
     residual(plan, work, x, v, a, multipliers, tw.out)
     tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+
+
+@kernel
+def turn_columns(plan, move, matrix):
+    """Make derivatives by x at retract(x0, move) those by ``move``: columns of rotations times J(-move).
+
+    ``matrix`` is (k, nv); `tangent` gives columns by small turns of x itself.
+    """
+    for i in range(plan.tree.shape[0]):
+        kind = plan.tree[i, at.JOINT]
+        if kind != at.SPHERICAL and kind != at.FREE:
+            continue
+        o = plan.tree[i, at.JOINT_V] + (0 if kind == at.SPHERICAL else 3)
+        turn = scale3(-1.0, load3(move, o))
+        for r in range(matrix.shape[0]):
+            store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))

@@ -1,0 +1,36 @@
+"""Calls of large kernels through their addresses, so that what calls them is compiled without them.
+
+LLVM optimises all that a kernel calls anew with each kernel that calls it; behind an address it is compiled once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import typeof, types
+from numba.extending import intrinsic
+
+
+def address_of(function: Callable[..., Any], arguments: tuple[Any, ...]) -> int:
+    """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing."""
+    kinds = tuple(typeof(argument) for argument in arguments)
+    function.compile(kinds)
+    compiled = function.overloads[kinds]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+@intrinsic
+def call_separate(typingctx, address, arguments):
+    """Call the kernel at an address of `address_of` with a tuple of its arguments."""
+
+    def codegen(context, builder, signature, args):
+        kinds = list(signature.args[1])
+        values = [builder.extract_value(args[1], k) for k in range(len(kinds))]
+        kind = context.call_conv.get_function_type(types.none, kinds)
+        function = builder.inttoptr(args[0], ir.PointerType(kind))
+        context.call_conv.call_function(builder, function, types.none, kinds, values)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, arguments), codegen
