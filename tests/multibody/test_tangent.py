@@ -197,6 +197,7 @@ def test_factors_of_the_tree_fill_nothing_in():
 def test_factors_of_the_tree_refuse_a_small_pivot():
     lines = np.array([[0, 0], [1, 0]])
     assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 1.0]]))
+    assert not factor_tree(lines, np.array([[1.0 + 1e-10, 1.0], [1.0, 1.0]]))
     assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 0.0]]))
     assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, np.nan]]))
 
