@@ -412,7 +412,10 @@ def _foretell_as_before(state, k):
 
 @part_of_kernel
 def _start_newton(plan, state, s, h, extrapolate):
-    """First guess: multipliers as they were, accelerations too or as their last ones foretell."""
+    """First guess: multipliers as they were, accelerations too or as their last ones foretell.
+
+    With a fixed step in trees alone: what multipliers as they were leave of the error would not shrink with the guess.
+    """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     known = state.counts[KNOWN_BEFORE]
@@ -420,7 +423,7 @@ def _start_newton(plan, state, s, h, extrapolate):
     for j in range(nu):
         k = plan.free[j]
         s.unknown[j] = state.a[k]
-        if extrapolate and known > 2 and fixed:
+        if extrapolate and known > 2 and fixed and m == 0:
             s.unknown[j] = _foretell_as_before(state, k)
         elif extrapolate and known > 1 and not fixed:
             s.unknown[j] = _foretell(state, k, h)

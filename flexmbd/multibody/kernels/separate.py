@@ -5,7 +5,6 @@ LLVM optimises all that a kernel calls anew with each kernel that calls it; behi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -13,7 +12,7 @@ from numba import typeof, types
 from numba.extending import intrinsic
 
 
-def address_of(function: Callable[..., Any], arguments: tuple[Any, ...]) -> int:
+def address_of(function: Any, arguments: tuple[Any, ...]) -> int:
     """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing."""
     kinds = tuple(typeof(argument) for argument in arguments)
     function.compile(kinds)
