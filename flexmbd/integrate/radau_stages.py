@@ -142,7 +142,9 @@ def evaluate_stage_times(plan, work, state, s, h):
         if i == STAGES - 1:
             t = st.end_of_step(state, h)
         evaluate_times(plan, t, work.time)
-        s.time[i, :, :] = work.time
+        for k in range(work.time.shape[0]):
+            for j in range(3):
+                s.time[i, k, j] = work.time[k, j]
         if plan.flag[0] != 0:
             return False
     return True

@@ -144,8 +144,10 @@ def kernel(function: F) -> F:
     """Compile ``function`` at its first call, without the GIL's objects, cached on disk.
 
     Nobody calls kernels as C functions, and a seventh of the compile time would go into wrappers for that.
+    Arrays are not counted (``_nrt``): each call would count all arrays of its plan up and down, more than
+    half of a small scene's time.  So a kernel can allocate nothing; numba refuses one that does.
     """
-    return njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
+    return njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, _nrt=False)(function)
 
 
 def part_of_kernel(function: F) -> F:
@@ -154,4 +156,4 @@ def part_of_kernel(function: F) -> F:
     LLVM optimises all that a kernel calls anew with each kernel, so every level of large kernels
     costs the compile time of all that lies below it.
     """
-    return njit(inline="always", error_model="numpy", nogil=True)(function)
+    return njit(inline="always", error_model="numpy", nogil=True, _nrt=False)(function)
