@@ -22,10 +22,10 @@ _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of ord
 _STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in
 _LARGE = 300  # velocities above which the eigenvalues of springs are not asked for
 
-# What is stiff when it touches, slips or opens, however soft it is at the start.
+# What sets in or turns round within a step, which a method of high order does not like.
+_ABRUPT = {at.ON_STOP: "stops", at.ON_FRICTION: "friction"}
+# What is stiff when it opens, however soft it is at the start.
 _HARD = {
-    at.ON_STOP: "stops",
-    at.ON_FRICTION: "friction",
     at.BETWEEN_PENALTY: "penalties",
     at.ON_STATE: "forces of the state, which may be stiff",
     at.ON_FUNCTION: "forces of the state, which may be stiff",
@@ -50,23 +50,27 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
     """Choose an integrator for a scene at its consistent start at time ``t`` (s).
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control:
-    an explicit pair where nothing in the scene is stiff, Radau IIA where modes or springs are.
+    an explicit pair where nothing in the scene is stiff, Radau IIA where modes or springs are, and
+    generalized-alpha where forces set in abruptly.
     """
     if h is not None:
         return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
-    stiff = _stiffness(start, t)
+    kinds = {int(kind) for kind in start.scene.plan.elements[:, at.EL_KIND]}
+    abrupt = [text for kind, text in _ABRUPT.items() if kind in kinds]
+    if abrupt:
+        return Choice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
+    stiff = _stiffness(start, kinds, t)
     if stiff:
         return Choice(RadauIIA(), f"stiff: {stiff}")
     pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
     return Choice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
 
 
-def _stiffness(start: Start, t: float) -> str:
+def _stiffness(start: Start, kinds: set[int], t: float) -> str:
     """What in the scene is stiff; empty if nothing is."""
     plan = start.scene.plan
     if len(plan.flex):
         return "modes of flexible bodies"
-    kinds = {int(kind) for kind in plan.elements[:, at.EL_KIND]}
     hard = [text for kind, text in _HARD.items() if kind in kinds]
     if hard:
         return ", ".join(dict.fromkeys(hard))

@@ -77,9 +77,9 @@ def test_a_callback_may_keep_and_change_what_it_gets():
         x[:] = 7.0
         return np.zeros(1)
 
-    plain = scene.simulate(0.1)
+    plain = scene.simulate(0.1, integrator=fm.GeneralizedAlpha())
     scene.add_force(fm.force.StateForce(function))
-    run = scene.simulate(0.1)
+    run = scene.simulate(0.1, integrator=fm.GeneralizedAlpha())
     np.testing.assert_array_equal(run.beta(hinge), plain.beta(hinge))
     assert all(x == 7.0 for x in kept)
 
@@ -141,7 +141,7 @@ def test_a_law_that_fails_says_which_when_and_where(answer):
     scene.add_force(fm.force.JointLaw(hinge, fails_late(give)))
     expected = rf"JointLaw on joint 'hinge' at t = 0\.2\d* s, coordinate 0\.\d+, rate 0\.8\d* failed.*{message}"
     with pytest.raises(SimulationError, match=expected) as caught:
-        scene.simulate(1.0)
+        scene.simulate(1.0, integrator=fm.GeneralizedAlpha())
     assert type(caught.value.__cause__) is cause
     past = caught.value.trajectory
     assert 0.1 < past.t[-1] <= 0.2
@@ -161,7 +161,7 @@ def test_a_force_of_the_state_that_fails_tells_the_state():
     state = r"\(x, v\) = \[0\.08\d+ 0\.8\d* *\]"
     expected = rf"StateForce 'control' at t = 0\.2\d* s, state {state} failed: it gave shape \(2,\), not shape \(1,\)"
     with pytest.raises(SimulationError, match=expected) as caught:
-        scene.simulate(1.0)
+        scene.simulate(1.0, integrator=fm.GeneralizedAlpha())
     assert isinstance(caught.value.__cause__, SceneError)
 
 
@@ -177,7 +177,7 @@ def test_a_function_is_not_asked_again_after_it_failed():
 
     scene.add_force(fm.force.JointLaw(hinge, law))
     with pytest.raises(SimulationError, match="once"):
-        scene.simulate(1.0)
+        scene.simulate(1.0, integrator=fm.GeneralizedAlpha())
     assert sum(t > 0.2 for t in asked) == 1
 
 
@@ -196,7 +196,7 @@ def test_a_compiled_function_that_gives_no_number(kind):
     scene.add_force(force)
     name = "StateForce 'state'" if kind == "state" else f"{type(force).__name__} on joint 'hinge'"
     with pytest.raises(SimulationError, match=rf"{name} at t = 0\.3\d* s: the compiled function gave no") as caught:
-        scene.simulate(1.0, rtol=1e-6)
+        scene.simulate(1.0, rtol=1e-6, integrator=fm.GeneralizedAlpha())
     past = caught.value.trajectory
     assert 0.2 < past.t[-1] <= 0.3
     exact = (0.3**1.5 - (0.3 - past.t) ** 1.5) * 2.0 / 3.0 / 0.25
@@ -216,7 +216,7 @@ def test_failures_at_the_start_are_errors_of_the_scene():
     scene, hinge = wheel()
     scene.add_force(fm.force.JointLaw(hinge, fm.compiled(lambda t, b, w: 1.0 / b)))
     with pytest.raises(SceneError, match="JointLaw on joint 'hinge' at t = 0 s: the compiled function gave no"):
-        scene.simulate(1.0)
+        scene.simulate(1.0, integrator=fm.GeneralizedAlpha())
 
 
 def test_an_interrupt_leaves_the_step_as_it_is():
@@ -226,7 +226,7 @@ def test_an_interrupt_leaves_the_step_as_it_is():
     scene, hinge = wheel()
     scene.add_force(fm.force.JointLaw(hinge, fails_late(interrupted)))
     with pytest.raises(KeyboardInterrupt):
-        scene.simulate(1.0)
+        scene.simulate(1.0, integrator=fm.GeneralizedAlpha())
 
 
 def test_functions_of_the_wrong_kind():

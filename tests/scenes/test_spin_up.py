@@ -65,7 +65,7 @@ def spin_up(omega):
     return fm.Motion(*map(fm.compiled, (angle, speed, acceleration)))
 
 
-def lag(record, *, end, h, omega=OMEGA, integrator=None):
+def lag(record, *, end, h, omega=OMEGA, integrator="auto"):
     """Times, and the tip's displacement along and across the straight arm."""
     scene = fm.System()
     body = scene.add(fm.FlexibleBody(record), name="arm")

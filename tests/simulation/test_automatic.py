@@ -52,7 +52,7 @@ def flexible():
         (lambda: pendulum()[0], {"h": 1e-3}, "generalized-alpha", "fixed steps"),
         (lambda: with_spring(5.0), {}, "8(5,3)", "nothing stiff"),
         (lambda: with_spring(1e6), {}, "Radau", "springs and dampers of 1e+03 1/s"),
-        (with_friction, {}, "Radau", "friction"),
+        (with_friction, {}, "generalized-alpha", "abrupt forces: friction"),
         (with_penalty, {}, "Radau", "penalties"),
         (flexible, {}, "Radau", "modes of flexible bodies"),
     ],

@@ -107,9 +107,11 @@ def interpolate_series(plain, quaternions, t, x, v, a, interval, wanted, out_x, 
         h = t[k + 1] - t[k]
         if wanted[i] <= t[k] or wanted[i] >= t[k + 1]:
             row = k if wanted[i] <= t[k] and h > 0.0 else k + 1
-            out_x[i] = x[row]
-            out_v[i] = v[row]
-            out_a[i] = a[row]
+            for j in range(x.shape[1]):
+                out_x[i, j] = x[row, j]
+            for j in range(v.shape[1]):
+                out_v[i, j] = v[row, j]
+                out_a[i, j] = a[row, j]
         else:
             s = (wanted[i] - t[k]) / h
             interpolate(
