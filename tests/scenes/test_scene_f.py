@@ -85,7 +85,8 @@ def test_spin_up(beam, change):
     """A torque of 20 N m on the root face: the tip after 0.5 s, (0.92802, 0.37254) within 1e-4."""
     scene, body, hinge = hinged(change(beam), "z", (0.0, 0.0, 0.0))
     scene.add_force(fm.force.JointTorque(hinge, 20.0))
-    run = scene.simulate(0.5, rtol=1e-4)
+    # the torque sets in at once; the stiff vibrations that it excites are followed only at a tight rtol
+    run = scene.simulate(0.5, rtol=1e-6)
     tip = run.position(body.frame("tip"))[-1]
     assert tip[:2] == pytest.approx([0.92802, 0.37254], abs=1e-4)
     # the work of the torque is the energy gained
