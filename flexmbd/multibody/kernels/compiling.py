@@ -109,7 +109,7 @@ def announce() -> bool:
         return False
     _announced = True
     sys.stderr.write(
-        f"flexmbd: compiling the kernels, once for this machine (about 15 s; kept in "
+        f"flexmbd: compiling the kernels, once for this machine (half a minute to two, by the integrator; kept in "
         f"{cache_folder()})\n"
     )
     return True
