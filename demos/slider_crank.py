@@ -129,9 +129,11 @@ def simulate(speed: float, *, flexible: bool) -> Case:
     scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), piston.frame(), name="cylinder")
     angle = crank_angle(omega, START_UP * turn, (START_UP + STEADY) * turn)
     drive.prescribe(angle)
+    # many small steps, for the work of the drive is summed over them below
+    method = fm.GeneralizedAlpha()
     if flexible and speed == SPEEDS[0]:
-        say("\n" + scene.explain() + "\n")
-    run = scene.simulate((START_UP + STEADY) * turn, rtol=1e-4 if flexible else 1e-6)
+        say("\n" + scene.explain(integrator=method) + "\n")
+    run = scene.simulate((START_UP + STEADY) * turn, rtol=1e-4 if flexible else 1e-6, integrator=method)
     return Case(run, angle, omega, drive, conrod, piston)
 
 

@@ -75,8 +75,8 @@ def run(
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= stops.pop(0) and stops:
                 kept.append(Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint()))
-    mark_compiled()
     seconds = time.perf_counter() - began
+    mark_compiled()
     trajectory = _finish(start, bodies, team, integration, seconds, compiled - began)
     trajectory = replace(
         trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)

@@ -211,19 +211,30 @@ class System:
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         return start
 
-    def explain(self, *, rtol: float = 1e-6, h: float | None = None) -> str:
+    def explain(
+        self,
+        *,
+        rtol: float = 1e-6,
+        h: float | None = None,
+        integrator: Integrator | Literal["auto"] = "auto",
+    ) -> str:
         """Say for a person what is computed, what is skipped, and why.
 
         Args:
             rtol: as for ``simulate``; it plays a part in the choice of the integrator.
             h: as for ``simulate``.
+            integrator: as for ``simulate``.
 
         Raises:
             SceneError, AssemblyError: as ``start``.
         """
         start = self.start()
-        choice = choose(start, t=0.0, rtol=rtol, h=h)
-        return f"{explain(start)}\nintegrator: {choice.method.name} ({choice.why})"
+        if integrator == "auto":
+            choice = choose(start, t=0.0, rtol=rtol, h=h)
+            method = f"{choice.method.name} ({choice.why})"
+        else:
+            method = f"{_named(integrator).name} (as asked)"
+        return f"{explain(start)}\nintegrator: {method}"
 
     def simulate(
         self,
@@ -268,10 +279,8 @@ class System:
         start = self.start(t=begun)
         if integrator == "auto":
             method = choose(start, t=begun, rtol=rtol, h=h).method
-        elif isinstance(integrator, str):
-            raise SceneError(f"integrator {integrator!r} is unknown; give a method, as fm.RadauIIA(), or \"auto\"")
         else:
-            method = integrator
+            method = _named(integrator)
         if restart is None:
             snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
         else:
@@ -288,3 +297,10 @@ class System:
             checkpoints=checkpoints,
             progress=progress,
         )
+
+
+def _named(integrator: Integrator | str) -> Integrator:
+    """A method that the user gave."""
+    if isinstance(integrator, str):
+        raise SceneError(f"integrator {integrator!r} is unknown; give a method, as fm.RadauIIA(), or \"auto\"")
+    return integrator

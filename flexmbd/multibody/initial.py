@@ -235,6 +235,26 @@ def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     return 0.5 * (matrix + matrix.T)
 
 
+def _mass_factor(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """Cholesky factor of M on the free coordinates.
+
+    Raises:
+        AssemblyError: some motion moves no mass; the message names its largest coordinate.
+    """
+    free = scene.plan.free
+    mass = mass_matrix(scene, work, x)[np.ix_(free, free)]
+    try:
+        lower: FloatArray = np.linalg.cholesky(mass).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError as reason:
+        _, vectors = np.linalg.eigh(mass)
+        name = scene.velocity_names[free[int(np.argmax(np.abs(vectors[:, 0])))]]
+        raise AssemblyError(
+            f"moving {name!r} moves no mass, so no force tells its acceleration; give the body an inertia, "
+            "or fix what does not turn"
+        ) from reason
+    return lower
+
+
 def _stages(scene: CompiledScene, held: Mask) -> list[Mask]:
     """Which coordinates may move, least intrusive first."""
     movable = np.zeros(scene.nv, bool)
@@ -298,8 +318,7 @@ def scaled_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArr
     """C on the free coordinates, per unit of kinetic energy, rows over the largest of them."""
     free = scene.plan.free
     jacobian = constraint_jacobian(scene, work, x)[:, free]
-    mass = mass_matrix(scene, work, x)[np.ix_(free, free)]
-    lower = np.linalg.cholesky(mass)
+    lower = _mass_factor(scene, work, x)
     return scipy.linalg.solve_triangular(lower, jacobian.T, lower=True).T
 
 
@@ -401,7 +420,7 @@ def _accelerations(
     force = np.zeros(scene.nv)
     residual(plan, work, x, v, a, np.zeros(m), force)
     scene.refuse_failed(work)
-    lower = np.linalg.cholesky(mass_matrix(scene, work, x)[np.ix_(free, free)])
+    lower = _mass_factor(scene, work, x)
     scaled: FloatArray = scipy.linalg.solve_triangular(lower, -force[free], lower=True)
     multipliers: FloatArray = np.zeros(m)
     if m and len(free):

@@ -398,3 +398,13 @@ def test_a_compiled_function_that_is_not_finite_at_the_start():
 def test_a_spectral_radius_that_there_is_none_of():
     with pytest.raises(SceneError, match=r"rho must lie between 0 and 1, got 1\.5"):
         fm.GeneralizedAlpha(1.5)
+
+
+@pytest.mark.parametrize("way", [None, fm.Way.CONSTRAINTS])
+def test_a_motion_that_moves_no_mass_is_named(way):
+    """A point mass on the axis that it turns about."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    point = scene.add(fm.RigidBody(1.0, (0.0, 0.0, 0.0)), name="point")
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), point.frame(), name="pin", way=way)
+    with pytest.raises(AssemblyError, match=r"moving '(pin.angle|point .*w.)' moves no mass"):
+        scene.simulate(1.0)

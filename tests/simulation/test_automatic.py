@@ -72,3 +72,12 @@ def test_what_is_stiff_is_run_by_an_implicit_method(scene, arguments, chosen, wh
 def test_a_method_by_a_name_that_there_is_none_of():
     with pytest.raises(SceneError, match=r"integrator 'euler' is unknown; give a method, as fm.RadauIIA"):
         pendulum()[0].simulate(1.0, integrator="euler")
+
+
+def test_a_method_that_was_named_is_told():
+    scene = pendulum()[0]
+    assert scene.explain(integrator=fm.GeneralizedAlpha()).endswith(
+        "integrator: generalized-alpha, rho = 0.8, order 2 (as asked)"
+    )
+    with pytest.raises(SceneError, match="integrator 'euler' is unknown"):
+        scene.explain(integrator="euler")

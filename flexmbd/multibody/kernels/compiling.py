@@ -125,6 +125,7 @@ def mark_compiled() -> None:
             return  # a read-only cache: the next process says it again, and is right
 
 
+@cache
 def _marker() -> Path:
     digest = hashlib.sha256()
     for folder in _KERNEL_FOLDERS:
