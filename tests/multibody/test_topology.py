@@ -77,7 +77,7 @@ def test_a_body_flies_by_coordinates_only_where_no_joint_carries_it():
     assert len(compiled.plan.rows) == 0
 
 
-def test_a_long_chain_is_spanned_quickly_and_in_any_order():
+def test_a_long_chain_is_spanned_whatever_order_its_joints_were_made_in():
     scene = fm.System()
     bodies = [scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"link {k}") for k in range(400)]
     ends = [scene.ground, *bodies]
