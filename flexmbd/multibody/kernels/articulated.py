@@ -13,12 +13,12 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_inward import gather_forces, gather_inertia
 from flexmbd.multibody.kernels.articulated_outward import accelerate, move
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
+from flexmbd.multibody.kernels.compiling import inner_kernel, kernel
 from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
-from flexmbd.multibody.kernels.lean import inner_kernel, lean_kernel
 from flexmbd.multibody.kernels.recursion import forward
 
 
-@lean_kernel
+@kernel
 def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
     """Write the accelerations ``a`` (nv,) of the tree at (x, v): (M + diag(extra)) a = applied - bias - C^T nu.
 
@@ -72,7 +72,7 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
     return loaded
 
 
-@lean_kernel
+@kernel
 def articulate(plan, work, aw, x, extra):
     """Factor M(x) + diag(extra) for ``solve_mass``; arguments as for ``forward_dynamics``."""
     for k in range(aw.asked.shape[0]):
@@ -81,7 +81,7 @@ def articulate(plan, work, aw, x, extra):
     gather_inertia(plan, work, aw, aw.rest, extra, False)
 
 
-@lean_kernel
+@kernel
 def solve_mass(plan, work, aw, rhs, out):
     """Write M^-1 times each row of ``rhs`` (k, nv) into ``out`` (k, nv), with the factors at hand.
 

@@ -24,8 +24,7 @@ from flexmbd.multibody.kernels.articulated_modes import (
     subtract_frame_forces,
     sum_pairs,
 )
-from flexmbd.multibody.kernels.compiling import part_of_kernel
-from flexmbd.multibody.kernels.lean import inner_kernel
+from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,

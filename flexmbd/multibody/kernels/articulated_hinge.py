@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.lean import inner_kernel
+from flexmbd.multibody.kernels.compiling import inner_kernel
 
 
 @inner_kernel

@@ -7,8 +7,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_flexible import eliminate_modes, modal_wrench
 from flexmbd.multibody.kernels.articulated_hinge import pass_hinge
 from flexmbd.multibody.kernels.articulated_several import pass_several, yield_several
-from flexmbd.multibody.kernels.compiling import part_of_kernel
-from flexmbd.multibody.kernels.lean import inner_kernel
+from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
 from flexmbd.multibody.kernels.so3 import add3, cross3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.spatial import (
     add6,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.lean import summing_kernel
+from flexmbd.multibody.kernels.compiling import summing_kernel
 
 
 @summing_kernel

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import articulated_layout as to
-from flexmbd.multibody.kernels.lean import inner_kernel
+from flexmbd.multibody.kernels.compiling import inner_kernel
 from flexmbd.multibody.kernels.so3 import add3, load3, rotate, rotate_back, scale3, store3
 from flexmbd.multibody.kernels.spatial import load6, subtract_outer, symmetric_times
 

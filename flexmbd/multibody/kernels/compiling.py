@@ -17,6 +17,7 @@ from numba.core import caching
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parents[2]
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False, "no_cfunc_wrapper": True}
 _KERNEL_FOLDERS = ("multibody/kernels", "integrate")
 
 
@@ -146,9 +147,21 @@ def kernel(function: F) -> F:
 
     Nobody calls kernels as C functions, and a seventh of the compile time would go into wrappers for that.
     Arrays are not counted (``_nrt``): each call would count all arrays of its plan up and down, more than
-    half of a small scene's time.  So a kernel can allocate nothing; numba refuses one that does.
+    half of a small scene's time.  So a kernel can allocate nothing, not even the copy of a row
+    (``a[i] = b[j]``); numba refuses one that does.
     """
-    return njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, _nrt=False)(function)
+    return njit(cache=True, **_OPTIONS)(function)
+
+
+def inner_kernel(function: F) -> F:
+    """Compile ``function`` as a kernel that kernels alone call: there is no way in from Python."""
+    return njit(cache=True, no_cpython_wrapper=True, **_OPTIONS)(function)
+
+
+def summing_kernel(function: F) -> F:
+    """Compile ``function`` as an inner kernel whose sums may be taken in any order: they run in vector registers."""
+    reordered = {"reassoc", "contract", "nsz"}
+    return njit(cache=True, no_cpython_wrapper=True, fastmath=reordered, **_OPTIONS)(function)
 
 
 def part_of_kernel(function: F) -> F:

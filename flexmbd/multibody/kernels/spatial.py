@@ -6,7 +6,7 @@ acceleration: torque = A dw + B a, force = B^T dw + M a.
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.lean import inner_kernel
+from flexmbd.multibody.kernels.compiling import inner_kernel
 from flexmbd.multibody.kernels.so3 import add3, compose, compose_back, cross3
 
 
