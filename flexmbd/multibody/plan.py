@@ -13,15 +13,15 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.protocol import Joint, Row, Step
+from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
-from flexmbd.multibody.plan_forces import ForceTable, lay_forces
+from flexmbd.multibody.plan_forces import lay_forces
+from flexmbd.multibody.plan_rows import lay_penalties, lay_rows
 from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.time_function import TimeRow, as_row
@@ -346,10 +346,10 @@ def build(
     b = _Builder(ground, _extent(topology), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
-    rows = _constraint_rows(b, topology, couplings)
+    rows = lay_rows(b, topology, couplings)
     driven = _driven(b, topology)
     table = lay_forces(b, ground, forces)
-    _lay_penalties(b, rows, table)
+    lay_penalties(b, rows, table)
     driven_v = {row[at.DRIVEN_V] for row in driven}
     free = [k for k in range(len(b.names)) if k not in driven_v]
     times, time_data = _time_table(b.times)
@@ -411,96 +411,6 @@ def _extent(topology: Topology) -> float:
         reach.append(float(np.linalg.norm(first)) / body.mass)
         reach.append(float(np.sqrt(np.trace(second) / body.mass)))
     return max(reach) or 1.0
-
-
-@dataclass
-class _Rows:
-    """Growing rows of constraints, their names and whose they are; and those that penalties enforce."""
-
-    table: list[list[int]]
-    names: list[str]
-    owners: list[Connection | Coupling]
-    penalties: list[list[int]]
-    penalised: list[tuple[str, FloatArray]]
-
-
-#: The row that holds a joint's only coordinate, by the kind of its step.
-_COORDINATE = {
-    at.REVOLUTE: Row(at.ROW_ANGLE, 0, "prescribed angle"),
-    at.SCREW: Row(at.ROW_ANGLE, 0, "prescribed angle"),
-    at.PRISMATIC: Row(at.ROW_TRANSLATION, 2, "prescribed displacement"),
-}
-
-
-def _constraint_rows(b: _Builder, topology: Topology, couplings: Sequence[Coupling]) -> _Rows:
-    rows = _Rows([], [], [], [], [])
-    for closure in topology.closures:
-        _add_closure(b, rows, closure)
-    for coupling in couplings:
-        values = [float(len(coupling.terms)), 0.0]  # the sum is set at the start
-        for term in coupling.terms:
-            found = b.coordinate_rows.get(id(term.connection))
-            if found is None:
-                raise SceneError(
-                    f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
-                    "coordinate to couple; ask for Way.COORDINATES"
-                )
-            values += [float(found[term.index]), term.share]
-        data = b.add_data(np.array(values))
-        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1, 0])
-        rows.names.append(coupling.name)
-        rows.owners.append(coupling)
-    return rows
-
-
-def _add_closure(b: _Builder, rows: _Rows, closure: Connection) -> None:
-    """Append the rows of a joint held by constraints, and that of its prescribed motion."""
-    joint = closure.joint
-    f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], joint.turn)
-    g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], joint.turn)
-    b.closure_frames[id(closure)] = (f, g)
-    held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
-    if closure.motion is not None:
-        what = f"motion of joint {closure.name!r}"
-        time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)
-        held.append((_COORDINATE[joint.steps[0].kind], time))
-    for row, time in held:
-        data = b.add_data(np.array(row.data)) if row.data else 0
-        line = [f, g, row.kind, row.index, data, row.level, time, 0]
-        name = f"{closure.name}: {row.name}"
-        if isinstance(closure.enforce, AugmentedLagrangian):
-            line[at.ROW_HOLD] = b.add_data(_hold(b.extent, row, closure.enforce, name))
-        if isinstance(closure.enforce, Penalty):
-            rows.penalties.append(line)
-            rows.penalised.append((name, _yield(b.extent, row, closure.enforce, name)))
-        else:
-            rows.table.append(line)
-            rows.names.append(name)
-            rows.owners.append(closure)
-
-
-def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
-    """(2,) stiffness and damping of a row, in its own unit."""
-    scale = extent**2 if row.kind in at.ROWS_IN_RAD else 1.0
-    if row.level == at.LEVEL_POSITION:
-        return np.array([choice.stiffness, choice.damping]) * scale
-    if choice.damping == 0.0:
-        raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
-    return np.array([0.0, choice.damping * scale])
-
-
-def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
-    """(N_HOLD,) what an augmented Lagrangian enforces a row by."""
-    size = 1.0 if row.kind in at.ROWS_IN_RAD else extent
-    return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
-
-
-def _lay_penalties(b: _Builder, rows: _Rows, table: ForceTable) -> None:
-    """Append the elements that stand for penalised rows."""
-    for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
-        data = b.add_data(penalty)
-        f, g = row[at.ROW_F], row[at.ROW_G]
-        table.element(at.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)
 
 
 def _driven(b: _Builder, topology: Topology) -> list[list[int]]:
