@@ -17,6 +17,15 @@ _KINDS = {
     at.TIME_PYTHON: "Python, called at each new time",
 }
 
+#: What bodies do without, by how their frames may turn.
+_UNNEEDED_RIGID = {
+    at.NEVER: "gyroscopic terms of {} (no joint turns the frame)",
+    at.BALANCED: "gyroscopic terms of {} (turning about one principal axis)",
+    at.IN_PLANE: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
+}
+_UNNEEDED_FLEXIBLE = {at.NEVER: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
+_SHOWN = 4
+
 
 def explain(start: Start) -> str:
     """Say which joints went to coordinates and which to multipliers, and what is skipped."""
@@ -119,8 +128,30 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")
+    skipped.extend(_unneeded_gyroscopics(start))
     if len(plan.elements) == 0:
         skipped.append("force elements (none)")
     if not plan.gravity.any():
         skipped.append("gravity (zero)")
     return ["skipped: " + "; ".join(skipped)] if skipped else []
+
+
+def _unneeded_gyroscopics(start: Start) -> list[str]:
+    """What the joints on the way to a body spare it of the terms that come of its turning."""
+    scene = start.scene
+    bodies = [branch.outer.body for branch in scene.topology.branches]
+    groups: dict[str, list[str]] = {}
+    for body in bodies:
+        kind = scene.plan.tree[scene.body_row[id(body)], at.TURNING]
+        what = _UNNEEDED_FLEXIBLE.get(kind) if body.reduced() is not None else _UNNEEDED_RIGID.get(kind)
+        if what is not None:
+            groups.setdefault(what, []).append(body.name)
+    return [what.format(_listed(names, len(bodies))) for what, names in groups.items()]
+
+
+def _listed(names: list[str], whole: int) -> str:
+    """Names of bodies, but no more than a few."""
+    if len(names) == whole > 1:
+        return f"all {whole} bodies"
+    shown = ", ".join(names[:_SHOWN])
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

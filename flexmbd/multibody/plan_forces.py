@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,50 +15,8 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.kane import Machine
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
-from flexmbd.multibody.time_function import Compiled, TimeFunction, TimeRow, as_row
-
-
-class Slots(Protocol):
-    """Where something lies in the configuration x and the velocity v."""
-
-    @property
-    def x(self) -> slice:
-        """In x."""
-
-    @property
-    def v(self) -> slice:
-        """In v."""
-
-
-class Numbering(Protocol):
-    """What force elements need of the numbering of the bodies and joints."""
-
-    def find_slots(self, connection: Connection) -> Slots | None:
-        """Where a joint's coordinates lie; None if it has none in the tree."""
-
-    def find_body(self, body: Body) -> int | None:
-        """The body's row, -1 for the ground; None if it is not in the scene."""
-
-    def find_modes(self, body: Body) -> Slots | None:
-        """Where a body's modal coordinates lie; None if it has none."""
-
-    def find_closure(self, connection: Connection) -> tuple[int, int] | None:
-        """Rows of F and G of a joint held by constraints, their axes z along the joint's; None for others."""
-
-    def add_frame(self, frame: Frame, row: int, turn: np.ndarray) -> int:
-        """Append a frame of the body in ``row``, its axes turned by ``turn``; return its row."""
-
-    def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
-        """Append a function of time; return its row."""
-
-    def add_law(self, law: Law, what: str) -> int:
-        """Address of a Python law on a coordinate."""
-
-    def add_state_function(self, function: StateFunction, what: str) -> int:
-        """Address of a Python force of the whole state."""
-
-    def add_data(self, values: np.ndarray) -> int:
-        """Append parameters; return their offset."""
+from flexmbd.multibody.plan_numbering import Numbering
+from flexmbd.multibody.time_function import Compiled, TimeFunction, as_row
 
 
 class ForceTable:

@@ -4,41 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Row
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.plan_forces import ForceTable
-from flexmbd.multibody.time_function import TimeRow, as_row
+from flexmbd.multibody.plan_numbering import Numbering
+from flexmbd.multibody.time_function import as_row
 from flexmbd.multibody.topology import Topology
 
 FloatArray = NDArray[np.float64]
-
-
-class RowNumbering(Protocol):
-    """What constraint rows need of the numbering of the bodies and joints."""
-
-    extent: float
-    row_of: dict[int, int]
-    coordinate_rows: dict[int, tuple[int, ...]]
-    closure_frames: dict[int, tuple[int, int]]
-
-    def add_data(self, values: FloatArray) -> int:
-        """Append parameters; return their offset."""
-
-    def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
-        """Append a frame of the body in ``row``, its axes turned by ``turn``; return its row."""
-
-    def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
-        """Append a function of time; return its row."""
 
 
 @dataclass
@@ -60,7 +41,7 @@ _COORDINATE = {
 }
 
 
-def lay_rows(b: RowNumbering, topology: Topology, couplings: Sequence[Coupling]) -> RowTable:
+def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) -> RowTable:
     """Lay out the rows of all joints held by constraints, and of the couplings.
 
     Raises:
@@ -86,7 +67,7 @@ def lay_rows(b: RowNumbering, topology: Topology, couplings: Sequence[Coupling])
     return rows
 
 
-def _add_closure(b: RowNumbering, rows: RowTable, closure: Connection) -> None:
+def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
     """Append the rows of a joint held by constraints, and that of its prescribed motion."""
     joint = closure.joint
     f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], joint.turn)
@@ -128,7 +109,7 @@ def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> Fl
     return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
 
 
-def lay_penalties(b: RowNumbering, rows: RowTable, table: ForceTable) -> None:
+def lay_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
     """Append the elements that stand for penalised rows."""
     for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
         data = b.add_data(penalty)

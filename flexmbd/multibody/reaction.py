@@ -11,7 +11,8 @@ from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.reactions import row_reactions, tree_reactions
-from flexmbd.multibody.plan import CompiledScene, step_turn
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.plan_numbering import step_turn
 
 FloatArray = NDArray[np.float64]
 

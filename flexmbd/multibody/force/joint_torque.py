@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import DrivesJoint
 from flexmbd.multibody.time_function import TimeFunction
 
 
 @dataclass(frozen=True, eq=False)
-class JointTorque:
-    """A torque (N m) about or along a joint's axis: +value on the child, -value on the parent.
+class JointTorque(DrivesJoint):
+    """A torque (N m) about a joint's axis: +value on the child, -value on the parent.
 
     Attributes:
         connection: a joint whose only coordinate is a rotation.
@@ -24,21 +22,4 @@ class JointTorque:
     connection: Connection
     value: TimeFunction
 
-    frames: ClassVar[tuple[Frame, ...]] = ()
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """The joint."""
-        return (self.connection,)
-
-    def check(self) -> None:
-        """Raise SceneError if the joint's only coordinate is no rotation."""
-        if self.connection.joint.angular != (True,):
-            raise SceneError(
-                f"a joint torque acts on a joint whose only coordinate is a rotation; "
-                f"{self.connection.name!r} is a {type(self.connection.joint).__name__}"
-            )
-
-    def lay(self, table: Table) -> None:
-        """Let the function of time act on the joint's coordinate."""
-        table.drive(self.connection, self.value, f"{type(self).__name__} on joint {self.connection.name!r}")
+    turns: ClassVar[bool] = True

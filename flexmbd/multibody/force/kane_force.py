@@ -6,16 +6,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
 from flexmbd.multibody.callback import FloatArray
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.kane import Contribution, Kinematics
 from flexmbd.multibody.kernels import layout as at
 
 
 @dataclass(frozen=True, eq=False)
-class KaneForce:
+class KaneForce(OnState):
     """Forces and torques on frames that follow from the motion: F_r = v_r . F + w_r . T.
 
     The function gets the ``Kinematics`` of the moment (t, positions, rotations, velocities of any frame, joint
@@ -31,16 +29,6 @@ class KaneForce:
 
     function: Callable[[Kinematics], Iterable[Contribution]]
     name: str = ""
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on frames that it names when it is asked."""
-        return ()
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """None: it acts on frames that it names when it is asked."""
-        return ()
 
     @property
     def what(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,6 +115,57 @@ class OnCoordinate:
             )
         if not 0 <= self.coordinate < count:
             raise SceneError(f"{self.what}: a {type(joint).__name__} has coordinates 0 to {count - 1}")
+
+
+class DrivesJoint:
+    """What given forces on a joint's only coordinate share; a base for frozen dataclasses.
+
+    Attributes:
+        connection: the joint.
+        value: N or N m, a function of time.
+        turns: whether the coordinate must be an angle, or else a displacement.
+    """
+
+    connection: Connection
+    value: TimeFunction
+    turns: ClassVar[bool]
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """The joint."""
+        return (self.connection,)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None: it acts on a coordinate."""
+        return ()
+
+    def check(self) -> None:
+        """Raise SceneError if the joint's only coordinate is of the other kind."""
+        if self.connection.joint.angular != (self.turns,):
+            what, motion = ("torque", "rotation") if self.turns else ("force", "translation")
+            raise SceneError(
+                f"a joint {what} acts on a joint whose only coordinate is a {motion}; "
+                f"{self.connection.name!r} is a {type(self.connection.joint).__name__}"
+            )
+
+    def lay(self, table: Table) -> None:
+        """Let the function of time act on the joint's coordinate."""
+        table.drive(self.connection, self.value, f"{type(self).__name__} on joint {self.connection.name!r}")
+
+
+class OnState:
+    """What forces that ask for the whole state share; a base for frozen dataclasses."""
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None in particular."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None in particular."""
+        return ()
 
 
 class BetweenFrames:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
 from flexmbd.multibody.callback import StateFunction
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.time_function import Compiled, Signature
 
 
 @dataclass(frozen=True, eq=False)
-class StateForce:
+class StateForce(OnState):
     """Generalised forces on all velocities of the machine.
 
     Their work is force . v; ``CompiledScene.velocity_names``, ``joint_slots`` and ``modal_slots`` tell what lies
@@ -27,16 +25,6 @@ class StateForce:
 
     function: Compiled | StateFunction
     name: str = ""
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on the state."""
-        return ()
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """None: it acts on the state."""
-        return ()
 
     @property
     def what(self) -> str:

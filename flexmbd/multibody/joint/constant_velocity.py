@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import TOGETHER, AlongAxis, ConstraintsAlone, Row
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(AlongAxis, ConstraintsAlone):
     """Two shafts through one point, bent by any angle below pi, that always turn at one speed.
 
     The shaft of G is that of F turned about an axis across it: the plane between the two halves
@@ -23,17 +23,4 @@ class ConstantVelocity:
 
     axis: Axis = "z"
 
-    def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
-
-    steps: ClassVar[tuple[Step, ...]] = ()
-    start: ClassVar[tuple[float, ...]] = ()
-    velocity_names: ClassVar[tuple[str, ...]] = ()
-    angular: ClassVar[tuple[bool, ...]] = ()
-    reversible: ClassVar[bool] = False
     rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(at.ROW_ANGLE, 0, "equal turning"))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Cylindrical:
+class Cylindrical(AlongAxis):
     """One translation along ``axis`` and one rotation about it.
 
     Coordinates: the displacement (m) of G from F along the axis, and the angle (rad) from F to G
@@ -22,14 +22,6 @@ class Cylindrical:
     """
 
     axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
 
     steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC), Step(at.REVOLUTE))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0)

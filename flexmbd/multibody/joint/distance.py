@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexmbd.multibody.joint.protocol import FloatArray, Row, Step, positive
+from flexmbd.multibody.joint.protocol import ConstraintsAlone, FloatArray, Row, positive
 from flexmbd.multibody.kernels import layout as at
 
 
 @dataclass(frozen=True)
-class Distance:
+class Distance(ConstraintsAlone):
     """The origins of F and G stay apart by ``length``, as if by a massless rod with two balls.
 
     The multiplier is the rod's tension (N).
@@ -27,11 +27,6 @@ class Distance:
         positive(self.length, "the length of a Distance")
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = ()
-    start: ClassVar[tuple[float, ...]] = ()
-    velocity_names: ClassVar[tuple[str, ...]] = ()
-    angular: ClassVar[tuple[bool, ...]] = ()
-    reversible: ClassVar[bool] = False
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Planar:
+class Planar(AlongAxis):
     """Two translations across ``axis``, the plane's normal, and one rotation about it.
 
     Coordinates: the displacements (m) of G from F along the first and second column of ``turn``
@@ -23,14 +23,6 @@ class Planar:
     """
 
     axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
 
     steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC, "x"), Step(at.PRISMATIC, "y"), Step(at.REVOLUTE))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)

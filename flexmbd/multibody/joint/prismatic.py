@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Prismatic:
+class Prismatic(AlongAxis):
     """One translation along ``axis``.
 
     Coordinate: the displacement (m) of G from F along the axis.
@@ -21,14 +21,6 @@ class Prismatic:
     """
 
     axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
 
     steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC),)
     start: ClassVar[tuple[float, ...]] = (0.0,)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis
+from flexmbd.rotation import Axis, z_onto
 
 FloatArray = NDArray[np.float64]
 
@@ -85,6 +85,34 @@ class Joint(Protocol):
     @property
     def reversible(self) -> bool:
         """Whether the tree may run from child to parent with the same coordinates."""
+
+
+class AlongAxis:
+    """What joints along or about one axis share; a base for frozen dataclasses.
+
+    Attributes:
+        axis: "x", "y", "z" or a vector (3,).
+    """
+
+    axis: Axis
+
+    def __post_init__(self) -> None:
+        z_onto(self.axis)  # refuses what is no axis
+
+    @property
+    def turn(self) -> FloatArray:
+        """The axis as z."""
+        return z_onto(self.axis)
+
+
+class ConstraintsAlone:
+    """What joints without coordinates share."""
+
+    steps: ClassVar[tuple[Step, ...]] = ()
+    start: ClassVar[tuple[float, ...]] = ()
+    velocity_names: ClassVar[tuple[str, ...]] = ()
+    angular: ClassVar[tuple[bool, ...]] = ()
+    reversible: ClassVar[bool] = False
 
 
 def positive(value: float, what: str) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, TOGETHER, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, TOGETHER, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Revolute:
+class Revolute(AlongAxis):
     """One rotation about ``axis``.
 
     Coordinate: the angle (rad) from F to G about the axis, right-handed.
@@ -21,14 +21,6 @@ class Revolute:
     """
 
     axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
 
     steps: ClassVar[tuple[Step, ...]] = (Step(at.REVOLUTE),)
     start: ClassVar[tuple[float, ...]] = (0.0,)

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexmbd.multibody.joint.protocol import FloatArray, Row, Step, positive
+from flexmbd.multibody.joint.protocol import ConstraintsAlone, FloatArray, Row, positive
 from flexmbd.multibody.kernels import layout as at
 
 
 @dataclass(frozen=True)
-class RollingDisc:
+class RollingDisc(ConstraintsAlone):
     """The rim of a thin disc touches the plane z = 0 of F and its touching point does not slip.
 
     The disc's centre is the origin of G and its axis z of G; it stands on the side of positive z
@@ -29,11 +29,6 @@ class RollingDisc:
         positive(self.radius, "the radius of a RollingDisc")
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = ()
-    start: ClassVar[tuple[float, ...]] = ()
-    velocity_names: ClassVar[tuple[str, ...]] = ()
-    angular: ClassVar[tuple[bool, ...]] = ()
-    reversible: ClassVar[bool] = False
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.rotation import Axis, z_onto
+from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Screw:
+class Screw(AlongAxis):
     """One rotation about ``axis`` that advances along it.
 
     Coordinate: the angle (rad) from F to G about the axis, right-handed, over any number of
@@ -29,7 +29,7 @@ class Screw:
     axis: Axis = "z"
 
     def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
+        super().__post_init__()
         if not np.isfinite(self.pitch) or self.pitch == 0.0:
             raise SceneError(f"the pitch of a screw must be finite and not 0 (that is a Revolute), got {self.pitch!r}")
 
@@ -37,11 +37,6 @@ class Screw:
     velocity_names: ClassVar[tuple[str, ...]] = ("angle",)
     angular: ClassVar[tuple[bool, ...]] = (True,)
     reversible: ClassVar[bool] = True
-
-    @property
-    def turn(self) -> FloatArray:
-        """The axis as z."""
-        return z_onto(self.axis)
 
     @property
     def steps(self) -> tuple[Step, ...]:

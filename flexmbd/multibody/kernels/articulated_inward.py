@@ -59,7 +59,8 @@ def gather_inertia(plan, work, aw, v, extra, loaded):  # noqa: PLR0915  one pass
             mass = constant[i, to.C_MASS]
             first = row3(constant, i, to.C_FIRST)
             inertia = row6(constant, i, to.C_INERTIA)
-            torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
+            if plan.tree[i, at.TURNING] == at.FREELY:
+                torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
             force = add3(force, cross3(w, cross3(w, first)))
             a = add6(a, inertia)
             b = add9(b, skew(first))

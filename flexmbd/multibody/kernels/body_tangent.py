@@ -239,10 +239,11 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     w = load3(body, at.B_W)
     G = _particle_matrix(_spin_matrix(w, load3(body, at.B_DW)), w, per_x, per_v)
     damping = flex[at.MODAL_DAMPING]
+    spins = tree[at.TURNING] != at.NEVER
     for j in range(n):
         o = flex[at.MODAL_PAIR] + 9 * n * j
         row = matrix[first + j, first : first + n]
-        for k in range(n):
+        for k in range(n if spins else 0):
             row[k] += (
                 G[0] * modal[o + k]
                 + G[1] * modal[o + n + k]

@@ -14,12 +14,11 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.column_tangent import joint_size
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces, elastic_energy
 from flexmbd.multibody.kernels.elements import elements_energy, load_elements, push_coordinates
 from flexmbd.multibody.kernels.inertia import add_rigid_wrench, flexible_inertia, rigid_second_moment
-from flexmbd.multibody.kernels.joints import joint_force
+from flexmbd.multibody.kernels.joints import joint_force, joint_size
 from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion, modal_sum
 from flexmbd.multibody.kernels.so3 import (
     add3,
@@ -52,7 +51,7 @@ def _body_momentum(plan, i, x, v, none, row, out):
     tree = plan.tree[i]
     if tree[at.FLEX] < 0:
         rigid = plan.rigid[i]
-        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), row)
+        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), at.NEVER, row)
     else:
         n = plan.flex[tree[at.FLEX], at.N_MODES]
         qx = tree[at.MODAL_X]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import joint_size
 from flexmbd.multibody.kernels.recursion import frame_motion, modal_sum
 from flexmbd.multibody.kernels.rows import column
 from flexmbd.multibody.kernels.so3 import (
@@ -130,16 +131,6 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
     store_column(tw.motion, 6, k, alpha)
     store_column(tw.motion, 9, k, rate)
     _add_column(tw, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
-
-
-@kernel
-def joint_size(kind):
-    """Number of velocities of a joint."""
-    if kind == at.FIXED:
-        return 0
-    if kind == at.SPHERICAL:
-        return 3
-    return 6 if kind == at.FREE else 1
 
 
 @part_of_kernel

@@ -26,10 +26,11 @@ def inertia_times(second, w):
 
 
 @kernel
-def add_rigid_wrench(mass, first, second, row):
+def add_rigid_wrench(mass, first, second, turning, row):
     """Write F, T = integral of rho a, rho r x a for a body that moves as a rigid one.
 
     a = a_B + dw x r + w x (w x r) (Ambrosio & Nikravesh 1992, eq. 28 without deformation).
+    ``turning`` (layout.NEVER .. FREELY) tells where w x (J w) is zero.
     """
     w = load3(row, at.B_W)
     dw = load3(row, at.B_DW)
@@ -37,12 +38,49 @@ def add_rigid_wrench(mass, first, second, row):
     force = add3(
         scale3(mass, a), add3(cross3(dw, first), cross3(w, cross3(w, first)))
     )
-    torque = add3(
-        cross3(first, a),
-        add3(inertia_times(second, dw), cross3(w, inertia_times(second, w))),
-    )
+    torque = add3(cross3(first, a), inertia_times(second, dw))
+    if turning > at.BALANCED:
+        torque = add3(torque, cross3(w, inertia_times(second, w)))
     store3(row, at.B_F, force)
     store3(row, at.B_T, torque)
+
+
+@kernel
+def unturned_inertia(plan, i, q, qdd, row, out):
+    """Write the wrench of reduced body i, whose frame never turns, and the modal forces of its inertia.
+
+    With a = a_B + Phi qdd nothing is left of the Coriolis and centrifugal terms.
+    """
+    flex = plan.flex[plan.tree[i, at.FLEX]]
+    modal = plan.modal
+    rigid = plan.rigid[i]
+    n = flex[at.N_MODES]
+    a = load3(row, at.B_A)
+    first = load3(rigid, at.FIRST_MOMENT)
+    force = scale3(rigid[at.MASS], a)
+    tx = ty = tz = 0.0
+    for j in range(n):
+        o = flex[at.MODAL_PAIR] + 9 * n * j
+        s = flex[at.MODAL_SECOND] + 9 * j
+        v1, v2, v3, v5, v6, v7 = modal[s + 1], modal[s + 2], modal[s + 3], modal[s + 5], modal[s + 6], modal[s + 7]
+        for k in range(n):
+            f = q[k]
+            v1 += modal[o + n + k] * f
+            v2 += modal[o + 2 * n + k] * f
+            v3 += modal[o + 3 * n + k] * f
+            v5 += modal[o + 5 * n + k] * f
+            v6 += modal[o + 6 * n + k] * f
+            v7 += modal[o + 7 * n + k] * f
+        c = load3(modal, flex[at.MODAL_FIRST] + 3 * j)
+        e = qdd[j]
+        first = add3(first, scale3(q[j], c))
+        force = add3(force, scale3(e, c))
+        tx += e * (v7 - v5)
+        ty += e * (v2 - v6)
+        tz += e * (v3 - v1)
+        out[j] = dot3(c, a) + e
+    store3(row, at.B_F, force)
+    store3(row, at.B_T, add3(cross3(first, a), (tx, ty, tz)))
 
 
 @kernel
@@ -145,7 +183,7 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
         # 2 phi_j . (w x Phi qd) = 2 w . sum phi_k x phi_j qd_k
         load += 2.0 * (w[0] * (u7 - u5) + w[1] * (u2 - u6) + w[2] * (u3 - u1))
         out[j] = load + e
-    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), row)
+    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), at.FREELY, row)
     coriolis = cross3(w, (vx, vy, vz))
     store3(
         row,

@@ -45,6 +45,16 @@ def joint_pose(kind, pitch, x, o):
 
 
 @kernel
+def joint_size(kind):
+    """Number of velocities of a joint."""
+    if kind == at.FIXED:
+        return 0
+    if kind == at.SPHERICAL:
+        return 3
+    return 6 if kind == at.FREE else 1
+
+
+@kernel
 def joint_motion(kind, pitch, v, o):
     """Rate of p_FG_F and w_FG_G from the joint's entries v[o:]; for accelerations alike."""
     linear = _ZERO

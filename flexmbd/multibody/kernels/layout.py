@@ -29,7 +29,13 @@ FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
 JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
-N_TREE = 10
+TURNING = 10  # how the body's frame may turn, below
+N_TREE = 11
+
+# TURNING, decided from the joints on the way from the ground.  NEVER: not at all.  BALANCED: about one axis fixed in
+# the body, on which w x (J w) is zero for a rigid body.  IN_PLANE: about one axis, where w x (J w) is across it, which
+# loads joints but moves none.  FREELY: any way, or as a flexible body, whose Coriolis forces stay in a plane as well.
+NEVER, BALANCED, IN_PLANE, FREELY = range(4)
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12

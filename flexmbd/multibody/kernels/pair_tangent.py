@@ -9,10 +9,11 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
 from flexmbd.multibody.kernels.closure import relative_motion
-from flexmbd.multibody.kernels.column_tangent import frame_columns, joint_size, store_column
+from flexmbd.multibody.kernels.column_tangent import frame_columns, store_column
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.element_variation import element_wrench_variation
 from flexmbd.multibody.kernels.elements import element_wrench
+from flexmbd.multibody.kernels.joints import joint_size
 from flexmbd.multibody.kernels.recursion import frame_motion
 from flexmbd.multibody.kernels.rows import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3

@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
     flexible_inertia,
     rigid_second_moment,
+    unturned_inertia,
 )
 from flexmbd.multibody.kernels.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
 from flexmbd.multibody.kernels.so3 import (
@@ -186,6 +187,7 @@ def ask_inertia(plan, work, x, v, a, out):
                 rigid[at.MASS],
                 load3(rigid, at.FIRST_MOMENT),
                 rigid_second_moment(rigid),
+                tree[at.TURNING],
                 work.body[i],
             )
         else:
@@ -194,7 +196,10 @@ def ask_inertia(plan, work, x, v, a, out):
             qx = tree[at.MODAL_X]
             qv = tree[at.MODAL_V]
             q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-            flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+            if tree[at.TURNING] == at.NEVER:
+                unturned_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
+            else:
+                flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
             add_elastic_forces(plan, flex, q, qd, force)
 
 

@@ -64,7 +64,7 @@ def _body_energy(plan, work, i, x, v, none, out):
     elastic = 0.0
     kinetic = 0.0
     if tree[at.FLEX] < 0:
-        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), row)
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), at.NEVER, row)
     else:
         flex = plan.flex[tree[at.FLEX]]
         n = flex[at.N_MODES]

@@ -21,10 +21,10 @@ from flexmbd.multibody.kernels.column_tangent import (
     add_products,
     frame_columns,
     joint_columns,
-    joint_size,
     load_column,
 )
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import joint_size
 from flexmbd.multibody.kernels.law_tangent import add_laws
 from flexmbd.multibody.kernels.pair_tangent import add_closures, add_elements
 from flexmbd.multibody.kernels.residual import residual
