@@ -19,7 +19,8 @@ from flexmbd.multibody.kernels.interpolation import interpolate_series
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
-from flexmbd.multibody.plan import CompiledScene, Slots, add_probe
+from flexmbd.multibody.plan import CompiledScene, add_probe
+from flexmbd.multibody.plan_numbering import Slots
 from flexmbd.multibody.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
 from flexmbd.reduced import ReducedBody
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
     from flexmbd.checkpoint import Checkpoint
     from flexmbd.event import Occurrence
-    from flexmbd.visual import StressPicture
+    from flexmbd.visual import Drawn, StressPicture
 
 FloatArray = NDArray[np.float64]
 
@@ -148,23 +149,28 @@ class Trajectory:
         v = self.v if t is None else self.motion(t)[1]
         return _single(v[:, self._slots(connection).v])
 
-    def q(self, body: FlexibleBody, *, t: float | None = None) -> FloatArray:
-        """Modal coordinates (nt, n), or (n,) interpolated at time ``t`` (s)."""
+    def q(self, body: FlexibleBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """Modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
         slots = self._modal_slots(body)
         if t is None:
             return self.x[:, slots.x]
-        return self.motion(t)[0][0, slots.x]
+        found = self.motion(t)[0][:, slots.x]
+        return found if np.ndim(t) else found[0]
 
-    def q_rate(self, body: FlexibleBody, *, t: float | None = None) -> FloatArray:
-        """Rates of the modal coordinates, (nt, n), or (n,) interpolated at time ``t`` (s)."""
+    def q_rate(self, body: FlexibleBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """Rates of the modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
         slots = self._modal_slots(body)
         if t is None:
             return self.v[:, slots.v]
-        return self.motion(t)[1][0, slots.v]
+        found = self.motion(t)[1][:, slots.v]
+        return found if np.ndim(t) else found[0]
 
-    def energy(self) -> Energy:
-        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant."""
-        return self._energy
+    def energy(self, *, t: ArrayLike | None = None) -> Energy:
+        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
+        if t is None:
+            return self._energy
+        x, v, _ = self.motion(t)
+        return self._energy_of(x, v)
 
     def drive(self, connection: Connection) -> FloatArray:
         """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
@@ -236,12 +242,16 @@ class Trajectory:
 
     def plot(
         self,
-        *series: tuple[str, ArrayLike],
+        *series: tuple[str, Drawn],
         path: str | Path | None = None,
         ylabel: str = "",
         title: str = "",
     ) -> Figure:
-        """Plot (label, values) pairs over time; without any, the energies.
+        """Plot (label, what) pairs over time; without any, the energies.
+
+        ``what`` is a joint (its coordinates), a frame (its position), a flexible body (its modal coordinates), a
+        function of times (k,) that gives values (k,) or (k, m), or values at the instants ``t``.  All but the
+        last are drawn between the steps as well, from the dense output.  Events are marked.
 
         See ``flexmbd.visual.plot_series``, also for what is raised.
         """
@@ -291,10 +301,13 @@ class Trajectory:
 
     @cached_property
     def _energy(self) -> Energy:
+        return self._energy_of(self.x, self.v)
+
+    def _energy_of(self, x: FloatArray, v: FloatArray) -> Energy:
         plan = self.scene.plan
-        out = np.zeros((len(self.t), 4))
+        out = np.zeros((len(x), 4))
         none, scratch = np.zeros((2, self.scene.nv))
-        energy_series(plan, new_work(plan), self.x, self.v, none, scratch, out)
+        energy_series(plan, new_work(plan), x, v, none, scratch, out)
         return Energy(*out.T)
 
     def _frame(self, frame: Frame, t: ArrayLike | None = None) -> FloatArray:

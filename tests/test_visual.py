@@ -182,9 +182,69 @@ def test_plot_of_energies(machine, tmp_path):
     assert [line.get_label() for line in figure.axes[0].lines] == ["kinetic", "gravitational", "total"]
 
 
+@pytest.fixture(scope="module")
+def swing():
+    """A pendulum of 1 m with a wall below its hinge, few long steps; angle from the vertical."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    bob = scene.add(fm.RigidBody(1.0, (1e-9, 1e-9, 1e-9), (0.0, 0.0, -1.0)), name="bob")
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bob.frame())
+    hinge.position = 0.02
+    wall = fm.Event(
+        lambda m: m.beta(hinge), action=lambda m: m.set_rate(hinge, -0.5 * m.beta_rate(hinge)), name="wall"
+    )
+    return scene.simulate(2.0, rtol=1e-6, events=[wall], integrator=fm.RadauIIA()), bob, hinge
+
+
+def test_curves_are_drawn_between_the_steps(swing, tmp_path):
+    """By closed form, cos and its halves: a straight line between the steps would be far off."""
+    run, bob, hinge = swing
+    figure = run.plot(
+        ("angle", hinge), ("bob", bob.frame((0.0, 0.0, -1.0))), ("rate", lambda t: run.beta_rate(hinge, t=t)),
+        ("twice", lambda t: 2.0 * np.stack([t, t], axis=1)), path=tmp_path / "a.png",
+    )  # fmt: skip
+    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    omega = np.sqrt(9.81)
+    quarter, half = 0.5 * np.pi / omega, np.pi / omega
+    t, angle = lines["angle"].get_data()
+    assert len(run.t) < 60 < 1000 < len(t)
+    size = np.array([1.0, 0.5, 0.25, 0.125])[np.floor((t + quarter) / half).astype(int)]
+    exact = 0.02 * size * np.abs(np.cos(omega * t))
+    np.testing.assert_allclose(angle, exact, atol=2e-5)  # of the period's growth with the amplitude
+    assert np.abs(np.interp(t, run.t, run.beta(hinge)) - exact).max() > 3e-4
+    np.testing.assert_array_equal(angle, run.beta(hinge, t=t))
+    np.testing.assert_allclose(lines["bob x"].get_ydata(), -np.sin(angle), atol=1e-12)
+    np.testing.assert_array_equal(lines["twice [1]"].get_ydata(), 2.0 * t)
+
+
+def test_events_are_marked(swing, tmp_path):
+    """And a rate that jumps there is drawn with both its values."""
+    run, _, hinge = swing
+    figure = run.plot(("rate", lambda t: run.beta_rate(hinge, t=t)), path=tmp_path / "a.png")
+    rate, *marks = figure.axes[0].lines
+    assert [line.get_xdata()[0] for line in marks] == [e.t for e in run.events]
+    assert len(marks) == 2
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["rate", "wall"]
+    for event in run.events:
+        found = np.abs(rate.get_xdata() - event.t) < 1e-12
+        before, after = rate.get_ydata()[found]
+        assert after == pytest.approx(-0.5 * before, rel=1e-9)
+
+
+def test_energies_are_drawn_between_the_steps(swing, tmp_path):
+    run, _, _ = swing
+    figure = run.plot(path=tmp_path / "a.png")
+    t, kinetic = figure.axes[0].lines[0].get_data()
+    assert len(t) > 1000
+    np.testing.assert_allclose(kinetic, run.energy(t=t).kinetic)
+    np.testing.assert_allclose(kinetic, 0.5 * run.beta_rate(swing[2], t=t) ** 2, rtol=1e-6)
+    np.testing.assert_allclose(run.energy(t=run.t[1:3]).total, run.energy().total[1:3], rtol=1e-12)
+
+
 def test_bad_plots_are_refused(machine, tmp_path):
     with pytest.raises(PictureError, match=r"'short' has shape \(3,\)"):
         machine.plot(("short", np.zeros(3)))
+    with pytest.raises(PictureError, match=r"'short' has shape \(3,\).*times it was asked at"):
+        machine.plot(("short", lambda t: np.zeros(3)))
     with pytest.raises(PictureError, match=r"\.pdf or \.png or \.svg"):
         machine.plot(path=tmp_path / "plot.jpeg")
     assert not list(tmp_path.iterdir())
