@@ -1,0 +1,86 @@
+"""The code in the documents on the machine runs as it stands, block after block of a page, and does what it says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = ("simulation", "machine", "joints", "forces", "integrators")
+
+
+def blocks(page):
+    """The python blocks of a page, each padded so that an error tells the page's own line."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    found = re.finditer(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return ["\n" * (text[: m.start(1)].count("\n")) + m.group(1) for m in found]
+
+
+def run(page, folder, monkeypatch, **names):
+    """The names that the page's blocks leave."""
+    monkeypatch.chdir(folder)
+    for block in blocks(page):
+        exec(compile(block, str(DOCS / f"{page}.md"), "exec"), names)
+    return names
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_all_code_is_in_blocks_that_are_run(page):
+    """No code hides in an indented paragraph, where nothing would run it."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    indented = [line for line in prose.splitlines() if re.match(r"    .*(?:\w\(.*\)|^    \w+ = )", line)]
+    assert indented == []
+    assert len(re.findall(r"^```(?!python$)\w+$", text, re.MULTILINE)) == 0
+    assert blocks(page)
+
+
+def test_simulation(tmp_path, monkeypatch):
+    """A ball that falls 0.9 m and keeps 0.8 of its speed."""
+    found = run("simulation", tmp_path, monkeypatch)
+    first = np.sqrt(2.0 * 0.9 / 9.81)
+    gaps = 2.0 * first * 0.8 ** np.arange(1, 3)
+    assert [name for name, _ in found["impacts"]] == ["ground"] * 3
+    np.testing.assert_allclose([t for _, t in found["impacts"]], first + np.cumsum([0.0, *gaps]), rtol=1e-6)
+    np.testing.assert_array_equal(found["rest"].x[-1], found["whole"].x[-1])
+    assert (tmp_path / "drop.png").exists()
+
+
+def test_machine(tmp_path, monkeypatch):
+    """A rod on a hinge, 0.144 kg m^2 about it, horizontal."""
+    found = run("machine", tmp_path, monkeypatch)
+    inertia = 0.036 + 1.2 * 0.3**2
+    assert found["a"] == pytest.approx([-1.2 * 9.81 * 0.3 / inertia])
+    assert found["inverse"][0, 0] == pytest.approx(1.0 / inertia)
+    assert found["matrix"][0, 0] == pytest.approx(100.0 * inertia)  # no torque changes with a level rod's angle
+
+
+def test_joints(tmp_path, monkeypatch):
+    """Wheel and bar fall as one: the bar's weight at 0.1 m, on 0.02 kg m^2 and the bar's own."""
+    found = run("joints", tmp_path, monkeypatch)
+    motion = found["run"]
+    rate = 3.0 - 0.5 * 9.81 * 0.1 / (0.02 + 0.5 * 0.1**2) * motion.t
+    np.testing.assert_allclose(motion.beta_rate(found["axle"]), rate, rtol=1e-7)
+    np.testing.assert_allclose(motion.beta_rate(found["guide"]), 0.1 * rate, rtol=1e-7)
+    assert found["bearing"].shape == (len(motion.t), 3)
+
+
+def test_forces(tmp_path, monkeypatch):
+    """At the start, at rest: the spring gives 25 * 0.1, the governor 2 * 30."""
+    found = run("forces", tmp_path, monkeypatch)
+    assert found["sum_of_all"] == pytest.approx([-62.5], rel=1e-12)
+
+
+def test_integrators(tmp_path, monkeypatch):
+    """The page's scene is any; here a pendulum of small swing."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    bob = scene.add(fm.RigidBody(1.0, (1e-9, 1e-9, 1e-9), (0.0, 0.0, -1.0)))
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bob.frame())
+    hinge.position = 1e-3
+    found = run("integrators", tmp_path, monkeypatch, fm=fm, scene=scene)
+    np.testing.assert_allclose(found["run"].beta(hinge), 1e-3 * np.cos(np.sqrt(9.81) * found["run"].t), atol=1e-8)
