@@ -42,25 +42,25 @@ TIP = {10: (-1.76473832079, -0.92720286516), 50: (7.53368009933, -4.90499985199)
 @njit(error_model="numpy", nogil=True)
 def repeat(count, plan, work, aw, x, v, a, nothing):
     for _ in range(count):
-        forward_dynamics(plan, work, aw, x, v, a, nothing, nothing)
+        forward_dynamics(plan, work, aw, x, v, a, nothing)
 
 
 @njit(error_model="numpy", nogil=True)
 def runge_kutta(steps, h, plan, work, aw, x, v, xs, vs, k, nothing):
     for _ in range(steps):
-        forward_dynamics(plan, work, aw, x, v, k[0], nothing, nothing)
+        forward_dynamics(plan, work, aw, x, v, k[0], nothing)
         for i in range(x.shape[0]):
             xs[i] = x[i] + 0.5 * h * v[i]
             vs[i] = v[i] + 0.5 * h * k[0, i]
-        forward_dynamics(plan, work, aw, xs, vs, k[1], nothing, nothing)
+        forward_dynamics(plan, work, aw, xs, vs, k[1], nothing)
         for i in range(x.shape[0]):
             xs[i] = x[i] + 0.5 * h * vs[i]
             vs[i] = v[i] + 0.5 * h * k[1, i]
-        forward_dynamics(plan, work, aw, xs, vs, k[2], nothing, nothing)
+        forward_dynamics(plan, work, aw, xs, vs, k[2], nothing)
         for i in range(x.shape[0]):
             xs[i] = x[i] + h * vs[i]
             vs[i] = v[i] + h * k[2, i]
-        forward_dynamics(plan, work, aw, xs, vs, k[3], nothing, nothing)
+        forward_dynamics(plan, work, aw, xs, vs, k[3], nothing)
         for i in range(x.shape[0]):
             x[i] += h * v[i] + h * h / 6.0 * (k[0, i] + k[1, i] + k[2, i])
             v[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])

@@ -96,7 +96,6 @@ class Scratch(NamedTuple):
     error_v: FloatArray
     driven: FloatArray
     driving: FloatArray
-    extra: FloatArray
     pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
 
@@ -143,7 +142,6 @@ def new_scratch(plan: Plan, nx: int, nv: int, weight: FloatArray) -> Scratch:
         error_v=zeros(nv),
         driven=zeros((len(plan.driven), 3)),
         driving=zeros(nv),
-        extra=zeros(0),
         pivot=zeros(max(1, n), np.int32),
         sizes=zeros(4, np.int32),
     )
@@ -165,7 +163,7 @@ def _velocities(plan, work, aw, loops, s):
     if plan.rows.shape[0] > 0:
         factor_end(plan, work, aw, loops, s)
     else:
-        articulate(plan, work, aw, s.x_end, s.extra)
+        articulate(plan, work, aw, s.x_end)
     for k in range(p.shape[0]):
         s.right[0, k] = p[k]
     if plan.driven.shape[0] > 0:

@@ -53,7 +53,7 @@ class Loops(NamedTuple):
     order: (m,) its pivots.  scale: (m,) the largest norms that the rows of C had at a step's end, in the
     metric of M^-1.  usual: (1,) the largest that the smallest pivot was there.  norm: (m,) norms at hand.
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
-    move: (nv,) correction.  rank: (1,) of the factors.  none: (m,) zeros.  nothing: (0,).
+    move: (nv,) correction.  rank: (1,) of the factors.  none: (m,) zeros.
     """
 
     jacobian: FloatArray
@@ -71,7 +71,6 @@ class Loops(NamedTuple):
     move: FloatArray
     rank: IntArray
     none: FloatArray
-    nothing: FloatArray
 
 
 def new_loops(plan: Plan, state: st.State) -> Loops:
@@ -94,7 +93,6 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
         move=zeros(nv),
         rank=zeros(1, np.int64),
         none=zeros(m),
-        nothing=zeros(0),
     )
 
 
@@ -142,7 +140,7 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
 
     Reads from ``loops.usual`` how large rows and pivots are away from singular positions.
     """
-    forward_dynamics(plan, work, aw, x, v, a, loops.none, loops.nothing)
+    forward_dynamics(plan, work, aw, x, v, a, loops.none)
     m = plan.rows.shape[0]
     if m == 0:
         return

@@ -19,8 +19,8 @@ from flexmbd.multibody.kernels.recursion import forward
 
 
 @kernel
-def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
-    """Write the accelerations ``a`` (nv,) of the tree at (x, v): (M + diag(extra)) a = applied - bias - C^T nu.
+def forward_dynamics(plan, work, aw, x, v, a, multipliers):
+    """Write the accelerations ``a`` (nv,) of the tree at (x, v): M a = applied - bias - C^T nu.
 
     ``work.time`` must be up to date; prescribed coordinates must stand in x and v (``residual.drive``),
     their accelerations are taken from there.  Leaves the factors for ``solve_mass``.
@@ -33,7 +33,6 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
         v: (nv,) velocity.
         a: (nv,) output.
         multipliers: (m,) of the loops' rows (N or N m).
-        extra: (nv,) added to the mass matrix's diagonal, or (0,) for nothing.
     """
     asked = aw.asked
     for k in range(asked.shape[0]):
@@ -41,8 +40,8 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers, extra):
     for i in range(plan.driven.shape[0]):
         a[plan.driven[i, at.DRIVEN_V]] = work.time[plan.driven[i, at.DRIVEN_TIME], 2]
     loaded = _ask_loads(plan, work, aw, x, v, multipliers)
-    move(plan, aw, x, v, a, extra)
-    gather_inertia(plan, work, aw, v, extra, loaded)
+    move(plan, aw, x, v, a)
+    gather_inertia(plan, work, aw, v, loaded)
     start = (-plan.gravity[0], -plan.gravity[1], -plan.gravity[2])
     accelerate(plan, aw, start, v, 1.0, a)
 
@@ -73,12 +72,12 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
 
 
 @kernel
-def articulate(plan, work, aw, x, extra):
-    """Factor M(x) + diag(extra) for ``solve_mass``; arguments as for ``forward_dynamics``."""
+def articulate(plan, work, aw, x):
+    """Factor M(x) for ``solve_mass``; arguments as for ``forward_dynamics``."""
     for k in range(aw.asked.shape[0]):
         aw.asked[k] = 0.0
-    move(plan, aw, x, aw.rest, aw.rest, extra)
-    gather_inertia(plan, work, aw, aw.rest, extra, False)
+    move(plan, aw, x, aw.rest, aw.rest)
+    gather_inertia(plan, work, aw, aw.rest, False)
 
 
 @kernel

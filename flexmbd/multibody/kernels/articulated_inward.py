@@ -8,7 +8,7 @@ from flexmbd.multibody.kernels.articulated_flexible import eliminate_modes, moda
 from flexmbd.multibody.kernels.articulated_hinge import pass_hinge
 from flexmbd.multibody.kernels.articulated_several import pass_several, yield_several
 from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
-from flexmbd.multibody.kernels.so3 import add3, cross3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.spatial import (
     add6,
     add9,
@@ -38,7 +38,7 @@ _ZERO9 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @part_of_kernel
-def gather_inertia(plan, work, aw, v, extra, loaded):  # noqa: PLR0915  one pass
+def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
     """Articulated inertia and asked wrench of all bodies, inwards.
 
     What body i + 1 asks of its parent i stays in registers; the others add theirs in memory.
@@ -47,7 +47,6 @@ def gather_inertia(plan, work, aw, v, extra, loaded):  # noqa: PLR0915  one pass
     constant = aw.constant
     row = aw.row
     asked = aw.asked
-    plain = extra.shape[0] == 0
     a = _ZERO6
     b = _ZERO9
     m = _ZERO6
@@ -67,7 +66,7 @@ def gather_inertia(plan, work, aw, v, extra, loaded):  # noqa: PLR0915  one pass
             m = (m[0] + mass, m[1], m[2], m[3] + mass, m[4], m[5] + mass)
         if loaded:
             torque, force = _add_load(work, aw, i, torque, force)
-        if plain and link[i, to.FORM] == to.PLAIN:
+        if link[i, to.FORM] == to.PLAIN:
             o = link[i, to.JOINT_V]
             over = 1.0 / a[5]
             left = -asked[o] - torque[2]
@@ -91,7 +90,7 @@ def gather_inertia(plan, work, aw, v, extra, loaded):  # noqa: PLR0915  one pass
             )
             kept = False
         else:
-            a, b, m, torque, force = _yield_body(plan, aw, i, a, b, m, torque, force, extra)
+            a, b, m, torque, force = _yield_body(plan, aw, i, a, b, m, torque, force)
             kept = link[i, to.INTERFACE] >= 0
             if kept:
                 slot = link[i, to.INTERFACE]
@@ -130,7 +129,7 @@ def _add_load(work, aw, i, torque, force):
 
 
 @part_of_kernel
-def _yield_body(plan, aw, i, a, b, m, torque, force, extra):  # noqa: PLR0915  one step
+def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
     """The step inwards for any form: what body i passes on, about its parent's origin or deforming frame."""
     link = aw.link
     row = aw.row
@@ -141,8 +140,13 @@ def _yield_body(plan, aw, i, a, b, m, torque, force, extra):  # noqa: PLR0915  o
     force = add3(force, row3(aw.gathered, i, to.G_FORCE))
     if link[i, to.FLEX] >= 0:
         a, b, m, torque, force = _reduce_body(plan, aw, i, a, b, m, torque, force)
+    r = row3(aw.pose, i, to.P_P)
+    if link[i, to.INTERFACE] >= 0:
+        mass = m[0] + m[3] + m[5]
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE] = a[0] + a[3] + a[5] + mass * dot3(r, r)
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
     if link[i, to.FORM] == to.SEVERAL:
-        a, b, m, torque, force = yield_several(aw, link[i], a, b, m, torque, force, extra)
+        a, b, m, torque, force = yield_several(aw, link[i], a, b, m, torque, force)
     else:
         spin = aw.constant[i, to.C_TURN]
         slide = aw.constant[i, to.C_SHIFT]
@@ -157,10 +161,7 @@ def _yield_body(plan, aw, i, a, b, m, torque, force, extra):  # noqa: PLR0915  o
         over = 0.0  # a coordinate that does not yield
         left = 0.0
         if link[i, to.FREEDOMS] > 0:
-            over = spin * u[2] + slide * u[5]
-            if extra.shape[0] > 0:
-                over += extra[link[i, to.JOINT_V]]
-            over = 1.0 / over
+            over = 1.0 / (spin * u[2] + slide * u[5])
             left = -aw.asked[link[i, to.JOINT_V]] - spin * torque[2] - slide * force[2]
         put6(row, i, to.R_U, u)
         row[i, to.R_D] = over
@@ -188,7 +189,6 @@ def _yield_body(plan, aw, i, a, b, m, torque, force, extra):  # noqa: PLR0915  o
         m = rotate_symmetric(R_AG, m)
         torque = rotate(R_AG, torque)
         force = rotate(R_AG, force)
-    r = row3(aw.pose, i, to.P_P)
     shifted = shift_block(r, b, m)
     return shift_symmetric(r, a, b, shifted), shifted, m, shift_torque(r, torque, force), force
 

@@ -61,9 +61,12 @@ B_INERTIA, B_FIRST, B_TORQUE, B_FORCE, N_BODY = 0, 6, 9, 12, 15
 
 # Columns of ArticulatedWork.interface: pose of the deformed frame in B, the matrix that takes the rate of its
 # rotation vector to its angular velocity, its acceleration in B that needs no other (angular, linear), what the child
-# asks there (inertia, wrench; in B's axes about the frame), the acceleration of the frame.
+# asks there (inertia, wrench; in B's axes about the frame), the acceleration of the frame; size of the inertia's
+# rotation and translation blocks before the joint yields, of which round-off is a share.
 I_P, I_R, I_TURN, I_BIAS_ANGULAR, I_BIAS_LINEAR = 0, 3, 12, 21, 24
-I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, N_INTERFACE = 27, 33, 42, 48, 51, 54, 57, 60
+I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
+    27, 33, 42, 48, 51, 54, 57, 60, 62,
+)  # fmt: skip
 
 
 class ArticulatedWork(NamedTuple):
@@ -74,9 +77,10 @@ class ArticulatedWork(NamedTuple):
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
     pairs: for each flexible body (1 + n, 9, n), the symmetric parts and the skew parts' vectors of its modes' first
     moments with x and with each mode.  table (f, 15, n): the same of the deformed body, see N_TABLE.
-    weight, bias, ask (f, n): inverse modal mass without children; modal forces that the motion asks for; scratch.
-    response, stiff (f, 6 c, 6), compliance, yielding (f, 6 c, 6 c), load (f, 3, 6 c), system (6 c, 12 c + 6):
-    elimination of modes that carry children.
+    bias, ask (f, n): modal forces that the motion asks for; scratch.
+    root, turned, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children on c frames
+    that deform, see ``articulated_interface``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S; scratch.
+    rest6: (6, 6) scratch.
     asked: (nv,) generalised forces asked by elements and joint forces.  rest: (nv,) zeros.
     """
 
@@ -94,15 +98,16 @@ class ArticulatedWork(NamedTuple):
     interface_frame: IntArray
     pairs: FloatArray
     table: FloatArray
-    weight: FloatArray
     bias: FloatArray
     ask: FloatArray
+    root: FloatArray
+    turned: FloatArray
+    coupled: FloatArray
     response: FloatArray
-    stiff: FloatArray
-    compliance: FloatArray
-    yielding: FloatArray
+    mobility: FloatArray
+    schur: FloatArray
     load: FloatArray
-    system: FloatArray
+    rest6: FloatArray
     asked: FloatArray
     rest: FloatArray
 
@@ -146,7 +151,8 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         ]  # fmt: skip
     modes = int(flex[:, F_MODES].max(initial=0))
     pairs, table = _modal_moments(plan, flex, modes)
-    wide = 6 * int(flex[:, F_COUNT].max(initial=0))
+    coupled, mobility = _frame_moments(plan, flex, interface_frames, table)
+    wide = mobility.shape[1]
     nv = len(plan.free) + len(plan.driven)
     zeros = np.zeros
     return ArticulatedWork(
@@ -164,15 +170,16 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         interface_frame=np.array(interface_frames, np.int64),
         pairs=pairs,
         table=table,
-        weight=zeros((len(flex), modes)),
         bias=zeros((len(flex), modes)),
         ask=zeros((len(flex), modes)),
+        root=zeros((len(flex), wide, 6)),
+        turned=zeros((len(flex), wide, 6)),
+        coupled=coupled,
         response=zeros((len(flex), wide, 6)),
-        stiff=zeros((len(flex), wide, 6)),
-        compliance=zeros((len(flex), wide, wide)),
-        yielding=zeros((len(flex), wide, wide)),
+        mobility=mobility,
+        schur=zeros((len(flex), wide, wide)),
         load=zeros((len(flex), 3, wide)),
-        system=zeros((wide, 2 * wide + 6)),
+        rest6=zeros((6, 6)),
         asked=zeros(nv),
         rest=zeros(nv),
     )
@@ -209,6 +216,22 @@ def _modal_moments(plan: Plan, flex: IntArray, modes: int) -> tuple[FloatArray, 
         for moments in (of_x, *of_modes):
             blocks.append(np.concatenate([_symmetric_part(moments), _skew_vector(moments)]).ravel())
     return np.concatenate(blocks), table
+
+
+def _frame_moments(
+    plan: Plan, flex: IntArray, frames: list[int], table: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """ArticulatedWork.coupled, its columns of translation, and ArticulatedWork.mobility."""
+    wide = 6 * int(flex[:, F_COUNT].max(initial=0))
+    coupled, mobility = np.zeros((len(flex), wide, 6)), np.zeros((len(flex), wide, wide))
+    for k, row in enumerate(flex):
+        n, first, size = int(row[F_MODES]), int(row[F_FIRST]), 6 * int(row[F_COUNT])
+        offsets = [int(plan.frame_of[f, at.FRAME_MODES]) for f in frames[first : first + row[F_COUNT]]]
+        modes = [plan.modal[o : o + 6 * n].reshape(2, 3, n)[::-1].reshape(6, n) for o in offsets]
+        motion = np.concatenate([np.zeros((0, n)), *modes])
+        coupled[k, :size, 3:] = motion @ table[k, T_COUPLING + 3 : T_COUPLING + 6, :n].T
+        mobility[k, :size, :size] = motion @ motion.T
+    return coupled, mobility
 
 
 def _symmetric_part(moments: FloatArray) -> FloatArray:

@@ -165,23 +165,19 @@ def elastic_forces(modal, flex, q, qd, scratch, out):
 
 
 @summing_kernel
-def modes_schur(coupling, weight, n):
-    """C W C^T: blocks (xx .. zz) of rotation, (9) of rotation by translation, (xx .. zz) of translation."""
+def modes_schur(coupling, n):
+    """C C^T: blocks (xx .. zz) of rotation, (9) of rotation by translation, (xx .. zz) of translation."""
     a0 = a1 = a2 = a3 = a4 = a5 = 0.0
-    for j in range(n):
-        x, y, z = coupling[0, j], coupling[1, j], coupling[2, j]
-        s = weight[j]
-        a0 += s * x * x
-        a1 += s * x * y
-        a2 += s * x * z
-        a3 += s * y * y
-        a4 += s * y * z
-        a5 += s * z * z
     b0 = b1 = b2 = b3 = b4 = b5 = b6 = b7 = b8 = 0.0
     for j in range(n):
-        s = weight[j]
-        x, y, z = s * coupling[0, j], s * coupling[1, j], s * coupling[2, j]
+        x, y, z = coupling[0, j], coupling[1, j], coupling[2, j]
         u, v, w = coupling[3, j], coupling[4, j], coupling[5, j]
+        a0 += x * x
+        a1 += x * y
+        a2 += x * z
+        a3 += y * y
+        a4 += y * z
+        a5 += z * z
         b0 += x * u
         b1 += x * v
         b2 += x * w
@@ -194,22 +190,21 @@ def modes_schur(coupling, weight, n):
     m0 = m1 = m2 = m3 = m4 = m5 = 0.0
     for j in range(n):
         x, y, z = coupling[3, j], coupling[4, j], coupling[5, j]
-        s = weight[j]
-        m0 += s * x * x
-        m1 += s * x * y
-        m2 += s * x * z
-        m3 += s * y * y
-        m4 += s * y * z
-        m5 += s * z * z
+        m0 += x * x
+        m1 += x * y
+        m2 += x * z
+        m3 += y * y
+        m4 += y * z
+        m5 += z * z
     return (a0, a1, a2, a3, a4, a5), (b0, b1, b2, b3, b4, b5, b6, b7, b8), (m0, m1, m2, m3, m4, m5)
 
 
 @summing_kernel
-def modes_wrench(coupling, weight, bias, n):
-    """-C W bias: torque and force."""
+def modes_wrench(coupling, bias, n):
+    """-C bias: torque and force."""
     t0 = t1 = t2 = f0 = f1 = f2 = 0.0
     for j in range(n):
-        s = weight[j] * bias[j]
+        s = bias[j]
         t0 -= coupling[0, j] * s
         t1 -= coupling[1, j] * s
         t2 -= coupling[2, j] * s
@@ -266,33 +261,13 @@ def frame_sums(modal, o, n, q):
 
 
 @summing_kernel
-def six_sums(modal, o, weight, rows, n):
-    """Sums of modal[o + j] weight[j] rows[i, j] over the modes j, for six rows i."""
+def three_sums(modal, o, rows, n):
+    """Sums of modal[o + j] rows[i, j] over the modes j, for three rows i."""
     row = modal[o : o + n]
-    t0 = t1 = t2 = t3 = t4 = t5 = 0.0
+    t0 = t1 = t2 = 0.0
     for j in range(n):
-        s = row[j] * weight[j]
+        s = row[j]
         t0 += s * rows[0, j]
         t1 += s * rows[1, j]
         t2 += s * rows[2, j]
-        t3 += s * rows[3, j]
-        t4 += s * rows[4, j]
-        t5 += s * rows[5, j]
-    return t0, t1, t2, t3, t4, t5
-
-
-@summing_kernel
-def six_mode_sums(modal, o, weight, other, n):
-    """Sums of modal[o + j] weight[j] times the six mode rows at ``other``, translations first."""
-    row = modal[o : o + n]
-    rows = modal[other : other + 6 * n].reshape((6, n))
-    t0 = t1 = t2 = t3 = t4 = t5 = 0.0
-    for j in range(n):
-        s = row[j] * weight[j]
-        t0 += s * rows[0, j]
-        t1 += s * rows[1, j]
-        t2 += s * rows[2, j]
-        t3 += s * rows[3, j]
-        t4 += s * rows[4, j]
-        t5 += s * rows[5, j]
-    return t0, t1, t2, t3, t4, t5
+    return t0, t1, t2

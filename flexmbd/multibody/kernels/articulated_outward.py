@@ -15,12 +15,11 @@ from flexmbd.multibody.kernels.spatial import put3, put9, row3, row6, row9, turn
 
 
 @part_of_kernel
-def move(plan, aw, x, v, a, extra):
+def move(plan, aw, x, v, a):
     """Velocities and bias accelerations of all bodies, outwards."""
     link = aw.link
     constant = aw.constant
     row = aw.row
-    plain = extra.shape[0] == 0
     w = (0.0, 0.0, 0.0)
     for i in range(link.shape[0]):
         parent = link[i, to.PARENT]
@@ -28,7 +27,7 @@ def move(plan, aw, x, v, a, extra):
             w = (0.0, 0.0, 0.0)
         elif parent != i - 1:
             w = row3(row, parent, to.R_SPIN)
-        if plain and link[i, to.FORM] == to.PLAIN:
+        if link[i, to.FORM] == to.PLAIN:
             angle = x[link[i, to.JOINT_X]]
             c = math.cos(angle)
             s = math.sin(angle)
@@ -40,11 +39,11 @@ def move(plan, aw, x, v, a, extra):
             put3(row, i, to.R_SPIN, w)
             put3(row, i, to.R_BIAS, bias)
         else:
-            w = _move_body(plan, aw, i, x, v, a, extra, w)
+            w = _move_body(plan, aw, i, x, v, a, w)
 
 
 @part_of_kernel
-def _move_body(plan, aw, i, x, v, a, extra, w):  # noqa: PLR0915  one step
+def _move_body(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
     """The step outwards for any form: return the body's angular velocity in its frame of reference."""
     link = aw.link
     constant = aw.constant
@@ -99,7 +98,7 @@ def _move_body(plan, aw, i, x, v, a, extra, w):  # noqa: PLR0915  one step
         w = rotate(row9(aw.axes, i, to.X_OWN_R), w)
         own = row3(aw.axes, i, to.X_OWN_P)
         put3(pose, i, to.P_OWN_BIAS, scale3(-1.0, cross3(w, cross3(w, own))))
-        prepare_body(plan, aw, link[i, to.FLEX], x, v, w, extra)
+        prepare_body(plan, aw, link[i, to.FLEX], x, v, w)
     put3(row, i, to.R_SPIN, w)
     for k in range(to.N_GATHERED):
         aw.gathered[i, k] = 0.0

@@ -1,7 +1,7 @@
 """Joints of several coordinates, spherical and free ones, in the articulated-body recursion.
 
 With S the motion of G per unit of each velocity, I the articulated inertia of the child and
-D = S^T I S + extra = L L^T: of inertia and wrench the joint passes on what does not move it.
+D = S^T I S = L L^T: of inertia and wrench the joint passes on what does not move it.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ def set_subspace(S, freedoms, R_FG):
 
 
 @inner_kernel
-def yield_several(aw, link, a, b, m, torque, force, extra):
+def yield_several(aw, link, a, b, m, torque, force):
     """Eliminate a joint of several coordinates: what it passes on of inertia and asked wrench.
 
-    D = S^T I S + extra = L L^T; Q = L^-1 S^T I takes the place of U^T.
+    D = S^T I S = L L^T; Q = L^-1 S^T I takes the place of U^T.
     """
     S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
     left = aw.force[link[to.MULTI]]
@@ -54,8 +54,6 @@ def yield_several(aw, link, a, b, m, torque, force, extra):
             for i in range(6):
                 t += S[i, j] * Q[k, i]
             D[j, k] = t
-        if extra.shape[0] > 0:
-            D[j, j] += extra[o + j]
     for j in range(n):
         for k in range(j + 1):
             t = D[j, k]
