@@ -22,7 +22,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.initial import Start, consistent_start, placing_joints
+from flexmbd.multibody.initial import Start, consistent_start
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce
@@ -190,16 +190,9 @@ class System:
         evaluate_inputs(scene, work, t)
         x, v = scene.start.copy(), np.zeros(scene.nv)
         held_x, held_v = np.zeros((2, scene.nv), bool)
-        placing = placing_joints(scene).values()
         for connection in self._connections:
             slots = scene.joint_slots.get(id(connection))
             if slots is None:
-                given = [k for k in ("position", "velocity") if getattr(connection, k) is not None]
-                if given and not any(connection is c for c in placing):
-                    raise SceneError(
-                        f"joint {connection.name!r} closes a loop and has no {given[0]} to set; "
-                        "set those of the joints along the tree"
-                    )
                 continue
             if connection.position is not None:
                 x[slots.x] = connection.position

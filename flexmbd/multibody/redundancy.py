@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.initial import constraint_jacobian
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.scene_matrices import constraint_jacobian
 
 FloatArray = NDArray[np.float64]
 

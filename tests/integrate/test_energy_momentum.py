@@ -10,8 +10,8 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.integrate.energy_momentum import ORDER
-from flexmbd.multibody.initial import mass_matrix
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.scene_matrices import mass_matrix
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import slider_crank, slider_position

@@ -11,11 +11,11 @@ from test_recursion import GRAVITY, mixed_scene
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, SimulationError
-from flexmbd.multibody.initial import constraint_jacobian
 from flexmbd.multibody.kane import Kinematics, active_forces, elastic_forces, inertia_forces
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.residual import residual
+from flexmbd.multibody.scene_matrices import constraint_jacobian
 
 
 def moving(compiled, seed):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from machines import slider_crank
 
-from flexmbd.multibody.initial import constraint_jacobian
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.scene_matrices import constraint_jacobian
 
 
 def test_the_smallest_multipliers_move_the_machine_alike():

@@ -379,15 +379,6 @@ def test_an_overconstrained_loop_that_misses_by_a_nanometre():
     assert np.abs(x - slider_position(run.beta(j1))).max() < 1e-9
 
 
-def test_a_position_or_velocity_on_the_joint_that_closes_a_loop():
-    for what in ("position", "velocity"):
-        scene, _, _ = slider_crank()
-        scene._connections[-1].way = fm.Way.CONSTRAINTS
-        setattr(scene._connections[-1], what, 0.3)
-        with pytest.raises(SceneError, match="'guide' closes a loop and has no"):
-            scene.start()
-
-
 def test_a_compiled_function_that_is_not_finite_at_the_start():
     scene, _, hinge = wheel()
     scene.add_force(fm.force.JointTorque(hinge, fm.compiled(lambda t: 1.0 / t)))

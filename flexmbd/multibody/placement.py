@@ -1,0 +1,102 @@
+"""Where bodies that only constraints hold start: as one of their joints says."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.joint.protocol import ALIGNED
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.kernels.recursion import forward, frame_motion
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.pose import joint_state
+from flexmbd.rotation import to_quaternion
+
+FloatArray = NDArray[np.float64]
+
+
+def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
+    """The joint that says where each body that only constraints hold starts, by the body's row.
+
+    Of the joints that lead to bodies placed before, it is the first whose position or velocity the
+    user set, else the first that has coordinates, else the first.
+    """
+    found: dict[int, Connection] = {}
+    for branch in scene.topology.branches:
+        if branch.connection is not None:
+            continue
+        row = scene.body_row[id(branch.outer.body)]
+        candidates: list[tuple[int, int, Connection]] = []
+        for c in scene.topology.closures:
+            ends = (scene.body_row[id(c.parent.body)], scene.body_row[id(c.child.body)])
+            if row in ends and min(ends) < row == max(ends):
+                unset = c.position is None and c.velocity is None
+                candidates.append((2 * unset + (not c.joint.steps), len(candidates), c))
+        if candidates:
+            found[row] = min(candidates)[2]
+    return found
+
+
+def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> None:
+    """Put each body that only constraints hold where its placing joint wants it, moving as that says."""
+    plan, zero = scene.plan, np.zeros(scene.nv)
+    for row, connection in placing_joints(scene).items():
+        forward(plan, work, x, v, zero)
+        ox, ov = int(plan.tree[row, at.JOINT_X]), int(plan.tree[row, at.JOINT_V])
+        flies = scene.body_row[id(connection.child.body)] == row
+        x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
+
+
+def _state_by_joint(
+    scene: CompiledScene, work: Work, connection: Connection, *, flies: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (7,) and velocities (6,) of the flying body that put G against F as the joint says.
+
+    ``flies``: the flying body carries G; else it carries F.
+    """
+    joint = connection.joint
+    position = np.array(joint.start) if connection.position is None else connection.position
+    rest = np.zeros(len(joint.velocity_names))
+    p, R, rate, spin = joint_state(joint, position, rest if connection.velocity is None else connection.velocity)
+    f, g = scene.closure_frames[id(connection)]
+    p_held, R_held, v_held, w_held = _world_motion(scene, work, f if flies else g)
+    R_WF = R_held if flies else R_held @ R.T
+    p, rate, spin = R_WF @ p, R_WF @ rate, R_WF @ spin
+    if flies:
+        R_W, p_W, w = R_held @ R, p_held + p, w_held + spin
+        velocity = v_held + np.cross(w_held, p) + rate
+    else:
+        R_W, p_W, w = R_WF, p_held - p, w_held - spin
+        velocity = v_held - np.cross(w, p) - rate
+    frame = work.frame[g if flies else f]
+    R_WB = R_W @ frame[at.F_R : at.F_R + 9].reshape(3, 3).T
+    arm = R_WB @ frame[at.F_P : at.F_P + 3]
+    x = np.concatenate([p_W - arm, to_quaternion(R_WB)])
+    return x, np.concatenate([velocity - np.cross(w, arm), R_WB.T @ w])
+
+
+def _world_motion(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """p_WF_W, R_WF, velocity and angular velocity of frame row f in world axes."""
+    p, R, v, w, *_ = frame_motion(scene.plan, work, f)
+    matrix = np.array(R).reshape(3, 3)
+    return np.array(p), matrix, matrix @ v, matrix @ w
+
+
+def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
+    """Raise AssemblyError where a loop closed with its axes opposed instead of aligned."""
+    forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    for connection in scene.topology.closures:
+        rows = connection.joint.rows
+        f, g = scene.closure_frames[id(connection)]
+        R_FG = _world_motion(scene, work, f)[1].T @ _world_motion(scene, work, g)[1]
+        opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
+            any(row.kind == at.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
+        )
+        if opposed:
+            raise AssemblyError(
+                f"joint {connection.name!r} can be closed only turned over from this start; set "
+                "the positions of the joints along the loop nearer to the assembly that is meant"
+            )
