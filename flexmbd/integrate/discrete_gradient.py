@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated import articulate, solve_mass
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.closure import constraints
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.kernels.native import factor, solve
 from flexmbd.multibody.kernels.recursion import forward
@@ -189,7 +189,7 @@ def _velocities(plan, work, aw, loops, s):
             p[k] -= loops.jacobian[i, k] * loops.solution[i]
 
 
-@kernel
+@entry_kernel
 def kinetic_energy(p, v):
     """p . v / 2."""
     t = 0.0

@@ -25,7 +25,7 @@ from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.recursion import forward
@@ -285,7 +285,7 @@ def _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton
     return solve_step(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton)
 
 
-@kernel
+@entry_kernel
 def advance(plan, stored_plan, work, aw, loops, state, groups, s, record, newton):
     """Step until the end, a full record, or a failure.
 

@@ -32,7 +32,7 @@ from flexmbd.integrate.protocol import Stepper
 from flexmbd.integrate.tableau import Pair
 from flexmbd.multibody.kernels import rotation_update
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots, move, turn_rates
@@ -270,7 +270,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     return ratio if _finite(s) else np.inf
 
 
-@kernel
+@entry_kernel
 def advance(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 

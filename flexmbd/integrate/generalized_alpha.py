@@ -21,7 +21,7 @@ from flexmbd.integrate.augmented import solve_passes
 from flexmbd.integrate.implicit_step import new_scratch
 from flexmbd.integrate.local_error import local_error
 from flexmbd.integrate.protocol import Stepper
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
@@ -161,7 +161,7 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     return True
 
 
-@kernel
+@entry_kernel
 def advance(plan, work, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 

@@ -30,7 +30,7 @@ from flexmbd.integrate.radau_stages import (
     evaluate_stage_times,
     new_scratch,
 )
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.native import complex_lapack_addresses
 from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
@@ -111,7 +111,7 @@ def _accept(plan, state, groups, s, record, h):
     st.store(plan, state, groups, record, h)
 
 
-@kernel
+@entry_kernel
 def advance(plan, work, tw, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 

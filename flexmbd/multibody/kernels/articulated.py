@@ -13,12 +13,12 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_inward import gather_forces, gather_inertia
 from flexmbd.multibody.kernels.articulated_outward import accelerate, move
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.compiling import inner_kernel, kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
 from flexmbd.multibody.kernels.recursion import forward
 
 
-@kernel
+@entry_kernel
 def forward_dynamics(plan, work, aw, x, v, a, multipliers):
     """Write the accelerations ``a`` (nv,) of the tree at (x, v): M a = applied - bias - C^T nu.
 
@@ -46,7 +46,7 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers):
     accelerate(plan, aw, start, v, 1.0, a)
 
 
-@inner_kernel
+@kernel
 def _ask_loads(plan, work, aw, x, v, multipliers):
     """Add to ``aw.asked`` and, if it returns true, write to the bodies' wrenches what joints, elements and loops ask.
 
@@ -71,7 +71,7 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
     return loaded
 
 
-@kernel
+@entry_kernel
 def articulate(plan, work, aw, x):
     """Factor M(x) for ``solve_mass``; arguments as for ``forward_dynamics``."""
     for k in range(aw.asked.shape[0]):
@@ -80,7 +80,7 @@ def articulate(plan, work, aw, x):
     gather_inertia(plan, work, aw, aw.rest, False)
 
 
-@kernel
+@entry_kernel
 def solve_mass(plan, work, aw, rhs, out):
     """Write M^-1 times each row of ``rhs`` (k, nv) into ``out`` (k, nv), with the factors at hand.
 

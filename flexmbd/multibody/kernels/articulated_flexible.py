@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.articulated_modes import (
     subtract_frame_forces,
     sum_pairs,
 )
-from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -46,7 +46,7 @@ from flexmbd.multibody.kernels.so3 import (
 from flexmbd.multibody.kernels.spatial import add6, load6, skew, store6, sub6, sub9, symmetric_times
 
 
-@inner_kernel
+@kernel
 def left_jacobian_matrix(theta):
     """J_l(theta) as nine entries."""
     x = left_jacobian(theta, (1.0, 0.0, 0.0))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.compiling import inner_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 
 
-@inner_kernel
+@kernel
 def pass_hinge(c, s, r, a, b, m, torque, force, left, over, w, rate, bias):  # noqa: PLR0915  scalars
     """Blocks A, B, M and the wrench (torque, force) that a hinge passes on, about the parent's origin.
 

@@ -17,7 +17,7 @@ import math
 from flexmbd.multibody.kernels import articulated_layout as to
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_modes import frame_sums, three_sums
-from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.so3 import add3, cross3, load3, load9, rotate_back, store3
 from flexmbd.multibody.kernels.spatial import add6, load6, scale6, store6
 
@@ -30,7 +30,7 @@ def interface_modes(plan, aw, slot):
     return plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
 
 
-@inner_kernel
+@kernel
 def _factor_inertia(row, rest, root):
     """Write L (6, 6) of the child's inertia I = L L^T, its largest pivots first; ``rest`` (6, 6) is spoilt.
 
@@ -62,7 +62,7 @@ def _factor_inertia(row, rest, root):
         rest[p, p] = 0.0
 
 
-@inner_kernel
+@kernel
 def _unpack_inertia(row, out):
     """Write the child's inertia (6, 6)."""
     a, b, m = load6(row, to.I_A), load9(row, to.I_B), load6(row, to.I_M)
@@ -74,7 +74,7 @@ def _unpack_inertia(row, out):
     store6(out[5], 0, (b[2], b[5], b[8], m[2], m[4], m[5]))
 
 
-@inner_kernel
+@kernel
 def _turn_factor(turning, root, turned):
     """Write K = J^T L (6, 6)."""
     for j in range(6):
@@ -87,7 +87,7 @@ def _turn_factor(turning, root, turned):
         turned[5, j] = root[5, j]
 
 
-@inner_kernel
+@kernel
 def _put_resistance(mobility, left, right, schur, s, r):
     """Write block (s, r) of K^T Gamma_0 Gamma_0^T K; ``left`` and ``right`` are K of both interfaces."""
     for j in range(6):
@@ -111,7 +111,7 @@ def _put_resistance(mobility, left, right, schur, s, r):
         schur[s + 5, r + j] = t5
 
 
-@inner_kernel
+@kernel
 def _factor(schur, size):
     """Replace S - 1, of which the lower triangle counts, by factors of S = U D U^T: U below, 1 / D on the diagonal."""
     for j in range(size):
@@ -128,7 +128,7 @@ def _factor(schur, size):
             schur[i, j] = over * t
 
 
-@inner_kernel
+@kernel
 def _put_response(place, root, turned, coupled, response):
     """Write L^T Y (6, 6): Y y is the frame's acceleration, before it gives way to wrenches, at the acceleration y."""
     for j in range(6):
@@ -187,7 +187,7 @@ def _add_response(response, schur, size, a, b, m):
     return a, b, m
 
 
-@inner_kernel
+@kernel
 def _times(matrix, v):
     """A (6, 6) matrix times six numbers."""
     t0 = t1 = t2 = t3 = t4 = t5 = 0.0
@@ -258,7 +258,7 @@ def _shift_wrench(aw, k, s):
     return (t0, t1, t2), (f0, f1, f2)
 
 
-@inner_kernel
+@kernel
 def _put_lack(aw, k, s, linear, angular, share):
     """Write the rows of interface s of L^T (a_0 - Gamma Gamma^T p) into row 1 of ``aw.load[k]``.
 

@@ -7,7 +7,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_flexible import eliminate_modes, modal_wrench
 from flexmbd.multibody.kernels.articulated_hinge import pass_hinge
 from flexmbd.multibody.kernels.articulated_several import pass_several, yield_several
-from flexmbd.multibody.kernels.compiling import inner_kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.spatial import (
     add6,
@@ -115,7 +115,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
             force = _ZERO3
 
 
-@inner_kernel
+@kernel
 def _add_load(work, aw, i, torque, force):
     """The wrench with what elements and loops ask of body i, in the body's frame of reference."""
     asked_force = row3(work.body, i, at.B_F)
@@ -265,7 +265,7 @@ def gather_forces(plan, aw, rhs):
             put3(gathered, parent, to.G_FORCE, add3(row3(gathered, parent, to.G_FORCE), force))
 
 
-@inner_kernel
+@kernel
 def _pass_modes(plan, aw, i, rhs, torque, force):
     """What flexible body i passes on to G of the modal forces of ``rhs`` and of its children's wrenches."""
     k = aw.link[i, to.FLEX]

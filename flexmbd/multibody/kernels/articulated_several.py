@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import articulated_layout as to
-from flexmbd.multibody.kernels.compiling import inner_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.so3 import add3, load3, rotate, rotate_back, scale3, store3
 from flexmbd.multibody.kernels.spatial import load6, subtract_outer, symmetric_times
 
 
-@inner_kernel
+@kernel
 def set_subspace(S, freedoms, R_FG):
     """Motion of G (angular, linear; G's axes) per unit of each velocity of a joint of several."""
     for i in range(6):
@@ -28,7 +28,7 @@ def set_subspace(S, freedoms, R_FG):
                 S[3 + i, j] = R_FG[3 * j + i]
 
 
-@inner_kernel
+@kernel
 def yield_several(aw, link, a, b, m, torque, force):
     """Eliminate a joint of several coordinates: what it passes on of inertia and asked wrench.
 
@@ -76,7 +76,7 @@ def yield_several(aw, link, a, b, m, torque, force):
     return a, b, m, torque, force
 
 
-@inner_kernel
+@kernel
 def pass_several(aw, link, rhs, torque, force):
     """What a joint of several coordinates passes on of a wrench while ``rhs`` moves it."""
     S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
@@ -96,7 +96,7 @@ def pass_several(aw, link, rhs, torque, force):
     return torque, force
 
 
-@inner_kernel
+@kernel
 def accelerate_several(aw, link, dw, acc, out):
     """Accelerations of a joint of several coordinates, written to ``out``; those of G with them."""
     S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces, elastic_energy
 from flexmbd.multibody.kernels.elements import elements_energy, load_elements, push_coordinates
 from flexmbd.multibody.kernels.inertia import add_rigid_wrench, flexible_inertia, rigid_second_moment
@@ -60,7 +60,7 @@ def _body_momentum(plan, i, x, v, none, row, out):
     store3(row, at.B_W, w)
 
 
-@kernel
+@entry_kernel
 def momenta(plan, work, x, v, none, out):
     """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
     forward(plan, work, x, v, none)
@@ -81,7 +81,7 @@ def _first_moment(plan, i, x):
     return first
 
 
-@kernel
+@entry_kernel
 def potential_energy(plan, work, x):
     """Gravitational, strain and springs' energy (J) at x, whose kinematics ``work`` must hold."""
     g = load3(plan.gravity, 0)
@@ -204,7 +204,7 @@ def _gather(plan, work, v, wrench, p, part, out):
         _pass_momentum(plan, work, tree[at.FRAME_PARENT], v, l_F, h_F, wrench, p, out)
 
 
-@kernel
+@entry_kernel
 def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
     """p = M(x) v and out = -dT/dx + dV/dx - loads + C^T nu (see the module's text).
 

@@ -7,7 +7,7 @@ eq. 74-77; theory: seed 2 section 8.5).  What a kind of row is stands in ``rows`
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.rows import (
     row_value,
@@ -32,7 +32,7 @@ def _transpose(m):
     return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
 
 
-@kernel
+@entry_kernel
 def relative_motion(plan, work, f, g):
     """p_FG_F, R_FG and the velocity and acceleration of G against F, all in F's axes."""
     p_F, R_F, v_F, w_F, a_F, dw_F = frame_motion(plan, work, f)
@@ -89,7 +89,7 @@ def _coupling_sum(plan, work, row, order):
     return total
 
 
-@kernel
+@entry_kernel
 def constraints(plan, work, position, velocity, acceleration):
     """Write every row's residual (m or rad) and its first two time derivatives.
 

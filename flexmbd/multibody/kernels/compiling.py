@@ -143,31 +143,45 @@ _announced = False
 
 
 def kernel(function: F) -> F:
-    """Compile ``function`` at its first call, without the GIL's objects, cached on disk.
+    """Compile ``function`` where a kernel first calls it, without the GIL's objects, cached on disk.
 
-    Nobody calls kernels as C functions, and a seventh of the compile time would go into wrappers for that.
+    There is no way in from Python, for which see ``entry_kernel``: taking a plan's arrays out of their objects is
+    much code, a quarter of all that would be compiled.  Nor is there one for C.
     Arrays are not counted (``_nrt``): each call would count all arrays of its plan up and down, more than
     half of a small scene's time.  So a kernel can allocate nothing, not even the copy of a row
     (``a[i] = b[j]``); numba refuses one that does.
     """
+    return _closed(njit(cache=True, no_cpython_wrapper=True, **_OPTIONS)(function))
+
+
+def entry_kernel(function: F) -> F:
+    """Compile ``function`` as a kernel that Python calls as well, at its first call."""
     return njit(cache=True, **_OPTIONS)(function)
 
 
-def inner_kernel(function: F) -> F:
-    """Compile ``function`` as a kernel that kernels alone call: there is no way in from Python."""
-    return njit(cache=True, no_cpython_wrapper=True, **_OPTIONS)(function)
-
-
 def summing_kernel(function: F) -> F:
-    """Compile ``function`` as an inner kernel whose sums may be taken in any order: they run in vector registers."""
+    """Compile ``function`` as a kernel whose sums may be taken in any order: they run in vector registers."""
     reordered = {"reassoc", "contract", "nsz"}
-    return njit(cache=True, no_cpython_wrapper=True, fastmath=reordered, **_OPTIONS)(function)
+    return _closed(njit(cache=True, no_cpython_wrapper=True, fastmath=reordered, **_OPTIONS)(function))
 
 
 def part_of_kernel(function: F) -> F:
     """Compile ``function`` as text of its caller; for what is called from one place alone.
 
-    LLVM optimises all that a kernel calls anew with each kernel, so every level of large kernels
-    costs the compile time of all that lies below it.
+    It saves the calls' arguments.  The time to compile a caller grows faster than its length, though: what is long
+    had better be a kernel, and what is longer still stand behind an address (``separate``).
     """
     return njit(inline="always", error_model="numpy", nogil=True, _nrt=False)(function)
+
+
+def _closed(dispatcher: Any) -> Any:
+    """``dispatcher`` with a refusal where Python would step into code that is not there."""
+
+    def refuse(*_: Any) -> None:
+        name = dispatcher.py_func.__name__
+        raise TypeError(f"{name} is called by kernels alone; @entry_kernel gives it a way in from Python")
+
+    # numba enters what it compiled into a table for calls from Python, and asks for what is not there
+    dispatcher._insert = lambda *_: None
+    dispatcher._compile_for_args = refuse
+    return dispatcher

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 
 
-@kernel
+@entry_kernel
 def add_elastic_forces(plan, flex, q, qd, out):
     """Add the modal forces of deformation and its rate, K q + D qd and those of `stretch`."""
     modal = plan.modal

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements import penalty_pull, six_times
 from flexmbd.multibody.kernels.rows import row_wrench_variation
 from flexmbd.multibody.kernels.so3 import (
@@ -85,7 +85,7 @@ def _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dsp
     )
 
 
-@kernel
+@entry_kernel
 def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin):
     """Variation of ``element_wrench`` for d + dd, exp(dtheta) R, rate + drate, spin + dspin.
 

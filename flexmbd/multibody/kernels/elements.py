@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.native import call_law, call_state
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.rows import row_value, row_wrench, wrap
@@ -70,7 +70,7 @@ def _friction(data, o, rate):
     return -size * sign - data[o + 4] * rate, -slope - data[o + 4]
 
 
-@kernel
+@entry_kernel
 def coordinate_law(plan, row, x, rate):
     """Force on a coordinate x (rad or m) and its derivatives by x and its rate: ON_SPRING .. ON_FRICTION."""
     data = plan.data
@@ -208,7 +208,7 @@ def penalty_pull(plan, work, row, d, R, rate, spin):
     return value, speed, plan.data[o] * value + plan.data[o + 1] * speed, force, torque
 
 
-@kernel
+@entry_kernel
 def element_wrench(plan, work, row, d, R, rate, spin):
     """Force on G at G's origin and torque on G, in F's axes, of an element between frames.
 

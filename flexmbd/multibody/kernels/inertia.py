@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, load3, scale3, store3
 
 
-@kernel
+@entry_kernel
 def rigid_second_moment(row):
     """(xx, xy, xz, yy, yz, zz), integral of rho x x^T about B."""
     o = at.SECOND_MOMENT
     return (row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5])
 
 
-@kernel
+@entry_kernel
 def inertia_times(second, w):
     """(trace(J) - J) w: the inertia tensor of the second moment J, times w."""
     xx, xy, xz, yy, yz, zz = second

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.so3 import (
     add3,
     left_jacobian,
@@ -78,7 +78,7 @@ def _interpolate_turn(h, s, x0, v0, a0, x1, v1, a1, ox, ov, x, v, a):
     store3(a, ov, sub3(left_jacobian(back, (c0, c1, c2)), bend))
 
 
-@kernel
+@entry_kernel
 def interpolate(plain, quaternions, h, s, x0, v0, a0, x1, v1, a1, x, v, a):
     """Write configuration, velocity and acceleration at s in [0, 1] of an interval of h (s).
 
@@ -96,7 +96,7 @@ def interpolate(plain, quaternions, h, s, x0, v0, a0, x1, v1, a1, x, v, a):
         )
 
 
-@kernel
+@entry_kernel
 def interpolate_series(plain, quaternions, t, x, v, a, interval, wanted, out_x, out_v, out_a):
     """Interpolate a series t, x, v, a at times ``wanted``, each in the interval after row ``interval``.
 

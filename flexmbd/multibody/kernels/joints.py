@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.so3 import (
     load3,
     quaternion_exp,
@@ -23,7 +23,7 @@ _ZERO = (0.0, 0.0, 0.0)
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
-@kernel
+@entry_kernel
 def joint_pose(kind, pitch, x, o):
     """p_FG_F and R_FG from the joint's coordinates x[o:]."""
     p = _ZERO
@@ -54,7 +54,7 @@ def joint_size(kind):
     return 6 if kind == at.FREE else 1
 
 
-@kernel
+@entry_kernel
 def joint_motion(kind, pitch, v, o):
     """Rate of p_FG_F and w_FG_G from the joint's entries v[o:]; for accelerations alike."""
     linear = _ZERO
@@ -114,7 +114,7 @@ def _turn(x, o, angle, out):
     out[o + 3] = turned[3]
 
 
-@kernel
+@entry_kernel
 def retract(plan, x, step, out):
     """out = x moved along the tangent vector ``step`` (v-sized, body axes), on the manifold.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import relative_motion
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel
 from flexmbd.multibody.kernels.elements import element_wrench
 from flexmbd.multibody.kernels.recursion import frame_motion
 from flexmbd.multibody.kernels.residual import residual
@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.so3 import (
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 
 
-@kernel
+@entry_kernel
 def tree_reactions(plan, work, i, f, t, x, v, a, multipliers, scratch, out):
     """out[k] = force and moment that the inboard joint of row i passes on to its body.
 
@@ -43,7 +43,7 @@ def tree_reactions(plan, work, i, f, t, x, v, a, multipliers, scratch, out):
         store3(out[k], 3, rotate_back(R, torque))
 
 
-@kernel
+@entry_kernel
 def row_reactions(plan, work, f, g, t, x, v, a, multipliers, scratch, out):
     """out[k] = force and moment on frame g, about its origin and in its axes, that rows from f to g give.
 

@@ -8,7 +8,7 @@ that the motion asks for (eq. 71), a wrench on a flexible parent's interface goi
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
@@ -87,7 +87,7 @@ def deform_frame(plan, f, x, v, a, row):
     )
 
 
-@kernel
+@entry_kernel
 def frame_motion(plan, work, f):
     """World pose of frame f and its motion in its own axes.
 
@@ -129,7 +129,7 @@ def frame_motion(plan, work, f):
     )
 
 
-@kernel
+@entry_kernel
 def forward(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
@@ -203,7 +203,7 @@ def ask_inertia(plan, work, x, v, a, out):
             add_elastic_forces(plan, flex, q, qd, force)
 
 
-@kernel
+@entry_kernel
 def load_frame(plan, work, f, force_F, torque_F, out):
     """Ask of frame f's body the wrench (force, torque about F's origin; in F's axes) as well.
 
@@ -241,7 +241,7 @@ def load_frame(plan, work, f, force_F, torque_F, out):
     )
 
 
-@kernel
+@entry_kernel
 def backward(plan, work, out):
     """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
     for i in range(plan.tree.shape[0] - 1, -1, -1):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel
 from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
 from flexmbd.multibody.kernels.recursion import ask_inertia, backward, forward
 
 
-@kernel
+@entry_kernel
 def drive(plan, work, x, v, a):
     """Set the prescribed coordinates, their rates and accelerations from ``work.time``."""
     for i in range(plan.driven.shape[0]):
@@ -20,7 +20,7 @@ def drive(plan, work, x, v, a):
         a[row[at.DRIVEN_V]] = work.time[f, 2]
 
 
-@kernel
+@entry_kernel
 def residual(plan, work, x, v, a, multipliers, out):
     """out = M(x) a + bias(x, v) + elastic - applied + C^T nu, for all generalised velocities.
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.so3 import (
     add3,
     cross3,
@@ -138,7 +138,7 @@ def _rise_variation(n, dn):
     return scale3(1.0 / slope, add3(change, scale3(n[2] * dn[2] / slope, u)))
 
 
-@kernel
+@entry_kernel
 def row_value(plan, row, d, R):
     """Value (m or rad) of a row that holds positions; 0 for one that holds velocities alone."""
     kind = row[at.ROW_KIND]
@@ -164,7 +164,7 @@ def row_value(plan, row, d, R):
     return value
 
 
-@kernel
+@entry_kernel
 def row_wrench(plan, row, d, R):
     """(force on G at G's origin, torque on G) of a unit multiplier, in F's axes."""
     kind = row[at.ROW_KIND]
@@ -196,7 +196,7 @@ def row_wrench(plan, row, d, R):
     return force, torque
 
 
-@kernel
+@entry_kernel
 def row_wrench_variation(plan, row, d, R, dd, dtheta):
     """Change of ``row_wrench`` as d moves by dd (m) and R turns by dtheta (rad, F's axes)."""
     kind = row[at.ROW_KIND]

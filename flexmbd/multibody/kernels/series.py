@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elasticity import elastic_energy
 from flexmbd.multibody.kernels.elements import elements_energy
 from flexmbd.multibody.kernels.inertia import (
@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.so3 import (
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 
 
-@kernel
+@entry_kernel
 def frame_series(plan, work, f, x, v, a, out):
     """out[k] = p_WF_W (3), R_WF (9), velocity (3), angular velocity (3), acceleration (3).
 
@@ -84,7 +84,7 @@ def _body_energy(plan, work, i, x, v, none, out):
     return kinetic, elastic, -dot3(g, moment)
 
 
-@kernel
+@entry_kernel
 def energy_series(plan, work, x, v, none, scratch, out):
     """out[k] = kinetic, elastic, gravitational energy of the machine, and its springs' (J).
 
@@ -103,7 +103,7 @@ def energy_series(plan, work, x, v, none, scratch, out):
             out[k, 3] += elements_energy(plan, work, x[k])
 
 
-@kernel
+@entry_kernel
 def force_series(plan, work, t, x, v, a, multipliers, out):
     """out[k] = generalised forces that the motion asks for beyond the loops' reactions.
 
@@ -115,7 +115,7 @@ def force_series(plan, work, t, x, v, a, multipliers, out):
         residual(plan, work, x[k], v[k], a[k], multipliers[k], out[k])
 
 
-@kernel
+@entry_kernel
 def largest_residual(plan, work, x, rest, scratch):
     """Largest constraint residual (m or rad) over configurations x.
 
@@ -130,7 +130,7 @@ def largest_residual(plan, work, x, rest, scratch):
     return largest
 
 
-@kernel
+@entry_kernel
 def constraint_matrix(plan, work, x, unit, rest, scratch, out):
     """out (m, nv): rates of the rows per unit of each velocity.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 
 
 @kernel
@@ -217,7 +217,7 @@ def left_jacobian_rate(v, u):
     )
 
 
-@kernel
+@entry_kernel
 def rotation_vector(m):
     """The rotation vector of a rotation matrix, its angle at most pi (Shepperd 1978)."""
     trace = m[0] + m[4] + m[8]
@@ -296,7 +296,7 @@ def quaternion_matrix(q):
     )
 
 
-@kernel
+@entry_kernel
 def quaternion_exp(v):
     """Unit quaternion of the rotation vector v (rad)."""
     x = 0.25 * dot3(v, v)
@@ -304,7 +304,7 @@ def quaternion_exp(v):
     return (math.cos(math.sqrt(x)), 0.5 * half * v[0], 0.5 * half * v[1], 0.5 * half * v[2])
 
 
-@kernel
+@entry_kernel
 def quaternion_product(p, q):
     """Hamilton's product, scaled back to unit length."""
     w = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]

@@ -6,17 +6,17 @@ acceleration: torque = A dw + B a, force = B^T dw + M a.
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.compiling import inner_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.so3 import add3, compose, compose_back, cross3
 
 
-@inner_kernel
+@kernel
 def load6(row, o):
     """Six entries of row from o."""
     return (row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5])
 
 
-@inner_kernel
+@kernel
 def store6(row, o, a):
     """row[o : o + 6] = a."""
     row[o] = a[0]
@@ -27,13 +27,13 @@ def store6(row, o, a):
     row[o + 5] = a[5]
 
 
-@inner_kernel
+@kernel
 def row3(table, i, o):
     """Three entries of row i of a table from column o."""
     return (table[i, o], table[i, o + 1], table[i, o + 2])
 
 
-@inner_kernel
+@kernel
 def row6(table, i, o):
     """Six entries of row i of a table from column o."""
     return (
@@ -46,7 +46,7 @@ def row6(table, i, o):
     )
 
 
-@inner_kernel
+@kernel
 def row9(table, i, o):
     """Nine entries of row i of a table from column o."""
     return (
@@ -62,7 +62,7 @@ def row9(table, i, o):
     )
 
 
-@inner_kernel
+@kernel
 def put3(table, i, o, a):
     """Row i of a table from column o = a (3)."""
     table[i, o] = a[0]
@@ -70,27 +70,27 @@ def put3(table, i, o, a):
     table[i, o + 2] = a[2]
 
 
-@inner_kernel
+@kernel
 def put6(table, i, o, a):
     """Row i of a table from column o = a (6)."""
     put3(table, i, o, (a[0], a[1], a[2]))
     put3(table, i, o + 3, (a[3], a[4], a[5]))
 
 
-@inner_kernel
+@kernel
 def put9(table, i, o, a):
     """Row i of a table from column o = a (9)."""
     put6(table, i, o, (a[0], a[1], a[2], a[3], a[4], a[5]))
     put3(table, i, o + 6, (a[6], a[7], a[8]))
 
 
-@inner_kernel
+@kernel
 def add6(a, b):
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
 
 
-@inner_kernel
+@kernel
 def add9(a, b):
     """a + b."""
     return (
@@ -106,37 +106,37 @@ def add9(a, b):
     )
 
 
-@inner_kernel
+@kernel
 def sub6(a, b):
     """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
 
 
-@inner_kernel
+@kernel
 def scale6(s, a):
     """s a."""
     return (s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5])
 
 
-@inner_kernel
+@kernel
 def sub9(a, b):
     """a - b."""
     return add9(a, (-b[0], -b[1], -b[2], -b[3], -b[4], -b[5], -b[6], -b[7], -b[8]))
 
 
-@inner_kernel
+@kernel
 def skew(h):
     """[h], so that [h] v = h x v."""
     return (0.0, -h[2], h[1], h[2], 0.0, -h[0], -h[1], h[0], 0.0)
 
 
-@inner_kernel
+@kernel
 def transpose(m):
     """M^T."""
     return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
 
 
-@inner_kernel
+@kernel
 def symmetric_times(a, v):
     """A v."""
     return (
@@ -146,7 +146,7 @@ def symmetric_times(a, v):
     )
 
 
-@inner_kernel
+@kernel
 def rotate_symmetric(r, a):
     """R A R^T."""
     t = compose(r, (a[0], a[1], a[2], a[1], a[3], a[4], a[2], a[4], a[5]))
@@ -160,13 +160,13 @@ def rotate_symmetric(r, a):
     )
 
 
-@inner_kernel
+@kernel
 def rotate_block(r, b):
     """R B R^T."""
     return compose_back(compose(r, b), r)
 
 
-@inner_kernel
+@kernel
 def turn_symmetric(c, s, a):
     """R A R^T of the turn by the angle of (c, s) about z."""
     cc = c * c
@@ -183,7 +183,7 @@ def turn_symmetric(c, s, a):
     )
 
 
-@inner_kernel
+@kernel
 def turn_block(c, s, b):
     """R B R^T of the turn by the angle of (c, s) about z."""
     t0 = c * b[0] - s * b[3]
@@ -203,13 +203,13 @@ def turn_block(c, s, b):
     )
 
 
-@inner_kernel
+@kernel
 def turn(c, s, v):
     """R v of the turn by the angle of (c, s) about z."""
     return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
-@inner_kernel
+@kernel
 def shift_block(r, b, m):
     """B + [r] M: the block B about a point from which the old one lies at r."""
     return (
@@ -225,7 +225,7 @@ def shift_block(r, b, m):
     )
 
 
-@inner_kernel
+@kernel
 def shift_symmetric(r, a, b, shifted):
     """A + B [r]^T + [r] shifted^T: the block A that goes with ``shifted`` = B + [r] M."""
     return (
@@ -238,13 +238,13 @@ def shift_symmetric(r, a, b, shifted):
     )
 
 
-@inner_kernel
+@kernel
 def shift_torque(r, torque, force):
     """torque + r x force."""
     return add3(torque, cross3(r, force))
 
 
-@inner_kernel
+@kernel
 def subtract_outer(a, b, m, u, e):
     """Blocks of the inertia less u e^T, where e is u but for a factor."""
     return (

@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.column_tangent import (
     joint_columns,
     load_column,
 )
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import joint_size
 from flexmbd.multibody.kernels.law_tangent import add_laws
 from flexmbd.multibody.kernels.pair_tangent import add_closures, add_elements
@@ -173,7 +173,7 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
     _pair_sweep(plan, tw, matrix)
 
 
-@kernel
+@entry_kernel
 def tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """matrix = per_x dr/dx + per_v dr/dv + per_a dr/da of `residual`, (nv, nv).
 

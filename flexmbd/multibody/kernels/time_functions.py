@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.native import call_row, call_scalar
 
 
@@ -42,7 +42,7 @@ def _sine(data, o, t):
     return offset + s, amplitude * omega * math.cos(omega * t + phase), -omega * omega * s
 
 
-@kernel
+@entry_kernel
 def evaluate_times(plan, t, out):
     """Write value, rate and acceleration of every function of time at t.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel
 from flexmbd.multibody.kernels.layout import Plan
 
 _LEAST_PIVOT = 1e-8  # of the diagonal entry before the elimination
@@ -57,7 +57,7 @@ def pays(table: NDArray[np.int64]) -> bool:
     return bool(_DENSE_GAIN * float((2.0 * lengths**2 + lengths).sum()) < 2.0 / 3.0 * n**3)
 
 
-@kernel
+@entry_kernel
 def factor_tree(table, matrix):
     """Factor ``matrix`` (n, n) in place; False if a pivot is too small."""
     n = matrix.shape[0]
@@ -81,7 +81,7 @@ def factor_tree(table, matrix):
     return True
 
 
-@kernel
+@entry_kernel
 def solve_tree(table, matrix, rhs):
     """Solve with the factors; each row of the (k, n) ``rhs`` is one right-hand side, in place."""
     n = matrix.shape[0]
