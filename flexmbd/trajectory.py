@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
 from flexmbd.multibody.plan import CompiledScene, add_probe
+from flexmbd.multibody.plan_forces import NO_DRIVE
 from flexmbd.multibody.plan_numbering import Slots
 from flexmbd.multibody.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
@@ -184,7 +185,8 @@ class Trajectory:
         slots = self._slots(connection)
         plan = self.scene.plan
         kind = plan.elements[:, at.EL_KIND]
-        passive = plan.elements[(kind != at.ON_FUNCTION) & (kind != at.ON_STATE)]
+        given = (kind == at.ON_STATE) & (plan.elements[:, at.EL_COUNT] != NO_DRIVE)
+        passive = plan.elements[(kind != at.ON_FUNCTION) & ~given]
         plan = plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.ascontiguousarray(passive))
         if not (passive[:, at.EL_TIME] >= 0).any():
             plan = plan._replace(times=plan.times[:0])

@@ -74,6 +74,8 @@ def test_forces(tmp_path, monkeypatch):
     """At the start, at rest: the spring gives 25 * 0.1, the governor 2 * 30."""
     found = run("forces", tmp_path, monkeypatch)
     assert found["sum_of_all"] == pytest.approx([-62.5], rel=1e-12)
+    # and with the water's 2 kg at 0.3 m the rod falls from the horizontal at
+    assert found["fall"].a[0] == pytest.approx([-1.2 * 9.81 * 0.3 / (0.04 + 1.2 * 0.3**2 + 2.0 * 0.3**2)], rel=1e-9)
 
 
 def test_integrators(tmp_path, monkeypatch):

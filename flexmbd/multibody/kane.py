@@ -20,7 +20,7 @@ from flexmbd.multibody.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces
-from flexmbd.multibody.kernels.layout import Plan, new_work, without_forces
+from flexmbd.multibody.kernels.layout import Plan, Work, new_work, without_forces
 from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion, load_frame
 from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.topology import Topology
@@ -68,8 +68,15 @@ class Machine(Protocol):
         """Connection id to its coordinates."""
 
     @property
+    def coordinate_rows(self) -> Mapping[int, tuple[int, ...]]:
+        """Connection id to the row of ``plan.tree`` of each of its steps."""
+
+    @property
     def modal_slots(self) -> Mapping[int, Slots]:
         """Body id to its modal coordinates."""
+
+    def refuse_failed(self, work: Work) -> None:
+        """Raise the error of a user's function that failed in an evaluation, if one did."""
 
 
 class Kinematics:

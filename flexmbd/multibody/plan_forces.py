@@ -8,15 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.bearing import Bearing, Bearings
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.kane import Machine
+from flexmbd.multibody.kane_inertia import GivenBody, KaneInertia
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.plan_numbering import Numbering
 from flexmbd.multibody.time_function import Compiled, TimeFunction, as_row
+
+#: Count of an element ON_STATE that is no user's force, so that no drive.
+NO_DRIVE = 1
 
 
 class ForceTable:
@@ -34,6 +39,8 @@ class ForceTable:
         self.names: list[str] = []
         self._numbering = numbering
         self._ground = ground
+        self._bearings: list[Bearing] = []
+        self._given_bodies: list[GivenBody] = []
         self._frames: dict[int, tuple[Frame, int]] = {}  # with the frame, so that its id stays its own
         self._origin: int | None = None
         self._waiting: list[Callable[[Machine], None]] = []
@@ -111,6 +118,38 @@ class ForceTable:
         time = self.time(function, what)
         self.element(at.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
+    def bear(self, bearing: Bearing) -> None:
+        """Add a joint whose friction follows its reaction; all are solved together."""
+        self._bearings.append(bearing)
+
+    def give_body(self, body: GivenBody) -> None:
+        """Add a body that the user gives in Kane's form; all are solved together."""
+        self._given_bodies.append(body)
+
+    def finish(self) -> None:
+        """Append what is solved together.
+
+        Raises:
+            SceneError: friction that follows reactions, beside forces that no reaction tells of.
+        """
+        if self._given_bodies:
+            what = "; ".join(body.what for body in self._given_bodies)
+            self._solve_together(KaneInertia(self._given_bodies), what)
+        if self._bearings:
+            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == at.ON_STATE]
+            what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
+            if unknown:
+                raise SceneError(
+                    f"{what}: nothing tells what {unknown[0]} does to the joints' reactions; give it as a FrameForce "
+                    "or a JointLaw, or take JointFriction of a given size"
+                )
+            self._solve_together(Bearings(self._bearings), what)
+
+    def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
+        address = self._numbering.add_state_function(function, what)
+        self.when_built(lambda scene: function.build(scene, address))
+        self.element(at.ON_STATE, what, count=NO_DRIVE, address=address)
+
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
         data: int = 0, count: int = 0, address: int = 0,
@@ -138,4 +177,5 @@ def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> F
     table = ForceTable(numbering, ground)
     for force in forces:
         force.lay(table)
+    table.finish()
     return table

@@ -17,7 +17,7 @@ class JointFriction(OnCoordinate):
         -(coulomb + (static - coulomb) exp(-(w / stribeck)^2)) tanh(w / regularisation) - viscous w
 
     Below the speed ``regularisation`` it is a stiff damper: nothing sticks, a load below ``coulomb`` creeps.  The size
-    does not follow the joint's reaction.
+    does not follow the joint's reaction, as that of ``BearingFriction`` does.
 
     Attributes:
         connection: a joint with coordinates that are numbers.

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.bearing import Bearing
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kane import Machine
+from flexmbd.multibody.kane_inertia import GivenBody
 from flexmbd.multibody.time_function import Compiled, TimeFunction
 
 
@@ -53,6 +55,12 @@ class Table(Protocol):
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""
 
+    def bear(self, bearing: Bearing) -> None:
+        """Add a joint whose friction follows its reaction."""
+
+    def give_body(self, body: GivenBody) -> None:
+        """Add a body that the user gives in Kane's form."""
+
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
         data: int = 0, count: int = 0, address: int = 0,
@@ -78,16 +86,14 @@ class Force(Protocol):
         """Append what the kernels need of it."""
 
 
-class OnCoordinate:
-    """What forces on one coordinate of a joint share; a base for frozen dataclasses.
+class OnJoint:
+    """What forces on a joint share; a base for frozen dataclasses.
 
     Attributes:
         connection: the joint.
-        coordinate: which of its coordinates, from 0.
     """
 
     connection: Connection
-    coordinate: int
 
     @property
     def connections(self) -> tuple[Connection, ...]:
@@ -98,6 +104,21 @@ class OnCoordinate:
     def frames(self) -> tuple[Frame, ...]:
         """None: it acts on a coordinate."""
         return ()
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"{type(self).__name__} on joint {self.connection.name!r}"
+
+
+class OnCoordinate(OnJoint):
+    """What forces on one coordinate of a joint share; a base for frozen dataclasses.
+
+    Attributes:
+        coordinate: which of its coordinates, from 0.
+    """
+
+    coordinate: int
 
     @property
     def what(self) -> str:
@@ -117,28 +138,16 @@ class OnCoordinate:
             raise SceneError(f"{self.what}: a {type(joint).__name__} has coordinates 0 to {count - 1}")
 
 
-class DrivesJoint:
+class DrivesJoint(OnJoint):
     """What given forces on a joint's only coordinate share; a base for frozen dataclasses.
 
     Attributes:
-        connection: the joint.
         value: N or N m, a function of time.
         turns: whether the coordinate must be an angle, or else a displacement.
     """
 
-    connection: Connection
     value: TimeFunction
     turns: ClassVar[bool]
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """The joint."""
-        return (self.connection,)
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """None: it acts on a coordinate."""
-        return ()
 
     def check(self) -> None:
         """Raise SceneError if the joint's only coordinate is of the other kind."""
@@ -151,7 +160,7 @@ class DrivesJoint:
 
     def lay(self, table: Table) -> None:
         """Let the function of time act on the joint's coordinate."""
-        table.drive(self.connection, self.value, f"{type(self).__name__} on joint {self.connection.name!r}")
+        table.drive(self.connection, self.value, self.what)
 
 
 class OnState:

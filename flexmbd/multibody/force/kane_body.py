@@ -1,0 +1,63 @@
+"""A user's own body, by its inertia and active forces in Kane's form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kane import Kinematics
+from flexmbd.multibody.kane_inertia import GivenBody, InertiaAndForces
+
+
+@dataclass(frozen=True, eq=False)
+class KaneBody:
+    """A body of one's own at k frames of the machine, given by its inertia and active forces.
+
+    The function gets the ``Kinematics`` of the moment (no accelerations) and gives ``inertia`` (6 k, 6 k) and
+    ``active`` (6 k,), in inertial axes, force (N) and torque (N m) frame by frame.  With the frames' accelerations
+    acc = (a, alpha, ...) the body exerts active - inertia acc at the frames' origins, so that it enters the equations
+    as F_r + F*_r = v_r . R + w_r . T does (seed 3 eq. 3.1-3.7).  What depends on velocities, w x I w and the like,
+    and the body's weight, belong to ``active``.  Each frame must lie on a body with a mass of its own.
+
+    ``run.energy()`` and the reactions of joints on the way to the frames know nothing of it.  Python, once
+    each evaluation of the equations.
+
+    Attributes:
+        at: the frames.
+        function: of the ``Kinematics``.
+        name: in messages.
+    """
+
+    at: Sequence[Frame]
+    function: Callable[[Kinematics], InertiaAndForces]
+    name: str = ""
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on frames."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Where it is."""
+        return tuple(self.at)
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"KaneBody {self.name or getattr(self.function, '__name__', '')!r}"
+
+    def check(self) -> None:
+        """Raise SceneError for no frames, or what is no function."""
+        if not self.frames:
+            raise SceneError(f"{self.what}: give one frame of the machine at least")
+        if not callable(self.function):
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of the machine's motion")
+
+    def lay(self, table: Table) -> None:
+        """One of the bodies that are solved together."""
+        table.give_body(GivenBody(self.frames, self.function, self.what))
