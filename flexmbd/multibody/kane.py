@@ -79,6 +79,13 @@ class Machine(Protocol):
         """Raise the error of a user's function that failed in an evaluation, if one did."""
 
 
+class WrenchSource(Protocol):
+    """What acts on frames by wrenches that only its generalised forces tell the equations of."""
+
+    def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> Iterable[Contribution]:
+        """Force and torque on each frame that it acts on, at a time (s) and state x (nx,), v (nv,)."""
+
+
 class Kinematics:
     """A machine's motion at an instant, asked frame by frame; vectors in inertial axes.
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame
-from flexmbd.multibody.kane import Kinematics, Machine
+from flexmbd.multibody.kane import Contribution, Kinematics, Machine
 from flexmbd.multibody.response import Response, without_element
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +52,17 @@ class KaneInertia:
         self._kinematics = Kinematics(scene)
 
     def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:
-        """Generalised forces (nv,): F_r = v_r . R + w_r . T of all wrenches (R, T) = active - inertia times (a, alpha).
+        """Generalised forces (nv,): v_r . R + w_r . T of all wrenches (R, T) = active - inertia times (a, alpha)."""
+        partial, wrench = self._solve(t, x, v)
+        return partial.T @ wrench
+
+    def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> list[Contribution]:
+        """The wrenches themselves, frame by frame."""
+        _, wrench = self._solve(t, x, v)
+        return [(f, w[:3], w[3:]) for f, w in zip(self._frames, wrench.reshape(-1, 6), strict=True)]
+
+    def _solve(self, t: float, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Generalised forces of unit wrenches (6 k, nv), and the wrenches (6 k,).
 
         With the frames' accelerations linear in the wrenches w, acc = acc_0 + Y w, these solve
         (1 + I Y) w = active - I acc_0.
@@ -72,7 +82,7 @@ class KaneInertia:
         )
         yielding = partial @ answer.a_slopes.T
         system = np.eye(len(active)) + inertia @ yielding
-        return partial.T @ np.linalg.solve(system, active - inertia @ accelerations)
+        return partial, np.linalg.solve(system, active - inertia @ accelerations)
 
     def _ask(self, kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
         """Inertia and active forces at all frames."""

@@ -15,6 +15,7 @@ from flexmbd.multibody.callback import Callbacks
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.kane import WrenchSource
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
@@ -53,6 +54,7 @@ class CompiledScene:
         element_names: name of each row of ``plan.elements``.
         extent: the machine's size (m).
         group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
+        wrench_sources: forces on frames that the plan knows as generalised forces alone.
         redundant: names of constraint rows left out as redundant.
     """
 
@@ -76,6 +78,7 @@ class CompiledScene:
     group_kind: IntArray
     group_full: FloatArray
     group_floor: FloatArray
+    wrench_sources: tuple[WrenchSource, ...] = ()
     redundant: tuple[str, ...] = ()
 
     @property
@@ -198,6 +201,7 @@ def build(
         group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),
         group_full=np.array([full for _, full, _ in b.groups], float),
         group_floor=np.array([floor for _, _, floor in b.groups], float),
+        wrench_sources=tuple(table.wrench_sources),
     )
     table.tell_built(scene)
     return scene

@@ -13,7 +13,7 @@ from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.kane import Machine
+from flexmbd.multibody.kane import Machine, WrenchSource
 from flexmbd.multibody.kane_inertia import GivenBody, KaneInertia
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
@@ -31,12 +31,14 @@ class ForceTable:
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
         elements: rows of ``Plan.elements``.
         names: of each element, in messages.
+        wrench_sources: what acts on frames by generalised forces.
     """
 
     def __init__(self, numbering: Numbering, ground: Body) -> None:
         self.forces: list[list[int]] = []
         self.elements: list[list[int]] = []
         self.names: list[str] = []
+        self.wrench_sources: list[WrenchSource] = []
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
@@ -118,6 +120,10 @@ class ForceTable:
         time = self.time(function, what)
         self.element(at.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
+    def act_on_frames(self, source: WrenchSource) -> None:
+        """Let the joints' reactions know of what acts on frames by generalised forces."""
+        self.wrench_sources.append(source)
+
     def bear(self, bearing: Bearing) -> None:
         """Add a joint whose friction follows its reaction; all are solved together."""
         self._bearings.append(bearing)
@@ -133,8 +139,9 @@ class ForceTable:
             SceneError: friction that follows reactions, beside forces that no reaction tells of.
         """
         if self._given_bodies:
-            what = "; ".join(body.what for body in self._given_bodies)
-            self._solve_together(KaneInertia(self._given_bodies), what)
+            inertia = KaneInertia(self._given_bodies)
+            self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
+            self.act_on_frames(inertia)
         if self._bearings:
             unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == at.ON_STATE]
             what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)

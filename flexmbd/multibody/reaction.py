@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kane import Kinematics
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.reactions import row_reactions, tree_reactions
@@ -48,14 +50,44 @@ def reactions(
         f = int(tree[at.FRAME_PARENT if branch.reversed else at.FRAME_CHILD])
         tree_reactions(scene.plan, work, outer, f, *series)
         turn = turn @ step_turn(connection.joint.steps[step], branch.reversed)
-        out *= -1.0 if branch.reversed else 1.0
+        sign = -1.0 if branch.reversed else 1.0
+        out *= sign
     elif id(connection) in scene.closure_frames:
         f, g = scene.closure_frames[id(connection)]
         row_reactions(scene.plan, work, f, g, *series)
     else:
         raise SceneError(f"joint {connection.name!r} has no reaction in this trajectory; it is of another scene")
     scene.refuse_failed(work)
-    return np.hstack([out[:, :3] @ turn.T, out[:, 3:] @ turn.T])
+    found = np.hstack([out[:, :3] @ turn.T, out[:, 3:] @ turn.T])
+    if rows is not None and scene.wrench_sources:
+        found -= sign * _given_wrenches(scene, connection.child, outer, t, x, v)
+    return found
+
+
+def _given_wrenches(
+    scene: CompiledScene, frame: Frame, root: int, t: FloatArray, x: FloatArray, v: FloatArray
+) -> FloatArray:
+    """(nt, 6) what ``scene.wrench_sources`` do to body ``root`` and all outboard of it, about a frame and in its axes.
+
+    The plan knows them as generalised forces, of which no joint can tell what it passes on.
+    """
+    outboard = {root}
+    for i, parent in enumerate(scene.plan.tree[:, at.PARENT]):
+        if parent in outboard:
+            outboard.add(i)
+    kinematics = Kinematics(scene)
+    sums: FloatArray = np.zeros((len(t), 6))
+    for k in range(len(t)):
+        kinematics.move(float(t[k]), x[k], v[k])
+        R = kinematics.rotation(frame)
+        for source in scene.wrench_sources:
+            for place, force, torque in source.wrenches(float(t[k]), x[k], v[k]):
+                if scene.body_row[id(place.body)] in outboard:
+                    push: FloatArray = np.asarray(force, dtype=np.float64)
+                    arm: FloatArray = kinematics.position(place) - kinematics.position(frame)
+                    moment = np.asarray(torque, dtype=np.float64) + np.cross(arm, push)
+                    sums[k] += np.concatenate([R.T @ push, R.T @ moment])
+    return sums
 
 
 def coordinate_force(joint: Joint, reaction: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from flexmbd.multibody.kane import Kinematics, active_forces, elastic_forces, in
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.residual import residual
+from flexmbd.multibody.reaction import reactions as reactions_of
 from flexmbd.multibody.scene_matrices import constraint_jacobian
 
 
@@ -195,3 +196,41 @@ def test_a_kane_force_that_fails_says_which_and_when(load, message):
     assert 0.1 < caught.value.trajectory.t[-1] <= 0.2
     with pytest.raises(SceneError, match="KaneForce '': float is no function"):
         scene.add_force(fm.force.KaneForce(1.0))
+
+
+def test_joints_bear_forces_by_kane():
+    """Reactions of joints of all kinds, with forces given by frames and by Kane."""
+    rng = np.random.default_rng(7)
+    loads = rng.standard_normal((3, 2, 3))
+    reactions = []
+    for kane in (False, True):
+        scene, bodies, _, loops = mixed_scene()
+        joints = [c for c in scene._connections if c not in loops]
+        frames = [bodies[1].frame("tip"), bodies[3].frame(), bodies[5].frame(p=(0.1, 0.2, 0.3))]
+        if kane:
+            given = [(f, *load) for f, load in zip(frames, loads, strict=True)]
+            scene.add_force(fm.force.KaneForce(lambda m, given=given: given, name="loads"))
+        else:
+            for frame, load in zip(frames, loads, strict=True):
+                scene.add_force(fm.force.FrameForce(frame, *map(tuple, load)))
+        compiled = scene.compile()
+        x, v, a = (part[None] for part in moving(compiled, 3))
+        nu = np.random.default_rng(8).standard_normal((1, len(compiled.plan.rows)))
+        times = np.zeros(1)
+        reactions.append([reactions_of(compiled, joint, times, x, v, a, nu) for joint in joints])
+    assert len(reactions[0]) == 6
+    np.testing.assert_allclose(reactions[1], reactions[0], atol=1e-11 * np.abs(reactions[0]).max())
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_hinge_run_from_child_to_parent_bears_forces_by_kane(backwards):
+    """A sideways force on a bob, in inertial axes; on the ground as the joint's child the opposite."""
+    scene = fm.System()
+    bob = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="bob")
+    ends = [scene.ground.frame(), bob.frame()]
+    pin = scene.connect(fm.joint.Revolute("z"), *(ends[::-1] if backwards else ends))
+    tip = bob.frame(p=(0.5, 0.0, 0.0))
+    scene.add_force(fm.force.KaneForce(lambda m: [(tip, [3.0, 0.0, 2.0], [0.5, 0.0, 0.0])], name="push"))
+    run = scene.simulate(0.01, h=0.01)
+    on_bob = np.array([-3.0, 0.0, -2.0, -0.5, 1.0, 0.0])
+    np.testing.assert_allclose(run.reaction(pin)[0], -on_bob if backwards else on_bob, atol=1e-12)

@@ -95,6 +95,17 @@ def test_accelerations_and_masses_are_those_of_the_rigid_body():
     assert np.abs(masses[0] - masses[1]).max() > 0.1  # the recursion knows nothing of the given body
 
 
+@pytest.mark.parametrize("loop", [False, True])
+def test_joints_bear_it(loop):
+    """Reactions of both hinges, force and moment, as with the rigid body in its place."""
+    reactions = []
+    for kane in (False, True):
+        scene, *joints = chain(kane=kane, loop=loop)
+        run = scene.simulate(0.05, h=2.5e-3, rtol=1e-12, integrator=fm.ExplicitRungeKutta())
+        reactions.append(np.hstack([run.reaction(j) for j in joints]))
+    np.testing.assert_allclose(reactions[1], reactions[0], atol=1e-9 * np.abs(reactions[0]).max())
+
+
 def test_added_mass_of_a_fluid():
     """A sphere that rises in water: half of the displaced mass moves with it; z = (buoyancy - weight) t^2 / 2 M."""
     scene = fm.System(gravity=(0.0, 0.0, -9.81))

@@ -23,8 +23,7 @@ class KaneBody:
     as F_r + F*_r = v_r . R + w_r . T does (seed 3 eq. 3.1-3.7).  What depends on velocities, w x I w and the like,
     and the body's weight, belong to ``active``.  Each frame must lie on a body with a mass of its own.
 
-    ``run.energy()`` and the reactions of joints on the way to the frames know nothing of it.  Python, once
-    each evaluation of the equations.
+    ``run.energy()`` knows nothing of it, ``run.reaction()`` does.  Python, once each evaluation of the equations.
 
     Attributes:
         at: the frames.

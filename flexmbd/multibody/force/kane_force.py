@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from flexmbd.errors import SceneError
 from flexmbd.multibody.callback import FloatArray
 from flexmbd.multibody.force.protocol import OnState, Table
-from flexmbd.multibody.kane import Contribution, Kinematics
+from flexmbd.multibody.kane import Contribution, Kinematics, Machine
 from flexmbd.multibody.kernels import layout as at
 
 
@@ -42,11 +42,26 @@ class KaneForce(OnState):
 
     def lay(self, table: Table) -> None:
         """A function of the state that asks the user's with the motion of that state."""
-        found: list[Kinematics] = []
-        table.when_built(lambda scene: found.append(Kinematics(scene)))
-
-        def forces(t: float, x: FloatArray, v: FloatArray) -> FloatArray:
-            kinematics = found[0].move(t, x, v)
-            return kinematics.generalised_forces(self.function(kinematics))
-
+        forces = _Forces(self.function)
+        table.when_built(forces.build)
         table.element(at.ON_STATE, self.what, address=table.state_function(forces, self.what))
+        table.act_on_frames(forces)
+
+
+class _Forces:
+    """The user's forces as a function of the machine's state; ``build`` comes first."""
+
+    def __init__(self, function: Callable[[Kinematics], Iterable[Contribution]]) -> None:
+        self._function = function
+
+    def build(self, scene: Machine) -> None:
+        """Take the compiled scene."""
+        self._kinematics = Kinematics(scene)
+
+    def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:
+        """Generalised forces (nv,)."""
+        return self._kinematics.generalised_forces(self.wrenches(t, x, v))
+
+    def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> list[Contribution]:
+        """What the user's function gives."""
+        return list(self._function(self._kinematics.move(t, x, v)))

@@ -13,7 +13,7 @@ from flexmbd.multibody.bearing import Bearing
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.kane import Machine
+from flexmbd.multibody.kane import Machine, WrenchSource
 from flexmbd.multibody.kane_inertia import GivenBody
 from flexmbd.multibody.time_function import Compiled, TimeFunction
 
@@ -54,6 +54,9 @@ class Table(Protocol):
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""
+
+    def act_on_frames(self, source: WrenchSource) -> None:
+        """Let the joints' reactions know of what acts on frames by generalised forces."""
 
     def bear(self, bearing: Bearing) -> None:
         """Add a joint whose friction follows its reaction."""
