@@ -24,10 +24,10 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
             mine = [row for row in rows if (row["scene"], row["code"], row["method"]) == (name, code, method)]
             if mine:
                 style = "o-" if code == "flexmbd" else "s--"
-                x, y = [row["seconds"] for row in mine], [row["error"] for row in mine]
+                x, y = [row["solve"] for row in mine], [row["error"] for row in mine]
                 panel.loglog(x, y, style, color=f"C{k % 10}", markersize=3.5, label=f"{code} {method}")
         panel.axhline(1e-6, color="0.6", linewidth=0.8)
-        panel.set(title=name, xlabel="s", ylabel="relative error")
+        panel.set(title=name, xlabel="s of processor time, stepping", ylabel="relative error")
         panel.grid(which="major", alpha=0.3)
     for panel in list(axes.flat)[len(names) :]:
         panel.set_axis_off()
@@ -36,5 +36,5 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         drawn, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, drawn, strict=True))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=80)
     plt.close(figure)

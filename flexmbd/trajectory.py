@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.interpolation import interpolate_series
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.round_bodies import round_axes
 from flexmbd.multibody.kernels.series import energy_series, force_series, frame_series
 from flexmbd.multibody.plan import CompiledScene, add_probe
 from flexmbd.multibody.plan_forces import NO_DRIVE
@@ -237,8 +238,10 @@ class Trajectory:
             return x, v, a
         x, v, a = np.zeros((n, self.scene.nx)), np.zeros((n, self.scene.nv)), np.zeros((n, self.scene.nv))
         interval = np.clip(np.searchsorted(self.t, wanted, side="right") - 1, 0, len(self.t) - 2)
+        plain, quaternions = coordinate_slots(self.scene.plan)
+        axes = round_axes(self.scene.plan, quaternions)
         interpolate_series(
-            *coordinate_slots(self.scene.plan), self.t, self.x, self.v, self.a, interval, wanted, x, v, a
+            plain, quaternions, axes, self.t, self.x, self.v, self.a, interval, wanted, x, v, a
         )
         return x, v, a
 

@@ -181,12 +181,12 @@ def _velocities(plan, work, aw, loops, s):
     for i in range(m):
         loops.phi[i] = -s.row_end[i, 1]
         for k in range(p.shape[0]):
-            loops.phi[i] += loops.jacobian[i, k] * s.v_end[0, k]
-    respond(loops, loops.rank[0], loops.phi, loops.move)
+            loops.phi[i] += loops.paths.jacobian[i, k] * s.v_end[0, k]
+    respond(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
     for k in range(p.shape[0]):
         s.v_end[0, k] -= loops.move[k]
         for i in range(m):
-            p[k] -= loops.jacobian[i, k] * loops.solution[i]
+            p[k] -= loops.paths.jacobian[i, k] * loops.solution[i]
 
 
 @entry_kernel

@@ -2,8 +2,9 @@
 
 In each step the configuration is x = x_n moved by local coordinates u, with du/dt the inverse
 differential of the move applied to v, and dv/dt the forward dynamics; so the pair keeps its order for
-rotations too.  Sources: Munthe-Kaas 1999; Dormand & Prince 1980; Hairer, Norsett & Wanner 1993
-(sections II.4, II.10); projection: Hairer & Wanner 1996, section VII.2.
+rotations too; of round bodies the spin is left out (``kernels.round_bodies``).  Sources: Munthe-Kaas
+1999; Dormand & Prince 1980; Hairer, Norsett & Wanner 1993 (sections II.4, II.10); projection: Hairer &
+Wanner 1996, section VII.2.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_ke
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots, move, turn_rates
+from flexmbd.multibody.kernels.round_bodies import round_axes, slow_rates, spin_on, spin_vectors, steady_spin
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 
@@ -64,6 +66,7 @@ class Scratch(NamedTuple):
     """Work arrays of a step: the stage at hand and the derivatives of all stages.
 
     rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
+    axes, spins (k, 3): see ``round_bodies``; no rows where no body is round.
     """
 
     x: FloatArray
@@ -75,6 +78,8 @@ class Scratch(NamedTuple):
     rate_v: FloatArray
     error_x: FloatArray
     error_v: FloatArray
+    axes: FloatArray
+    spins: FloatArray
 
 
 @dataclass(frozen=True)
@@ -121,15 +126,14 @@ class ExplicitRungeKutta:
                 "fm.Pair.DORMAND_PRINCE_5"
             )
         tableau = self.pair.tableau
-        scratch = _new_scratch(scene, tableau.a.shape[1])
+        plain, quaternions = coordinate_slots(scene.plan)
+        scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
         loops = new_loops(scene.plan, state)
         articulated = new_articulated_work(scene.plan)
         if state.counts[st.STEPS] == 0:
             state.numbers[RATIO_BEFORE] = 1e-4
             evaluate_times(scene.plan, float(state.numbers[st.TIME]), work.time)
             survey(scene, state, work)
-        plain, quaternions = coordinate_slots(scene.plan)
-
         parts = (scene.plan, work, articulated, loops, plain, quaternions, int(self.rotations), tableau)
 
         def advance_to(record: st.Record) -> int:
@@ -142,8 +146,10 @@ def _nothing_to_drop() -> None:
     """An explicit method keeps no factors from step to step."""
 
 
-def _new_scratch(scene: CompiledScene, stages: int) -> Scratch:
+def _new_scratch(scene: CompiledScene, stages: int, axes: FloatArray) -> Scratch:
     nv = scene.nv
+    if not axes.any():
+        axes = axes[:0]
     zeros = np.zeros
     return Scratch(
         x=zeros(scene.nx),
@@ -155,6 +161,8 @@ def _new_scratch(scene: CompiledScene, stages: int) -> Scratch:
         rate_v=zeros((stages + 1, nv)),
         error_x=zeros((2, nv)),
         error_v=zeros((2, nv)),
+        axes=axes,
+        spins=zeros((len(axes), 3)),
     )
 
 
@@ -173,7 +181,7 @@ def _combine(tableau, i, state, s, h):
 
 
 @part_of_kernel
-def _error(plan, loops, tableau, state, groups, s, h, rate):
+def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate):
     """The step's error over what is tolerated; two estimates are combined as DOP853 does.
 
     Errors across the loops do not count: projection takes them away.
@@ -188,9 +196,11 @@ def _error(plan, loops, tableau, state, groups, s, h, rate):
                 for k in range(s.u.shape[0]):
                     s.error_x[e, k] += share * s.rate_x[j, k]
                     s.error_v[e, k] += share * s.rate_v[j, k]
+        spin_vectors(quaternions, s.axes, s.spins, s.error_x[e])
+        spin_vectors(quaternions, s.axes, s.spins, s.error_v[e])
         if plan.rows.shape[0] > 0:
-            drop_normal_part(loops, s.error_x[e])
-            drop_normal_part(loops, s.error_v[e])
+            drop_normal_part(plan, work, aw, loops, s.error_x[e])
+            drop_normal_part(plan, work, aw, loops, s.error_v[e])
     lower = st.error_ratio(plan, state, groups, s.error_x[1], s.error_v[1], h, rate)
     ratio = st.error_ratio(plan, state, groups, s.error_x[0], s.error_v[0], h, rate)
     if lower > 0.0:
@@ -234,12 +244,15 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     for k in range(s.v.shape[0]):
         s.rate_x[0, k] = state.v[k]
         s.rate_v[0, k] = state.a[k]
+    steady_spin(quaternions, s.axes, state.v, s.spins)
+    slow_rates(quaternions, s.axes, s.spins, s.rate_x[0], s.rate_v[0])
     instant = np.nan
     for i in range(1, stages + 1):
         end = i == stages
         _combine(tableau, i, state, s, h)
         move(plain, quaternions, way, state.x, s.u, s.x)
         node = tableau.nodes[i]
+        spin_on(quaternions, s.axes, s.spins, node * h, s.x, s.v)
         if node != instant:
             t = st.end_of_step(state, h) if node == 1.0 else state.numbers[st.TIME] + node * h
             evaluate_times(plan, t, work.time)
@@ -248,12 +261,12 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
             return np.inf
         drive(plan, work, s.x, s.v, s.a)
         if end and not uses_end and not fixed:
-            ratio = _error(plan, loops, tableau, state, groups, s, h, rate)
+            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
             if not ratio <= 1.0:
                 return ratio
         for attempt in range(2):
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
-                closed = project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v)
+                closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v)
                 if end and not closed:
                     return np.inf
             accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
@@ -263,10 +276,11 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         for k in range(s.v.shape[0]):
             s.rate_x[i, k] = s.v[k]
             s.rate_v[i, k] = s.a[k]
+        slow_rates(quaternions, s.axes, s.spins, s.rate_x[i], s.rate_v[i])
         if quaternions.shape[0] > 0:
             turn_rates(quaternions, way, s.u, s.rate_x[i])
     if uses_end and not fixed:
-        ratio = _error(plan, loops, tableau, state, groups, s, h, rate)
+        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
     return ratio if _finite(s) else np.inf
 
 

@@ -14,18 +14,16 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.initial import scaled_jacobian
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated import forward_dynamics, solve_mass
-from flexmbd.multibody.kernels.closure import constraints, load_relative, relative_pose
+from flexmbd.multibody.kernels.articulated import run_forward_dynamics, solve_mass
+from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
-from flexmbd.multibody.kernels.recursion import backward, forward
+from flexmbd.multibody.kernels.recursion import forward
 from flexmbd.multibody.kernels.rotation_update import EXPONENTIAL, move
-from flexmbd.multibody.kernels.rows import row_wrench
-from flexmbd.multibody.kernels.so3 import store3
+from flexmbd.multibody.kernels.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.scene_matrices import scaled_jacobian
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -49,15 +47,15 @@ N_MEMORY = 2
 class Loops(NamedTuple):
     """Scratch of m constraint rows.
 
-    jacobian, response: (m, nv) C and C M^-1.  small: (m, m) factors of C M^-1 C^T.
+    paths: C, and what leads to C M^-1 C^T.  small: (m, m) its factors.
     order: (m,) its pivots.  scale: (m,) the largest norms that the rows of C had at a step's end, in the
     metric of M^-1.  usual: (1,) the largest that the smallest pivot was there.  norm: (m,) norms at hand.
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
-    move: (nv,) correction.  rank: (1,) of the factors.  none: (m,) zeros.
+    force, moved: (1, nv) generalised forces of the rows and what they move.  move: (nv,) correction.
+    rank: (1,) of the factors.  none: (0,).
     """
 
-    jacobian: FloatArray
-    response: FloatArray
+    paths: RowPaths
     small: FloatArray
     order: IntArray
     scale: FloatArray
@@ -68,6 +66,8 @@ class Loops(NamedTuple):
     rate2: FloatArray
     solution: FloatArray
     scratch: FloatArray
+    force: FloatArray
+    moved: FloatArray
     move: FloatArray
     rank: IntArray
     none: FloatArray
@@ -78,8 +78,7 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
     m, nv = len(plan.rows), len(state.v)
     zeros = np.zeros
     return Loops(
-        jacobian=zeros((m, nv)),
-        response=zeros((m, nv)),
+        paths=new_row_paths(plan),
         small=zeros((m, m)),
         order=zeros(m, np.int64),
         scale=state.memory[0, :m],
@@ -90,9 +89,11 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
         rate2=zeros(m),
         solution=zeros(m),
         scratch=zeros(m),
+        force=zeros((1, nv)),
+        moved=zeros((1, nv)),
         move=zeros(nv),
         rank=zeros(1, np.int64),
-        none=zeros(m),
+        none=zeros(0),
     )
 
 
@@ -112,57 +113,26 @@ def survey(scene: CompiledScene, state: st.State, work: Work) -> None:
     state.memory[1, 0] = pivots[pivots > RANK_FLOOR].min(initial=1.0)
 
 
-@kernel
-def _row_direction(plan, work, i, out):
-    """out = row i of C, as the generalised forces of its unit multiplier."""
-    row = plan.rows[i]
-    for k in range(out.shape[0]):
-        out[k] = 0.0
-    if row[at.ROW_KIND] == at.ROW_COUPLING:
-        o = row[at.ROW_DATA]
-        for k in range(int(plan.data[o])):
-            out[plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]] += plan.data[o + 3 + 2 * k]
-        return
-    for b in range(plan.tree.shape[0]):
-        store3(work.body[b], at.B_F, (0.0, 0.0, 0.0))
-        store3(work.body[b], at.B_T, (0.0, 0.0, 0.0))
-    f = row[at.ROW_F]
-    g = row[at.ROW_G]
-    d, R = relative_pose(plan, work, f, g)
-    force, torque = row_wrench(plan, row, d, R)
-    load_relative(plan, work, f, g, d, R, force, torque, out)
-    backward(plan, work, out)
-
-
 @part_of_kernel
 def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     """Write the free accelerations and the multipliers at (x, v); keep the factors in ``loops``.
 
     Reads from ``loops.usual`` how large rows and pivots are away from singular positions.
     """
-    forward_dynamics(plan, work, aw, x, v, a, loops.none)
     m = plan.rows.shape[0]
+    run_forward_dynamics(plan, work, aw, x, v, a, loops.none)
     if m == 0:
         return
     forward(plan, work, x, v, a)
     constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-    for i in range(m):
-        _row_direction(plan, work, i, loops.jacobian[i])
-    solve_mass(plan, work, aw, loops.jacobian, loops.response)
-    for i in range(m):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(a.shape[0]):
-                total += loops.jacobian[i, k] * loops.response[j, k]
-            loops.small[i, j] = total
-            loops.small[j, i] = total
+    solve_rows(plan, work, aw, loops.paths, loops.small)
     for i in range(m):
         loops.norm[i] = np.sqrt(loops.small[i, i])
     loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
     rank = loops.rank[0]
     while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < _SINGULAR * loops.usual[0]:
         rank -= 1
-    respond(loops, rank, loops.rate2, loops.move)
+    respond(plan, work, aw, loops, rank, loops.rate2, loops.move)
     for i in range(m):
         multipliers[i] = loops.solution[i]
     for k in range(a.shape[0]):
@@ -187,34 +157,33 @@ def is_nearly_singular(loops):
 
 
 @kernel
-def drop_normal_part(loops, out):
+def drop_normal_part(plan, work, aw, loops, out):
     """Take from the tangent vector ``out`` (nv,) what projection onto the loops would take."""
     for i in range(loops.phi.shape[0]):
-        total = 0.0
-        for k in range(out.shape[0]):
-            total += loops.jacobian[i, k] * out[k]
-        loops.phi[i] = total
-    respond(loops, loops.rank[0], loops.phi, loops.move)
+        loops.phi[i] = row_times(loops.paths, i, out)
+    respond(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
     for k in range(out.shape[0]):
         out[k] -= loops.move[k]
 
 
 @kernel
-def respond(loops, rank, rows, out):
-    """out = M^-1 C^T (C M^-1 C^T)^-1 rows."""
+def respond(plan, work, aw, loops, rank, rows, out):
+    """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left."""
     solve_semidefinite(
         loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution
     )
     for k in range(out.shape[0]):
-        out[k] = 0.0
+        loops.force[0, k] = 0.0
     for i in range(rows.shape[0]):
-        share = loops.solution[i]
-        for k in range(out.shape[0]):
-            out[k] += share * loops.response[i, k]
+        if loops.solution[i] != 0.0:
+            add_row(loops.paths, i, loops.solution[i], loops.force[0])
+    solve_mass(plan, work, aw, loops.force, loops.moved)
+    for k in range(out.shape[0]):
+        out[k] = loops.moved[0, k]
 
 
 @part_of_kernel
-def project(plan, work, plain, quaternions, state, groups, loops, rate, x, v):
+def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v):
     """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
 
     Newton's iteration with those factors; it ends where corrections vanish or round-off stops them.
@@ -225,7 +194,7 @@ def project(plan, work, plain, quaternions, state, groups, loops, rate, x, v):
     for _ in range(2 * _MAX_ITERATIONS):
         forward(plan, work, x, v, v)
         constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-        respond(loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        respond(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
         size = 0.0
         for k in range(v.shape[0]):
             g = groups.of[k]

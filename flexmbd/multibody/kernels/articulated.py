@@ -12,8 +12,9 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_inward import gather_forces, gather_inertia
 from flexmbd.multibody.kernels.articulated_outward import accelerate, move
+from flexmbd.multibody.kernels.articulated_planar import planar_dynamics
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.elements import load_elements, push_coordinates
 from flexmbd.multibody.kernels.recursion import forward
 
@@ -32,14 +33,25 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers):
         x: (nx,) configuration.
         v: (nv,) velocity.
         a: (nv,) output.
-        multipliers: (m,) of the loops' rows (N or N m).
+        multipliers: (m,) of the loops' rows (N or N m), or (0,) for none.
     """
+    run_forward_dynamics(plan, work, aw, x, v, a, multipliers)
+
+
+@part_of_kernel
+def run_forward_dynamics(plan, work, aw, x, v, a, multipliers):
+    """``forward_dynamics`` as text of its caller: to hand over all arrays takes a quarter of a small machine's time."""
     asked = aw.asked
     for k in range(asked.shape[0]):
         asked[k] = 0.0
     for i in range(plan.driven.shape[0]):
         a[plan.driven[i, at.DRIVEN_V]] = work.time[plan.driven[i, at.DRIVEN_TIME], 2]
-    loaded = _ask_loads(plan, work, aw, x, v, multipliers)
+    loaded = False
+    if multipliers.shape[0] + plan.elements.shape[0] + plan.forces.shape[0] > 0:
+        loaded = _ask_loads(plan, work, aw, x, v, multipliers)
+    if aw.planar[0] == 1:
+        planar_dynamics(plan.gravity, aw, work.body, x, v, a, loaded)
+        return
     move(plan, aw, x, v, a)
     gather_inertia(plan, work, aw, v, loaded)
     start = (-plan.gravity[0], -plan.gravity[1], -plan.gravity[2])
@@ -53,7 +65,7 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
     Only wrenches between frames need poses in the world.
     """
     asked = aw.asked
-    loaded = plan.rows.shape[0] > 0
+    loaded = multipliers.shape[0] > 0
     for i in range(plan.elements.shape[0]):
         loaded = loaded or plan.elements[i, at.EL_KIND] >= at.BETWEEN_SPRING
     if loaded:
@@ -61,9 +73,10 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
         for i in range(plan.tree.shape[0]):
             for k in range(at.B_F, at.B_T + 3):
                 work.body[i, k] = 0.0
-        load_constraints(plan, work, multipliers, asked)
         load_elements(plan, work, asked)
-        load_couplings(plan, multipliers, asked)
+        if multipliers.shape[0] > 0:
+            load_constraints(plan, work, multipliers, asked)
+            load_couplings(plan, multipliers, asked)
     if plan.elements.shape[0] > 0:
         push_coordinates(plan, work, x, v, asked)
     for i in range(plan.forces.shape[0]):

@@ -73,21 +73,22 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
             put6(row, i, to.R_U, (a[2], a[4], a[5], b[6], b[7], b[8]))
             row[i, to.R_D] = over
             row[i, to.R_FORCE] = left
-            a, b, m, torque, force = pass_hinge(
-                row[i, to.R_COS],
-                row[i, to.R_SIN],
-                row3(constant, i, to.C_P),
-                a,
-                b,
-                m,
-                torque,
-                force,
-                left,
-                over,
-                w,
-                v[o],
-                row3(row, i, to.R_BIAS),
-            )
+            if link[i, to.PARENT] >= 0:
+                a, b, m, torque, force = pass_hinge(
+                    row[i, to.R_COS],
+                    row[i, to.R_SIN],
+                    row3(constant, i, to.C_P),
+                    a,
+                    b,
+                    m,
+                    torque,
+                    force,
+                    left,
+                    over,
+                    w,
+                    v[o],
+                    row3(row, i, to.R_BIAS),
+                )
             kept = False
         else:
             a, b, m, torque, force = _yield_body(plan, aw, i, a, b, m, torque, force)
@@ -147,6 +148,8 @@ def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
         aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
     if link[i, to.FORM] == to.SEVERAL:
         a, b, m, torque, force = yield_several(aw, link[i], a, b, m, torque, force)
+        if link[i, to.PARENT] < 0:
+            return a, b, m, torque, force
     else:
         spin = aw.constant[i, to.C_TURN]
         slide = aw.constant[i, to.C_SHIFT]
@@ -166,6 +169,8 @@ def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
         put6(row, i, to.R_U, u)
         row[i, to.R_D] = over
         row[i, to.R_FORCE] = left
+        if link[i, to.PARENT] < 0:
+            return a, b, m, torque, force
         e = (over * u[0], over * u[1], over * u[2], over * u[3], over * u[4], over * u[5])
         a, b, m = subtract_outer(a, b, m, u, e)
         torque = add3(torque, scale3(left, (e[0], e[1], e[2])))
@@ -223,29 +228,34 @@ def _reduce_body(plan, aw, i, a, b, m, torque, force):
 @part_of_kernel
 def gather_forces(plan, aw, rhs):
     """Wrenches that the forces ``rhs`` (nv,) leave to the parents, inwards, with the factors at hand."""
+    for i in range(aw.link.shape[0]):
+        put6(aw.gathered, i, to.G_TORQUE, _ZERO6)
+    for i in range(aw.link.shape[0] - 1, -1, -1):
+        pass_forces(plan, aw, i, rhs)
+
+
+@part_of_kernel
+def pass_forces(plan, aw, i, rhs):
+    """The step of ``gather_forces`` at body i, whose children have passed theirs."""
     link = aw.link
     row = aw.row
     gathered = aw.gathered
-    for i in range(link.shape[0]):
-        put6(gathered, i, to.G_TORQUE, _ZERO6)
-    for i in range(link.shape[0] - 1, -1, -1):
-        torque = row3(gathered, i, to.G_TORQUE)
-        force = row3(gathered, i, to.G_FORCE)
-        if link[i, to.FLEX] >= 0:
-            torque, force = _pass_modes(plan, aw, i, rhs, torque, force)
-        if link[i, to.FREEDOMS] > 0:
-            if link[i, to.FORM] == to.SEVERAL:
-                torque, force = pass_several(aw, link[i], rhs, torque, force)
-            else:
-                u = rhs[link[i, to.JOINT_V]]
-                u -= aw.constant[i, to.C_TURN] * torque[2] + aw.constant[i, to.C_SHIFT] * force[2]
-                row[i, to.R_FORCE] = u
-                u *= row[i, to.R_D]
-                torque = add3(torque, scale3(u, row3(row, i, to.R_U)))
-                force = add3(force, scale3(u, row3(row, i, to.R_U + 3)))
-        parent = link[i, to.PARENT]
-        if parent < 0:
-            continue
+    torque = row3(gathered, i, to.G_TORQUE)
+    force = row3(gathered, i, to.G_FORCE)
+    if link[i, to.FLEX] >= 0:
+        torque, force = _pass_modes(plan, aw, i, rhs, torque, force)
+    if link[i, to.FREEDOMS] > 0:
+        if link[i, to.FORM] == to.SEVERAL:
+            torque, force = pass_several(aw, link[i], rhs, torque, force)
+        else:
+            u = rhs[link[i, to.JOINT_V]]
+            u -= aw.constant[i, to.C_TURN] * torque[2] + aw.constant[i, to.C_SHIFT] * force[2]
+            row[i, to.R_FORCE] = u
+            u *= row[i, to.R_D]
+            torque = add3(torque, scale3(u, row3(row, i, to.R_U)))
+            force = add3(force, scale3(u, row3(row, i, to.R_U + 3)))
+    parent = link[i, to.PARENT]
+    if parent >= 0:
         r = row3(aw.constant, i, to.C_P)
         if link[i, to.FORM] != to.PLAIN:
             r = row3(aw.pose, i, to.P_P)

@@ -69,6 +69,9 @@ I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
 )  # fmt: skip
 
 
+_IDENTITY = np.eye(3)
+
+
 class ArticulatedWork(NamedTuple):
     """Constants and scratch of the articulated-body recursion of one plan.
 
@@ -82,6 +85,7 @@ class ArticulatedWork(NamedTuple):
     that deform, see ``articulated_interface``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S; scratch.
     rest6: (6, 6) scratch.
     asked: (nv,) generalised forces asked by elements and joint forces.  rest: (nv,) zeros.
+    planar: (1,) whether all hinges are parallel, see ``articulated_planar``.
     """
 
     link: IntArray
@@ -110,6 +114,7 @@ class ArticulatedWork(NamedTuple):
     rest6: FloatArray
     asked: FloatArray
     rest: FloatArray
+    planar: IntArray
 
 
 def _subspace(kind: int, pitch: float) -> tuple[float, float] | None:
@@ -137,7 +142,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         subspace = _subspace(kind, plan.data[tree[at.JOINT_DATA]])
         if subspace is not None:
             constants[i, C_TURN : C_TURN + 2] = subspace
-            level = np.array_equal(axes[i, X_R : X_R + 9].reshape(3, 3), np.eye(3))
+            level = bool((axes[i, X_R : X_R + 9].reshape(3, 3) == _IDENTITY).all())
             multi = -1
             form = ALIGNED if level and slot < 0 else TURNED
             freedoms = 0 if kind == at.FIXED or int(tree[at.JOINT_V]) in driven else 1
@@ -160,7 +165,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         constant=constants,
         axes=axes,
         row=zeros((count, N_ROW)),
-        pose=zeros((count, N_POSE)),
+        pose=_resting_poses(constants),
         gathered=zeros((count, N_GATHERED)),
         subspace=zeros((several, 3, 6, 6)),
         force=zeros((several, 6)),
@@ -182,7 +187,22 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         rest6=zeros((6, 6)),
         asked=zeros(nv),
         rest=zeros(nv),
+        planar=np.array([_is_planar(links, constants)], np.int64),
     )
+
+
+def _resting_poses(constants: FloatArray) -> FloatArray:
+    """ArticulatedWork.pose with the places of hinges, which ``articulated_planar`` leaves as they are."""
+    pose = np.zeros((len(constants), N_POSE))
+    pose[:, P_P : P_P + 3] = constants[:, C_P : C_P + 3]
+    return pose
+
+
+def _is_planar(links: IntArray, constants: FloatArray) -> bool:
+    """Whether every joint is a free hinge along the axes of a rigid parent, or any free hinge on the ground."""
+    hinges = (constants[:, C_TURN] == 1.0) & (constants[:, C_SHIFT] == 0.0) & (links[:, FREEDOMS] == 1)
+    aligned = (links[:, FORM] <= ALIGNED) | (links[:, PARENT] < 0)
+    return bool((hinges & aligned & (links[:, FLEX] < 0) & (links[:, INTERFACE] < 0)).all())
 
 
 def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
@@ -253,17 +273,30 @@ def _place(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: 
         p_G, R_G = _frame(plan, int(plan.tree[parent, at.FRAME_CHILD]))
         p, R = R_G.T @ (p - p_G), _cleaned(R_G.T @ R)
     own_p, own_R = _frame(plan, int(tree[at.FRAME_CHILD]))
-    mass, first = rigid[at.MASS], rigid[at.FIRST_MOMENT : at.SECOND_MOMENT]
-    second = np.zeros((3, 3))
-    second[np.triu_indices(3)] = rigid[at.SECOND_MOMENT :]
-    second += np.triu(second, 1).T
-    if i not in flex_of:
-        cross = np.outer(first, own_p)
-        second = second - cross - cross.T + mass * np.outer(own_p, own_p)
-        first, second = own_R.T @ (first - mass * own_p), own_R.T @ second @ own_R
-    tensor = np.trace(second) * np.eye(3) - second
-    constant[:C_TURN] = [*p, mass, *first, *tensor[np.triu_indices(3)]]
-    axes[:] = [*R.ravel(), *own_p, *own_R.ravel()]
+    if i in flex_of:
+        mass, first, second = _integrals(rigid)
+        tensor = second.trace() * _IDENTITY - second
+    else:
+        mass, first, tensor = body_about_joint(plan, i)
+    constant[:C_TURN] = [*p, mass, *first, *tensor[0], *tensor[1, 1:], tensor[2, 2]]
+    axes[:9], axes[9:12], axes[12:] = R.ravel(), own_p, own_R.ravel()
+
+
+def body_about_joint(plan: Plan, i: int) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, first moment (3,) and inertia tensor (3, 3) of rigid body i about its inboard joint's G, in G's axes."""
+    mass, first, second = _integrals(plan.rigid[i])
+    p, R = _frame(plan, int(plan.tree[i, at.FRAME_CHILD]))
+    cross = first[:, None] * p
+    second = second - cross - cross.T + mass * p[:, None] * p
+    second = R.T @ second @ R
+    return mass, R.T @ (first - mass * p), second.trace() * _IDENTITY - second
+
+
+def _integrals(rigid: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, first and second moments about the body's origin of a row of Plan.rigid."""
+    xx, xy, xz, yy, yz, zz = rigid[at.SECOND_MOMENT :]
+    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return float(rigid[at.MASS]), rigid[at.FIRST_MOMENT : at.SECOND_MOMENT], second
 
 
 def _frame(plan: Plan, f: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -274,4 +307,4 @@ def _frame(plan: Plan, f: int) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 def _cleaned(R: FloatArray) -> FloatArray:
     """The identity where R is it but for rounding."""
-    return np.eye(3) if np.abs(R - np.eye(3)).max() < 1e-15 else R
+    return _IDENTITY if np.abs(R - _IDENTITY).max() < 1e-15 else R

@@ -10,8 +10,8 @@ import math
 
 from flexmbd.multibody.kernels import articulated_layout as to
 from flexmbd.multibody.kernels.compiling import kernel
-from flexmbd.multibody.kernels.so3 import add3, load3, rotate, rotate_back, scale3, store3
-from flexmbd.multibody.kernels.spatial import load6, subtract_outer, symmetric_times
+from flexmbd.multibody.kernels.so3 import add3, dot3, load3, rotate, rotate_back, scale3, store3, sub3
+from flexmbd.multibody.kernels.spatial import load6, store6, subtract_outer, symmetric_times
 
 
 @kernel
@@ -34,6 +34,26 @@ def yield_several(aw, link, a, b, m, torque, force):
 
     D = S^T I S = L L^T; Q = L^-1 S^T I takes the place of U^T.
     """
+    n = link[to.FREEDOMS]
+    if n == 3:
+        _factor_ball(aw, link, a, b, torque)
+    else:
+        _factor_several(aw, link, a, b, m, torque, force)
+    if link[to.PARENT] < 0:
+        return a, b, m, torque, force
+    Q = aw.subspace[link[to.MULTI], 1]
+    left = aw.force[link[to.MULTI]]
+    for j in range(n):
+        q = load6(Q[j], 0)
+        a, b, m = subtract_outer(a, b, m, q, q)
+        torque = add3(torque, scale3(left[j], (q[0], q[1], q[2])))
+        force = add3(force, scale3(left[j], (q[3], q[4], q[5])))
+    return a, b, m, torque, force
+
+
+@kernel
+def _factor_several(aw, link, a, b, m, torque, force):
+    """L, Q and L^-1 u of a joint of several coordinates."""
     S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
     left = aw.force[link[to.MULTI]]
     n = link[to.FREEDOMS]
@@ -69,11 +89,59 @@ def yield_several(aw, link, a, b, m, torque, force):
         for k in range(j):
             t -= D[j, k] * left[k]
         left[j] = t / D[j, j]
-        q = load6(Q[j], 0)
-        a, b, m = subtract_outer(a, b, m, q, q)
-        torque = add3(torque, scale3(left[j], (q[0], q[1], q[2])))
-        force = add3(force, scale3(left[j], (q[3], q[4], q[5])))
-    return a, b, m, torque, force
+
+
+@kernel
+def _factor_ball(aw, link, a, b, torque):
+    """``_factor_several`` for a spherical joint, unrolled: D, Q and what is left.
+
+    S is the identity over zero, so that D = A and Q = L^-1 (A, B) = (L^T, L^-1 B).
+    """
+    Q, D = aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
+    left = aw.force[link[to.MULTI]]
+    o = link[to.JOINT_V]
+    l00 = math.sqrt(a[0])
+    l10 = a[1] / l00
+    l20 = a[2] / l00
+    l11 = math.sqrt(a[3] - l10 * l10)
+    l21 = (a[4] - l20 * l10) / l11
+    l22 = math.sqrt(a[5] - l20 * l20 - l21 * l21)
+    D[0, 0] = l00
+    D[1, 0] = l10
+    D[1, 1] = l11
+    D[2, 0] = l20
+    D[2, 1] = l21
+    D[2, 2] = l22
+    r0 = scale3(1.0 / l00, (b[0], b[1], b[2]))
+    r1 = scale3(1.0 / l11, sub3((b[3], b[4], b[5]), scale3(l10, r0)))
+    r2 = sub3((b[6], b[7], b[8]), add3(scale3(l20, r0), scale3(l21, r1)))
+    r2 = scale3(1.0 / l22, r2)
+    store6(Q[0], 0, (l00, l10, l20, r0[0], r0[1], r0[2]))
+    store6(Q[1], 0, (0.0, l11, l21, r1[0], r1[1], r1[2]))
+    store6(Q[2], 0, (0.0, 0.0, l22, r2[0], r2[1], r2[2]))
+    t0 = (-aw.asked[o] - torque[0]) / l00
+    t1 = (-aw.asked[o + 1] - torque[1] - l10 * t0) / l11
+    left[0] = t0
+    left[1] = t1
+    left[2] = (-aw.asked[o + 2] - torque[2] - l20 * t0 - l21 * t1) / l22
+
+
+@kernel
+def _accelerate_ball(aw, link, dw, acc, out):
+    """``accelerate_several`` for a spherical joint, unrolled; returns the angular acceleration of G."""
+    Q, D = aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
+    left = aw.force[link[to.MULTI]]
+    o = link[to.JOINT_V]
+    t0 = left[0] - dot3(load3(Q[0], 0), dw) - dot3(load3(Q[0], 3), acc)
+    t1 = left[1] - dot3(load3(Q[1], 0), dw) - dot3(load3(Q[1], 3), acc)
+    t2 = left[2] - dot3(load3(Q[2], 0), dw) - dot3(load3(Q[2], 3), acc)
+    t2 = t2 / D[2, 2]
+    t1 = (t1 - D[2, 1] * t2) / D[1, 1]
+    t0 = (t0 - D[1, 0] * t1 - D[2, 0] * t2) / D[0, 0]
+    out[o] = t0
+    out[o + 1] = t1
+    out[o + 2] = t2
+    return add3(dw, (t0, t1, t2))
 
 
 @kernel
@@ -100,8 +168,10 @@ def pass_several(aw, link, rhs, torque, force):
 def accelerate_several(aw, link, dw, acc, out):
     """Accelerations of a joint of several coordinates, written to ``out``; those of G with them."""
     S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
-    left = aw.force[link[to.MULTI]]
     n = link[to.FREEDOMS]
+    if n == 3:
+        return _accelerate_ball(aw, link, dw, acc, out), acc
+    left = aw.force[link[to.MULTI]]
     o = link[to.JOINT_V]
     for j in range(n - 1, -1, -1):
         t = left[j]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, summing_kernel
 
 #: A pivot below this share of the usual diagonal entry is round-off: the matrix has no further rank.
 RANK_FLOOR = 1e-13
@@ -14,19 +14,21 @@ RANK_FLOOR = 1e-13
 def factor_semidefinite(matrix, order, scale):
     """Factor S = P L L^T P^T in place, rows and columns divided by ``scale``; return the rank.
 
-    L's diagonal falls from row to row: the rank to a coarser tolerance is that many of its rows.
+    L's diagonal falls from row to row: the rank to a coarser tolerance is that many of its rows.  Zeros are passed
+    over: loops that lie in a row along a machine cost little more than their number squared.
 
     Args:
-        matrix: (m, m) symmetric; its lower triangle in pivoted order is overwritten by L.
+        matrix: (m, m) symmetric, of which the lower triangle is read; in pivoted order L is written there, its
+            transpose above.
         order: (m,) integers, written: order[i] is the row that stands at i.
         scale: (m,) usual sizes of the diagonal's roots, in the original order.
     """
     m = matrix.shape[0]
     for i in range(m):
         order[i] = i
-    for i in range(m):
-        for j in range(m):
-            matrix[i, j] /= scale[i] * scale[j]
+        for j in range(i + 1):
+            if matrix[i, j] != 0.0:
+                matrix[i, j] /= scale[i] * scale[j]
     for k in range(m):
         best = k
         for i in range(k + 1, m):
@@ -39,25 +41,38 @@ def factor_semidefinite(matrix, order, scale):
         pivot = math.sqrt(matrix[k, k])
         matrix[k, k] = pivot
         for i in range(k + 1, m):
-            matrix[i, k] /= pivot
+            if matrix[i, k] != 0.0:
+                matrix[i, k] /= pivot
+            matrix[k, i] = matrix[i, k]
         for i in range(k + 1, m):
             share = matrix[i, k]
-            for j in range(k + 1, i + 1):
-                matrix[i, j] -= share * matrix[j, k]
+            if share != 0.0:
+                for j in range(k + 1, i + 1):
+                    matrix[i, j] -= share * matrix[k, j]
     return m
 
 
 @kernel
 def _exchange(matrix, order, k, best):
-    """Exchange rows and columns k and best > k of a matrix whose lower triangle alone is valid."""
+    """Exchange rows and columns k and best > k: of L and its transpose what is written, else the lower triangle."""
     order[k], order[best] = order[best], order[k]
     matrix[k, k], matrix[best, best] = matrix[best, best], matrix[k, k]
     for j in range(k):
         matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        matrix[j, k], matrix[j, best] = matrix[j, best], matrix[j, k]
     for i in range(k + 1, best):
         matrix[i, k], matrix[best, i] = matrix[best, i], matrix[i, k]
     for i in range(best + 1, matrix.shape[0]):
         matrix[i, k], matrix[i, best] = matrix[i, best], matrix[i, k]
+
+
+@summing_kernel
+def _dot(matrix, i, first, last, x):
+    """Sum of matrix[i, j] x[j] from first to before last."""
+    total = 0.0
+    for j in range(first, last):
+        total += matrix[i, j] * x[j]
+    return total
 
 
 @kernel
@@ -68,14 +83,9 @@ def solve_semidefinite(matrix, rank, order, scale, rhs, scratch, out):
     inconsistent one in the rows that carry the rank.
     """
     for i in range(rank):
-        value = rhs[order[i]] / scale[order[i]]
-        for j in range(i):
-            value -= matrix[i, j] * scratch[j]
+        value = rhs[order[i]] / scale[order[i]] - _dot(matrix, i, 0, i, scratch)
         scratch[i] = value / matrix[i, i]
     for i in range(rank - 1, -1, -1):
-        value = scratch[i]
-        for j in range(i + 1, rank):
-            value -= matrix[j, i] * scratch[j]
-        scratch[i] = value / matrix[i, i]
+        scratch[i] = (scratch[i] - _dot(matrix, i, i + 1, rank, scratch)) / matrix[i, i]
     for i in range(matrix.shape[0]):
         out[order[i]] = scratch[i] / scale[order[i]] if i < rank else 0.0

@@ -8,7 +8,7 @@ that the motion asks for (eq. 71), a wrench on a flexible parent's interface goi
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
@@ -241,22 +241,26 @@ def load_frame(plan, work, f, force_F, torque_F, out):
     )
 
 
+@part_of_kernel
+def pass_wrench(plan, work, i, out):
+    """The step of ``backward`` at body i, whose children have passed theirs."""
+    tree = plan.tree[i]
+    row = work.body[i]
+    child = plan.frames[tree[at.FRAME_CHILD]]
+    R_BG = load9(child, at.FRAME_R)
+    force_B = load3(row, at.B_F)
+    torque_B = sub3(load3(row, at.B_T), cross3(load3(child, at.FRAME_P), force_B))
+    torque_G = rotate_back(R_BG, torque_B)
+    R_FG = load9(row, at.B_JOINT_R)
+    force_F = rotate(R_FG, rotate_back(R_BG, force_B))
+    pitch = plan.data[tree[at.JOINT_DATA]]
+    joint_force(tree[at.JOINT], pitch, force_F, torque_G, out, tree[at.JOINT_V])
+    torque_F = add3(rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F))
+    load_frame(plan, work, tree[at.FRAME_PARENT], force_F, torque_F, out)
+
+
 @entry_kernel
 def backward(plan, work, out):
     """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
     for i in range(plan.tree.shape[0] - 1, -1, -1):
-        tree = plan.tree[i]
-        row = work.body[i]
-        child = plan.frames[tree[at.FRAME_CHILD]]
-        R_BG = load9(child, at.FRAME_R)
-        force_B = load3(row, at.B_F)
-        torque_B = sub3(load3(row, at.B_T), cross3(load3(child, at.FRAME_P), force_B))
-        torque_G = rotate_back(R_BG, torque_B)
-        R_FG = load9(row, at.B_JOINT_R)
-        force_F = rotate(R_FG, rotate_back(R_BG, force_B))
-        pitch = plan.data[tree[at.JOINT_DATA]]
-        joint_force(tree[at.JOINT], pitch, force_F, torque_G, out, tree[at.JOINT_V])
-        torque_F = add3(
-            rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F)
-        )
-        load_frame(plan, work, tree[at.FRAME_PARENT], force_F, torque_F, out)
+        pass_wrench(plan, work, i, out)
