@@ -58,7 +58,7 @@ def main() -> int:
     if not arguments.redraw:
         rows: list[Row] = []
         for scene in _scenes(arguments):
-            rows += _measure(scene, faults, patience=1.0 if arguments.quick else 3.0)
+            rows += _measure(scene, faults, patience=0.5 if arguments.quick else 1.5)
             file.write_text(json.dumps(rows, indent=1))
     rows = json.loads(file.read_text())
     _write_csv(rows, arguments.output / "work_precision.csv")
