@@ -19,7 +19,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
-from flexmbd.multibody.kernels.compiling import mark_compiled
+from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
 from flexmbd.multibody.plan import CompiledScene
@@ -47,6 +47,10 @@ def run(
     """Integrate from a snapshot of a simulation begun at ``begun`` (s); see ``System.simulate``."""
     method.check(start.scene)
     start.scene.callbacks.reset()
+    purpose = type(method).__name__
+    if team.is_root:
+        announce(purpose)
+    set_out = time.perf_counter()
     integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
     t_start = integration.t
     stops = [*sorted(checkpoints), t_end]
@@ -76,8 +80,8 @@ def run(
             if code == st.DONE and stops and integration.t >= stops.pop(0) and stops:
                 kept.append(Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint()))
     seconds = time.perf_counter() - began
-    mark_compiled()
-    trajectory = _finish(start, bodies, team, integration, seconds, compiled - began)
+    mark_compiled(purpose)
+    trajectory = _finish(start, bodies, team, integration, seconds, compiled - set_out)
     trajectory = replace(
         trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
     )

@@ -25,7 +25,7 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.initial import Start, consistent_start
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
-from flexmbd.multibody.kernels.compiling import announce
+from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
@@ -36,6 +36,8 @@ from flexmbd.stepping import evaluate_inputs, new_snapshot
 from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+
+_STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=Coupling)
@@ -185,7 +187,7 @@ class System:
         """
         scene = self.compile()
         if self.team.is_root:
-            announce()
+            announce(_STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
         x, v = scene.start.copy(), np.zeros(scene.nv)
@@ -201,6 +203,7 @@ class System:
                 v[slots.v] = connection.velocity
                 held_v[slots.v] = True
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+        mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         return start
 

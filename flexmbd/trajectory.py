@@ -47,8 +47,9 @@ class Stats:
         iterations: Newton iterations.
         factorisations: of the iteration matrix.
         evaluations: of the residual.
-        seconds: wall time of the stepping, compilation or cache loading included.
-        compile_seconds: the part until the first step ended (compilation or cache loading).
+        seconds: wall time of the stepping, compiling or loading its loop included.
+        compile_seconds: from the setting out of the integrator to the end of its first steps: compiling or loading
+            from the cache.
         start_moved: (coordinate, from, to) that the consistent start changed.
         start_residual: largest constraint residual at the start (m or rad).
         constraint_residual: largest constraint residual over the run, redundant rows included.

@@ -9,7 +9,7 @@ from flexmbd.integrate.radau_coefficients import CURVATURE, ERROR_WEIGHTS, REAL
 from flexmbd.integrate.radau_newton import MAX_ITERATIONS
 from flexmbd.integrate.radau_stages import HOLD, NEWTON, RATE, RATIO_BEFORE, STEP_ACCEPTED
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import solve
 
 _FADE = 0.95  # how a coordinate's own rate fades from step to step
@@ -17,7 +17,7 @@ _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the
 _EXPONENT = 0.3  # of the step over the ratio: that to the power 3/2 goes with the step's fifth power
 
 
-@part_of_kernel
+@kernel
 def _estimate(plan, state, groups, s, h):
     """Gap between the rates at the start and what the stages' parabola makes of them, times the step; filtered.
 
@@ -65,7 +65,7 @@ def _estimate(plan, state, groups, s, h):
         s.error_x[j] += step * (s.rhs_real[0, j] + shift)
 
 
-@part_of_kernel
+@kernel
 def widen_scales(state, s, h, machine_rate):
     """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
@@ -75,7 +75,7 @@ def widen_scales(state, s, h, machine_rate):
         s.scale_v[k] *= gain
 
 
-@part_of_kernel
+@kernel
 def local_error(plan, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
 

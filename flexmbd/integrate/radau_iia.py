@@ -21,6 +21,8 @@ from flexmbd.integrate.radau_stages import (
     N_MEMORY,
     POLYNOMIAL,
     RATIO_BEFORE,
+    SOLVE_STEP,
+    SOLVED,
     STAGE_A,
     STAGE_NU,
     STEP_ACCEPTED,
@@ -33,7 +35,7 @@ from flexmbd.integrate.radau_stages import (
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.native import complex_lapack_addresses
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.separate import address_of, call_separate
 from flexmbd.multibody.plan import CompiledScene
 
 _NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
@@ -72,14 +74,11 @@ class RadauIIA:
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
     ) -> tuple[Stepper, Callable[[], None]]:
         """See ``integrate.protocol.Integrator``."""
-        scratch = new_scratch(
-            scene.plan, scene.nx, scene.nv,
-            time_shape=work.time.shape, lapack_complex=complex_lapack_addresses(),
-        )
-        tangent_work = new_tangent_work(scene.plan, scene.nv)
+        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, lapack_complex=complex_lapack_addresses())
+        scratch.kernels[SOLVE_STEP] = address_of(solve_step, (scene.plan, work, state, scratch, 0.0, 0.0))
 
         def advance_to(record: st.Record) -> int:
-            return int(advance(scene.plan, work, tangent_work, state, groups, scratch, record))
+            return int(advance(scene.plan, work, state, groups, scratch, record))
 
         def drop_factors() -> None:
             state.counts[TANGENT] = 0
@@ -112,7 +111,7 @@ def _accept(plan, state, groups, s, record, h):
 
 
 @entry_kernel
-def advance(plan, work, tw, state, groups, s, record):
+def advance(plan, work, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 
     Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
@@ -134,7 +133,9 @@ def advance(plan, work, tw, state, groups, s, record):
         widen_scales(state, s, h, rate)
         solved = evaluate_stage_times(plan, work, state, s, h)
         if solved:
-            solved = solve_step(plan, work, tw, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))
+            aim = max(_NEWTON_SHARE * limit, 5e-15)
+            call_separate(s.kernels[SOLVE_STEP], (plan, work, state, s, h, aim))
+            solved = count[SOLVED] == 1
         if plan.flag[0] != 0:
             return st.CALLBACK_FAILED
         ratio = local_error(plan, state, groups, s, h, rate) if solved and not fixed else 0.0

@@ -6,57 +6,50 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau_coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
-from flexmbd.integrate.radau_stages import END, STEP_FACTORED, TANGENT, evaluate_stage
+from flexmbd.integrate.radau_stages import END, STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import factor, solve
-from flexmbd.multibody.kernels.tangent import tangent_after_residual
-
-_MIDDLE = 1  # the tangent is taken at this stage, near the middle of the step
+from flexmbd.multibody.kernels.separate import call_separate
 
 
-@part_of_kernel
+@kernel
 def _take_free(plan, s, out):
     for i in range(out.shape[0]):
         for j in range(out.shape[0]):
-            out[i, j] = s.tangent[plan.free[i], plan.free[j]]
+            out[i, j] = s.full[plan.free[i], plan.free[j]]
 
 
-@part_of_kernel
+@kernel
 def _take_rows(plan, rows, out):
     for r in range(out.shape[0]):
         for j in range(plan.free.shape[0]):
             out[r, j] = rows[r, plan.free[j]]
 
 
-@part_of_kernel
-def take_tangent(plan, work, tw, state, s, at_end):
-    """M, damping, stiffness and the rows' derivatives at the guess; whether all is finite.
+@kernel
+def _derive(plan, work, s, i, per_x, per_v, per_a):
+    """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full``."""
+    call_separate(
+        s.kernels[TANGENT_AFTER_RESIDUAL],
+        (plan, work, s.tangent, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.full),
+    )
 
-    With ``at_end`` instead factor M and C of the step's end; False also if they are singular.
-    """
+
+@kernel
+def take_tangent(plan, work, state, s):
+    """M, damping, stiffness and the rows' derivatives at the guess of the middle stage; whether all is finite."""
     nu = plan.free.shape[0]
-    i = STAGES - 1 if at_end else _MIDDLE
-    evaluate_stage(plan, work, state, s, i)
-    for part in range(2 if at_end else 0, 3):
-        per_x = 1.0 if part == 0 else 0.0
-        per_v = 1.0 if part == 1 else 0.0
-        per_a = 1.0 if part == 2 else 0.0
-        tangent_after_residual(
-            plan, work, tw, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.tangent
-        )
-        if part == 0:
-            _take_free(plan, s, s.stiffness)
-            _take_rows(plan, tw.rate_jacobian, s.turn)
-        elif part == 1:
-            _take_free(plan, s, s.damping)
-        elif at_end:
-            _take_free(plan, s, s.block)
-        else:
-            _take_free(plan, s, s.mass)
-            _take_rows(plan, tw.jacobian, s.reach)
-    if at_end:
-        return _factor_end(plan, tw, state, s)
+    middle = s.a.shape[0] // 2
+    evaluate_stage(plan, work, state, s, middle)
+    _derive(plan, work, s, middle, 1.0, 0.0, 0.0)
+    _take_free(plan, s, s.stiffness)
+    _take_rows(plan, s.tangent.rate_jacobian, s.turn)
+    _derive(plan, work, s, middle, 0.0, 1.0, 0.0)
+    _take_free(plan, s, s.damping)
+    _derive(plan, work, s, middle, 0.0, 0.0, 1.0)
+    _take_free(plan, s, s.mass)
+    _take_rows(plan, s.tangent.jacobian, s.reach)
     state.counts[TANGENT] = 1
     state.numbers[STEP_FACTORED] = 0.0
     for i in range(nu):
@@ -67,17 +60,20 @@ def take_tangent(plan, work, tw, state, s, at_end):
 
 
 @kernel
-def _factor_end(plan, tw, state, s):
-    """Factor M, in ``s.block``, and C of the step's end; False if singular."""
+def factor_end(plan, work, state, s):
+    """Factor M and C of the step's end; False if singular."""
     nu = plan.free.shape[0]
+    end = s.a.shape[0] - 1
+    evaluate_stage(plan, work, state, s, end)
+    _derive(plan, work, s, end, 0.0, 0.0, 1.0)
     state.counts[END] = 1
     s.final[:, :] = 0.0
     for i in range(nu):
         for j in range(nu):
-            s.final[i, j] = s.block[i, j]
+            s.final[i, j] = s.full[plan.free[i], plan.free[j]]
     for r in range(plan.rows.shape[0]):
         for j in range(nu):
-            gain = tw.jacobian[r, plan.free[j]]
+            gain = s.tangent.jacobian[r, plan.free[j]]
             s.final[nu + r, j] = gain
             s.final[j, nu + r] = gain
     return factor(plan.lapack, s.final, s.pivot_final, s.sizes) == 0
@@ -121,7 +117,7 @@ def _fill(plan, s, step, matrix):
                 matrix[nu + r, nu + m + q] = 1.0 if q == r else 0.0
 
 
-@part_of_kernel
+@kernel
 def _aim_shifts(plan, s, h):
     """D: what a unit reaction would move within the step, stiffness included; False if singular."""
     nu = plan.free.shape[0]
@@ -139,7 +135,7 @@ def _aim_shifts(plan, s, h):
     return True
 
 
-@part_of_kernel
+@kernel
 def factor_step(plan, state, s, h):
     """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
     state.counts[st.FACTORISATIONS] += 1
@@ -153,7 +149,7 @@ def factor_step(plan, state, s, h):
     return factor(s.lapack_complex, s.complex, s.pivot_complex, s.sizes) == 0
 
 
-@part_of_kernel
+@kernel
 def correct_stages(plan, s, h):
     """One Newton correction of the stages' unknowns by their equations (Hairer & Wanner 1996, eq. IV.8.8-8.10)."""
     nu = plan.free.shape[0]

@@ -6,30 +6,32 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau_coefficients import STAGES
-from flexmbd.integrate.radau_matrix import correct_stages, factor_step, take_tangent
+from flexmbd.integrate.radau_matrix import correct_stages, factor_end, factor_step, take_tangent
 from flexmbd.integrate.radau_stages import (
     CONTRACTION,
     END,
     NEWTON,
     POLYNOMIAL,
+    RENEWALS,
+    SOLVED,
     STEP_FACTORED,
     TANGENT,
     evaluate_stage,
     guess_stages,
     place_stages,
 )
-from flexmbd.multibody.kernels.compiling import part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import solve
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
 _RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
 _ROUND_OFF = 1e-13
+_RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
 _SWEEPS = 3  # of rotations at the first guess
-_LAST = STAGES - 1
 
 
-@part_of_kernel
+@kernel
 def _iterate(plan, work, state, s, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
@@ -62,33 +64,34 @@ def _iterate(plan, work, state, s, h, tolerance):
     return False
 
 
-@part_of_kernel
-def _close_end(plan, work, tw, state, s, h, tolerance):
+@kernel
+def _close_end(plan, work, state, s, h, tolerance):
     """Accelerations and multipliers at the step's end from M a + C^T nu = f, C a = -gamma; whether they converged.
 
     The stage's own multipliers would be of order 3.
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
+    last = s.a.shape[0] - 1
     before = 0.0
     for _ in range(MAX_ITERATIONS):
         if state.counts[END] == 0:
             before = 0.0
-            if not take_tangent(plan, work, tw, state, s, True):
+            if not factor_end(plan, work, state, s):
                 return False
-        evaluate_stage(plan, work, state, s, _LAST)
+        evaluate_stage(plan, work, state, s, last)
         for j in range(nu):
-            s.rhs_final[0, j] = -s.equation[_LAST, j]
+            s.rhs_final[0, j] = -s.equation[last, j]
         for r in range(m):
             s.rhs_final[0, nu + r] = -s.phi_rate2[r]
         solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.rhs_final)
         size = 0.0
         for j in range(nu):
             k = plan.free[j]
-            s.a[_LAST, k] += s.rhs_final[0, j]
+            s.a[last, k] += s.rhs_final[0, j]
             size = max(size, abs(s.rhs_final[0, j]) * h / s.scale_v[k])
         for r in range(m):
-            s.multipliers[_LAST, r] += s.rhs_final[0, nu + r]
+            s.multipliers[last, r] += s.rhs_final[0, nu + r]
         if not np.isfinite(size):
             return False
         contraction = size / before if before > 0.0 else 0.1
@@ -100,15 +103,17 @@ def _close_end(plan, work, tw, state, s, h, tolerance):
     return False
 
 
-@part_of_kernel
-def solve_step(plan, work, tw, state, s, h, tolerance):
+@kernel
+def solve_step(plan, work, state, s, h, tolerance):
     """Solve the stages with the old factors where they still serve, with new ones otherwise.
 
-    Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
+    Notes in ``state`` whether it converged; if so ``s`` holds the stages, the last being the step's end.
     """
+    state.counts[SOLVED] = 0
     known = state.counts[POLYNOMIAL] == 1
     for attempt in range(3):
-        if attempt == 0 and state.counts[TANGENT] == 0:
+        new_factors = state.numbers[STEP_FACTORED] != h
+        if attempt == 0 and (state.counts[TANGENT] == 0 or (new_factors and state.numbers[RENEWALS] > 0.0)):
             continue
         if attempt == 2 and not known:
             break
@@ -118,16 +123,19 @@ def solve_step(plan, work, tw, state, s, h, tolerance):
             place_stages(plan, state, s, h)
         if attempt > 0:
             state.numbers[CONTRACTION] = 1.0
-            if not take_tangent(plan, work, tw, state, s, False):
+            if not take_tangent(plan, work, state, s):
                 break
         if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
             break
         if not _iterate(plan, work, state, s, h, tolerance):
+            if attempt == 0:
+                state.numbers[RENEWALS] = _RENEWALS
             continue
-        if plan.rows.shape[0] > 0 and not _close_end(plan, work, tw, state, s, h, tolerance):
+        if plan.rows.shape[0] > 0 and not _close_end(plan, work, state, s, h, tolerance):
             continue
         if state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW:  # as measured
             state.counts[TANGENT] = 0
-        return True
+        state.numbers[RENEWALS] = max(0.0, state.numbers[RENEWALS] - 1.0)
+        state.counts[SOLVED] = 1
+        return
     state.counts[TANGENT] = 0
-    return False

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau_coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.closure import constraints
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import Plan
+from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.residual import drive, residual
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.separate import address_of, call_separate
 from flexmbd.multibody.kernels.so3 import left_jacobian_inverse, load3, scale3, store3
+from flexmbd.multibody.kernels.tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 
 FloatArray = NDArray[np.float64]
@@ -29,13 +32,16 @@ IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 # The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
-# iteration leaves of the error; error and size of the last step that error control accepted.
-STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RATIO_BEFORE, STEP_ACCEPTED = range(st.METHOD, st.METHOD + 5)
+# iteration leaves of the error; error and size of the last step that error control accepted; how many steps still
+# take a new tangent where they take new factors.
+STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RATIO_BEFORE, STEP_ACCEPTED, RENEWALS = range(st.METHOD, st.METHOD + 6)
 # Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, whether the factors of
-# the end's accelerations serve, iterations of the last step, how many steps may not grow.
-POLYNOMIAL, TANGENT, END, NEWTON, HOLD = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# the end's accelerations serve, iterations of the last step, how many steps may not grow, whether the stages converged.
+POLYNOMIAL, TANGENT, END, NEWTON, HOLD, SOLVED = range(st.METHOD_COUNT, st.METHOD_COUNT + 6)
 # Rows of State.memory: accelerations and multipliers of the last step's stages, each coordinate's own rate (1/s).
 STAGE_A, STAGE_NU, RATE, N_MEMORY = 0, 3, 6, 7
+# Scratch.kernels: what is called by its address.
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, SOLVE_STEP, N_KERNELS = range(5)
 
 
 class Scratch(NamedTuple):
@@ -45,6 +51,7 @@ class Scratch(NamedTuple):
     time: (3, times, 3) functions of time at the stages.  equation: (3, n).
     mass, damping, stiffness: (nu, nu) the tangent.  reach: (m, nu) C.  turn: (m, nu) d(C v)/dx.
     direction: (m, nu) D.  real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
+    kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
     """
 
     x: FloatArray
@@ -57,7 +64,7 @@ class Scratch(NamedTuple):
     time: FloatArray
     equation: FloatArray
     out: FloatArray
-    tangent: FloatArray
+    full: FloatArray
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
@@ -84,15 +91,26 @@ class Scratch(NamedTuple):
     pivot_complex: NDArray[np.int32]
     pivot_final: NDArray[np.int32]
     sizes: NDArray[np.int32]
+    kernels: IntArray
+    tangent: TangentWork
 
 
 def new_scratch(
-    plan: Plan, nx: int, nv: int, *, time_shape: tuple[int, ...], lapack_complex: IntArray
+    plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: IntArray
 ) -> Scratch:
     """Allocate the work arrays of a step for ``plan``."""
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
+    tangent = new_tangent_work(plan, nv)
+    phi, full = zeros((3, m)), zeros((nv, nv))
+    state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
+    kernels = zeros(N_KERNELS, np.int64)
+    kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
+    kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
+    kernels[TANGENT_AFTER_RESIDUAL] = address_of(
+        tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
+    )
     return Scratch(
         x=zeros((STAGES, nx)),
         v=zeros((STAGES, nv)),
@@ -101,10 +119,10 @@ def new_scratch(
         p=zeros((STAGES, nv)),
         multipliers=zeros((STAGES, m)),
         shift=zeros((STAGES, m)),
-        time=zeros((STAGES, *time_shape)),
+        time=zeros((STAGES, *work.time.shape)),
         equation=zeros((STAGES, n)),
         out=zeros(nv),
-        tangent=zeros((nv, nv)),
+        full=full,
         mass=zeros((nu, nu)),
         damping=zeros((nu, nu)),
         stiffness=zeros((nu, nu)),
@@ -122,19 +140,21 @@ def new_scratch(
         error_v=zeros(nu),
         scale_x=zeros(nv),
         scale_v=zeros(nv),
-        phi=zeros(m),
-        phi_rate=zeros(m),
-        phi_rate2=zeros(m),
+        phi=phi[0],
+        phi_rate=phi[1],
+        phi_rate2=phi[2],
         quaternions=np.ascontiguousarray(coordinate_slots(plan)[1][:, 1]),
         lapack_complex=lapack_complex,
         pivot_real=zeros(max(1, n), np.int32),
         pivot_complex=zeros(max(1, n), np.int32),
         pivot_final=zeros(max(1, n), np.int32),
         sizes=zeros(4, np.int32),
+        kernels=kernels,
+        tangent=tangent,
     )
 
 
-@part_of_kernel
+@kernel
 def evaluate_stage_times(plan, work, state, s, h):
     """Functions of time at the instants of the stages; False where a callable failed, its time in ``work``."""
     for i in range(STAGES):
@@ -150,7 +170,7 @@ def evaluate_stage_times(plan, work, state, s, h):
     return True
 
 
-@part_of_kernel
+@kernel
 def guess_stages(plan, state, s, h, extrapolate):
     """Stages' accelerations and multipliers on the last step's polynomial, or as they are at the start."""
     step = h / state.numbers[STEP_POLYNOMIAL] if extrapolate else 0.0
@@ -216,7 +236,7 @@ def place_stages(plan, state, s, h):
     return largest
 
 
-@part_of_kernel
+@kernel
 def evaluate_stage(plan, work, state, s, i):
     """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
     for f in range(work.time.shape[0]):
@@ -224,10 +244,10 @@ def evaluate_stage(plan, work, state, s, i):
             work.time[f, c] = s.time[i, f, c]
     retract(plan, state.x, s.u[i], s.x[i])
     drive(plan, work, s.x[i], s.v[i], s.a[i])
-    residual(plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.out)
+    call_separate(s.kernels[RESIDUAL], (plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.out))
     state.counts[st.EVALUATIONS] += 1
     if plan.rows.shape[0] > 0:
-        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+        call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     for j in range(nu):

@@ -103,43 +103,47 @@ class _KernelCacheLocator(caching._CacheLocator):
 caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
 
 
-def announce() -> bool:
-    """Tell on stderr, once, that the kernels are about to be compiled; False if they are cached."""
-    global _announced
-    if _announced or _marker().exists():
+def announce(purpose: str) -> bool:
+    """Tell on stderr, once, that kernels for a purpose are about to be compiled; False if they are cached."""
+    if purpose in _announced or _marker(purpose).exists():
         return False
-    _announced = True
+    _announced.add(purpose)
     sys.stderr.write(
-        f"flexmbd: compiling the kernels, once for this machine (half a minute to two, by the integrator; kept in "
+        f"flexmbd: compiling the kernels of {purpose}, once for this machine (ten seconds to half a minute; kept in "
         f"{cache_folder()})\n"
     )
     return True
 
 
-def mark_compiled() -> None:
-    """Note that the kernels as they stand are in the cache."""
-    if not _marker().exists():
+def mark_compiled(purpose: str) -> None:
+    """Note that the kernels for a purpose, as they stand, are in the cache."""
+    marker = _marker(purpose)
+    if not marker.exists():
         try:
-            _marker().parent.mkdir(parents=True, exist_ok=True)
-            _marker().touch()
+            marker.parent.mkdir(parents=True, exist_ok=True)
+            marker.touch()
         except OSError:
             return  # a read-only cache: the next process says it again, and is right
 
 
+def _marker(purpose: str) -> Path:
+    return _version_folder(_all_sources()) / f"compiled {purpose}"
+
+
 @cache
-def _marker() -> Path:
+def _all_sources() -> str:
     digest = hashlib.sha256()
     for folder in _KERNEL_FOLDERS:
         for path in sorted((_PACKAGE / folder).glob("*.py")):
             digest.update(path.read_bytes())
-    return _version_folder(digest.hexdigest()) / "compiled"
+    return digest.hexdigest()
 
 
 def _version_folder(stamp: str) -> Path:
     return cache_folder() / f"flexmbd-{stamp[:16]}"
 
 
-_announced = False
+_announced: set[str] = set()
 
 
 def kernel(function: F) -> F:

@@ -7,17 +7,32 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import typeof, types
 from numba.extending import intrinsic
 
 
 def address_of(function: Any, arguments: tuple[Any, ...]) -> int:
-    """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing."""
-    kinds = tuple(typeof(argument) for argument in arguments)
-    function.compile(kinds)
-    compiled = function.overloads[kinds]
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing.
+
+    Contiguous arrays, numbers, and named tuples of arrays whose types never change: asked again, it is looked up by
+    what kinds of tuples they are, for to find numba's types of some hundred arrays takes as long as many steps.
+    """
+    key = (function, *(_kind(argument) for argument in arguments))
+    if key not in _addresses:
+        kinds = tuple(typeof(argument) for argument in arguments)
+        function.compile(kinds)
+        compiled = function.overloads[kinds]
+        _addresses[key] = int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    return _addresses[key]
+
+
+_addresses: dict[tuple[Any, ...], int] = {}
+
+
+def _kind(argument: Any) -> Any:
+    return (argument.dtype, argument.ndim) if isinstance(argument, np.ndarray) else type(argument)
 
 
 @intrinsic
