@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from flexmbd.multibody.kernels import compiling
+import pytest
+from numba import types
+
+from flexmbd.multibody.kernels import compiling, so3
 
 SCENE = """
 import sys
@@ -50,6 +53,14 @@ def test_the_first_compilation_is_announced_once(tmp_path):
     assert first == [f"{told} the start", f"{told} ExplicitRungeKutta"]
     assert again == []
     assert other == [f"{told} GeneralizedAlpha"]
+
+
+def test_a_kernel_without_a_way_in_refuses_python():
+    """Python would step to the address 0 otherwise; being compiled for other kernels opens no way either."""
+    for _ in range(2):
+        with pytest.raises(TypeError, match="scale3 is called by kernels alone"):
+            so3.scale3(2.0, (1.0, 2.0, 3.0))
+        so3.scale3.compile((types.float64, types.UniTuple(types.float64, 3)))
 
 
 def test_kernels_of_other_sources_are_not_touched(tmp_path):
