@@ -67,14 +67,21 @@ def main() -> int:
 
 
 def step_time(build: Callable[[], fm.System], method: Integrator, *, h: float = H, least: float = 0.2) -> float:
-    """us a step: the least of five runs that last for a while each."""
-    build().simulate(3.0 * h, h=h, integrator=method)
+    """us of processor time a step: the least of five runs that last for a while each, less a run of three steps."""
+
+    def spent(steps: int) -> float:
+        machine = build()
+        began = time.process_time()
+        machine.simulate(steps * h, h=h, integrator=method)
+        return time.process_time() - began
+
+    spent(3)
+    start = min(spent(3) for _ in range(3))
     steps, seconds = 10, 0.0
     while seconds < least / 5.0 and steps < 10**6:
         steps *= 2
-        seconds = build().simulate(steps * h, h=h, integrator=method).stats.seconds
-    runs = [seconds, *(build().simulate(steps * h, h=h, integrator=method).stats.seconds for _ in range(4))]
-    return min(runs) / steps * 1e6
+        seconds = spent(steps) - start
+    return min(seconds, *(spent(steps) - start for _ in range(4))) / (steps - 3) * 1e6
 
 
 def bodies(*, quick: bool) -> Iterator[Row]:

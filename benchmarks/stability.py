@@ -92,7 +92,7 @@ def _cases(folder: Path, *, quick: bool) -> dict[str, Case]:
         "drift pendulum": partial(drift, mechanisms.pendulum, mechanisms.PERIOD_POINT, periods),
         "drift fast top": partial(drift, mechanisms.fast_top, mechanisms.NUTATION[0.05].period / 5.0, periods),
         "free body, energy": partial(tumbling, 50 * periods, orthonormality=False),
-        "free body, rotation": partial(tumbling, 10**4 if quick else 10**6, orthonormality=True),
+        "free body, rotation": partial(tumbling, 10**4 if quick else 10**5, orthonormality=True),
         "redundant": redundant,
         "singular": singular,
         "branching": branching,

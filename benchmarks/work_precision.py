@@ -45,7 +45,7 @@ from flexmbd.stepping import Integration, new_snapshot
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None
 TARGET = 1e-6  # the relative error at which times are compared
-ENOUGH = 1e-9  # where a ladder ends
+ENOUGH = 3e-8  # where a ladder ends
 
 Row = dict[str, Any]
 
@@ -58,7 +58,7 @@ def main() -> int:
     if not arguments.redraw:
         rows: list[Row] = []
         for scene in _scenes(arguments):
-            rows += _measure(scene, faults, patience=0.5 if arguments.quick else 1.5)
+            rows += _measure(scene, faults, patience=0.5 if arguments.quick else 0.8)
             file.write_text(json.dumps(rows, indent=1))
     rows = json.loads(file.read_text())
     _write_csv(rows, arguments.output / "work_precision.csv")
@@ -181,7 +181,7 @@ def _peers(scene: Scene, ours: np.ndarray, faults: list[str], *, patience: float
     # without a known solution the finest are wanted to extrapolate from
     goal = ours if scene.exact is not None else np.full(3, np.inf)
     for solver in peer.SOLVERS[scene.kind]:
-        last = 4.0 * patience if scene.exact is None and solver is peer.ALPHA else patience
+        last = 8.0 * patience if scene.exact is None and solver is peer.ALPHA else patience
         ladder = 10.0 ** -np.arange(3.0, 12.0) if solver.by_tolerance else scene.t_end / 100.0 * 0.5 ** np.arange(16)
         for size in ladder:
             step = {"h": scene.t_end / 20.0, "rtol": size} if solver.by_tolerance else {"h": size}
