@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import discrete_gradient as step
 from flexmbd.integrate import state as st
-from flexmbd.integrate.discrete_gradient import factor_end, kinetic_energy, new_scratch, solve_step
+from flexmbd.integrate.discrete_newton import bind, remember, solve_step
+from flexmbd.integrate.discrete_step import kinetic_energy
 from flexmbd.integrate.loop_dynamics import new_loops, note_scales, survey
+from flexmbd.integrate.momentum_end import accelerate_end
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.recursion import forward
@@ -91,7 +92,7 @@ class EnergyMomentum:
 
     @property
     def memory_rows(self) -> int:
-        """Scales of the loops; momenta; the accelerations at the step before."""
+        """Scales of the loops; momenta; the accelerations at the step before; velocities and multipliers of steps."""
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
@@ -103,8 +104,9 @@ class EnergyMomentum:
         """See ``integrate.protocol.Integrator``."""
         plan = scene.plan
         stored = storing_plan(plan)
-        scratch = new_scratch(plan, scene.nx, scene.nv, correction_weights(scene, stored))
-        articulated, loops = new_articulated_work(plan), new_loops(plan, state)
+        scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored))
+        loops = new_loops(plan, state)
+        bind(plan, stored, work, loops, state, groups, scratch)
         if state.counts[st.STEPS] == 0:
             state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
             state.counts[step.SPLITS] = splits(plan)
@@ -117,9 +119,7 @@ class EnergyMomentum:
             survey(scene, state, work)
 
         def advance_to(record: st.Record) -> int:
-            return int(
-                advance(plan, stored, work, articulated, loops, state, groups, scratch, record, self.newton)
-            )
+            return int(advance(plan, stored, work, loops, state, groups, scratch, record, self.newton))
 
         def drop_factors() -> None:
             state.numbers[step.STEP_FACTORED] = 0.0
@@ -152,8 +152,8 @@ def storing_plan(plan: Plan) -> Plan:
     return plan._replace(flex=flex, data=data, elements=elements, forces=np.zeros((0, at.N_FORCE), np.int64))
 
 
-def correction_weights(scene: CompiledScene, stored: Plan) -> FloatArray:
-    """(2 bodies + nv, 9) see ``discrete_gradient.Scratch.weight``: 1 / size^2, but none along symmetries.
+def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
+    """(2 bodies + nv, 9) see ``discrete_gradient.Scratch.projector``.
 
     Which directions of a joint energy does not depend on is read off its gradients at a few states, turned
     into the axes of the joint's outer frame.
@@ -165,19 +165,19 @@ def correction_weights(scene: CompiledScene, stored: Plan) -> FloatArray:
     joints = [k for slots in scene.joint_slots.values() for k in range(slots.v.start, slots.v.stop)]
     joints += [k for k in range(nv) if k not in joints and not _is_modal(scene, k)]
     nothing = _NOTHING * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
-    weight = np.zeros((2 * bodies + nv, 9))
-    weight[2 * bodies :, 0] = 1.0 / size**2
+    kept = np.zeros((2 * bodies + nv, 9))
+    kept[2 * bodies :, 0] = 1.0
     for i, row in enumerate(plan.tree):
         kind, o = int(row[at.JOINT]), int(row[at.JOINT_V])
         if kind in (at.REVOLUTE, at.PRISMATIC, at.SCREW):
             if np.abs(seen[:, o]).max() * size[o] <= nothing:
-                weight[2 * bodies + o, 0] = 0.0
+                kept[2 * bodies + o, 0] = 0.0
         elif kind == at.FREE:
-            weight[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
-            weight[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
+            kept[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
+            kept[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
         elif kind == at.SPHERICAL:
-            weight[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
-    return weight
+            kept[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
+    return kept
 
 
 def _is_modal(scene: CompiledScene, k: int) -> bool:
@@ -185,10 +185,10 @@ def _is_modal(scene: CompiledScene, k: int) -> bool:
 
 
 def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
-    """Projection on what the gradients (k, 3) span, over size^2, row by row."""
+    """Projection on what the gradients (k, 3) span, row by row."""
     _, values, axes = np.linalg.svd(seen)
     kept = axes[values * size > nothing]
-    return (kept.T @ kept / size**2).ravel()
+    return (kept.T @ kept).ravel()
 
 
 def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArray:
@@ -231,7 +231,7 @@ def _turned(move, before, after, a_before, a_after, o, h, error):
 def _local_error(plan, state, groups, s, a_end, h, rate):
     """The step's error over what is tolerated, against quadratures of the velocities and accelerations it leaves."""
     h1 = state.numbers[st.STEP_BEFORE]
-    v_end = s.v_end[0]
+    v_end = s.v_end
     for k in range(a_end.shape[0]):
         bend = h * h / 12.0 * (state.a[k] - a_end[k])
         s.error_x[k] = s.move[k] - 0.5 * h * (state.v[k] + v_end[k]) - bend
@@ -253,10 +253,11 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
 @part_of_kernel
 def _accept(plan, loops, state, groups, s, a_end, record, h):
     """Make the trial state the current one and write a row of the record."""
+    remember(plan, state, s, h)
     for k in range(state.v.shape[0]):
         state.memory[step.BEFORE, k] = state.a[k]
         state.memory[step.MOMENTUM, k] = s.p_end[k]
-        state.v[k] = s.v_end[0, k]
+        state.v[k] = s.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):
         state.x[k] = s.x_end[k]
@@ -268,7 +269,7 @@ def _accept(plan, loops, state, groups, s, a_end, record, h):
 
 
 @part_of_kernel
-def _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton):
+def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
@@ -282,11 +283,11 @@ def _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton
                 s.driven[i, k] = work.time[plan.driven[i, at.DRIVEN_TIME], k]
     evaluate_times(plan, t + 0.5 * h, work.time)
     st.set_scales(state, groups, s, rate, newton)
-    return solve_step(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton)
+    return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
 
 
-@entry_kernel
-def advance(plan, stored_plan, work, aw, loops, state, groups, s, record, newton):
+@kernel
+def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):
     """Step until the end, a full record, or a failure.
 
     Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
@@ -304,10 +305,10 @@ def advance(plan, stored_plan, work, aw, loops, state, groups, s, record, newton
             h = min(h, _LONGEST / (rate + 1e-300))
         whole = h
         h = st.next_step(state, whole)
-        solved = _solve(plan, stored_plan, work, aw, loops, state, groups, s, h, rate, newton)
+        solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
         if solved and plan.flag[0] == 0:
             evaluate_times(plan, st.end_of_step(state, h), work.time)
-            factor_end(plan, work, aw, loops, s)
+            accelerate_end(plan, work, loops, s)
         if plan.flag[0] != 0:
             return st.CALLBACK_FAILED
         if not solved:

@@ -33,7 +33,7 @@ IntArray = NDArray[np.int64]
 _NEAR = 1e-2
 # Below this one a stage does without the reaction in the direction that is about to come free: it acts
 # across the motion alone, and projection makes up for it.
-_SINGULAR = 1e-10
+NO_REACTION = 1e-10
 
 _MAX_ITERATIONS = 8
 _CLOSED = 1e-13  # a correction below this share of the scales is not worth another
@@ -130,7 +130,7 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
         loops.norm[i] = np.sqrt(loops.small[i, i])
     loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
     rank = loops.rank[0]
-    while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < _SINGULAR * loops.usual[0]:
+    while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual[0]:
         rank -= 1
     respond(plan, work, aw, loops, rank, loops.rate2, loops.move)
     for i in range(m):

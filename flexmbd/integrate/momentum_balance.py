@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.elasticity import stretch
 from flexmbd.multibody.kernels.joints import has_one_coordinate
 from flexmbd.multibody.kernels.so3 import (
     add3,
@@ -106,7 +107,7 @@ def _balance_turn(before, middle, half, torque, h):
     return end, add3(scale3(1.0 / h, gained), torque)
 
 
-@kernel
+@part_of_kernel
 def balance_momenta(plan, p, s, h):
     """Write ``s.p_end`` = 2 M u - p and ``s.balance`` = (p_end - p) / h + force, turned where joints turn.
 
@@ -148,23 +149,28 @@ def balance_momenta(plan, p, s, h):
     return work
 
 
-@kernel
+@part_of_kernel
 def settle_momenta(plan, p, s, h):
-    """Write ``s.p_end`` from the momenta's balance itself, so that what no force acts on stays to round-off."""
-    for k in range(p.shape[0]):
-        s.p_end[k] = p[k] - h * s.force[k]
+    """Write joints' part of ``s.p_end`` from the momenta's balance, so that what no force acts on stays to round-off.
+
+    Modes keep what their velocities say: no symmetry is theirs, and where a step does not resolve them their balance
+    makes much of what Newton's iteration leaves.
+    """
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
         kind = row[at.JOINT]
+        shift = row[at.JOINT_V]
+        if has_one_coordinate(kind) or kind == at.FREE:
+            for k in range(shift, shift + (3 if kind == at.FREE else 1)):
+                s.p_end[k] = p[k] - h * s.force[k]
         if kind != at.SPHERICAL and kind != at.FREE:
             continue
-        o = row[at.JOINT_V] + (3 if kind == at.FREE else 0)
+        o = shift + (3 if kind == at.FREE else 0)
         turn = load3(s.move, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.force, o)
         if kind == at.FREE:
-            shift = o - 3
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
             mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
             torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
@@ -173,10 +179,77 @@ def settle_momenta(plan, p, s, h):
 
 
 @kernel
-def _weighed(weight, i, R, v):
-    """The weight matrix i, given in the axes that R turns to, times v of R's own axes."""
+def _strain_gradient(plan, flex, o, q, out):
+    """out = C q, the derivatives of the strain q^T C q / 2 whose triangle begins at o."""
+    modal = plan.modal
+    n = flex[at.N_MODES]
+    for i in range(n):
+        t = modal[o + i] * q[i]
+        for j in range(i):
+            t += modal[o + j] * q[j]
+            out[j] += modal[o + j] * q[i]
+        out[i] = t
+        o += i + 1
+
+
+@part_of_kernel
+def average_strain(plan, s, h):
+    """Make the forces of modes' strains of second order those of the mean strain, in place of the middle's.
+
+    The mean of a quadratic form's values at both ends is more than its value in the middle by that of half the
+    step's motion.  With the mean strain the forces are a discrete gradient of the strain energy as they stand.
+    """
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.FLEX] < 0:
+            continue
+        flex = plan.flex[row[at.FLEX]]
+        n = flex[at.N_MODES]
+        qx = row[at.MODAL_X]
+        qv = row[at.MODAL_V]
+        for r in range(flex[at.N_STRETCH]):
+            k, o, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            force = plan.modal[flex[at.MODAL_STIFFNESS] + k] * more * h * h
+            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            s.bend[0, k] += 1.0
+            for j in range(n):
+                s.force[qv + j] += force * s.bend[0, j]
+                s.stored[qv + j] += force * s.bend[0, j]
+
+
+@part_of_kernel
+def vary_average_strain(plan, s, h):
+    """Add to ``s.full`` h / 2 times the derivative by u of what ``average_strain`` adds."""
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.FLEX] < 0:
+            continue
+        flex = plan.flex[row[at.FLEX]]
+        n = flex[at.N_MODES]
+        qx = row[at.MODAL_X]
+        qv = row[at.MODAL_V]
+        for r in range(flex[at.N_STRETCH]):
+            k, o, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            stiffness = 0.25 * h * h * plan.modal[flex[at.MODAL_STIFFNESS] + k]
+            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            _strain_gradient(plan, flex, o, s.half[qv : qv + n], s.bend[1, :n])
+            s.bend[0, k] += 1.0
+            for a in range(n):
+                for b in range(n):
+                    s.full[qv + a, qv + b] += stiffness * h * s.bend[0, a] * s.bend[1, b]
+                for b in range(a + 1):
+                    t = stiffness * h * h * more * plan.modal[o + b]
+                    s.full[qv + a, qv + b] += t
+                    if b < a:
+                        s.full[qv + b, qv + a] += t
+                o += a + 1
+
+
+@kernel
+def _projected(projector, i, R, v):
+    """The projector i, given in the axes that R turns to, times v of R's own axes."""
     w = rotate(R, v)
-    m = weight[i]
+    m = projector[i]
     return rotate_back(
         R,
         (
@@ -188,19 +261,20 @@ def _weighed(weight, i, R, v):
 
 
 @kernel
-def weigh(plan, s, out):
-    """out = W move: the direction of the energy's correction."""
+def drop_symmetries(plan, s, out):
+    """Take from the velocities or momenta ``out`` (nv,) what belongs to motions that energy does not depend on."""
     bodies = plan.tree.shape[0]
     for k in range(out.shape[0]):
-        out[k] = s.weight[2 * bodies + k, 0] * s.move[k]
+        out[k] *= s.projector[2 * bodies + k, 0]
     for i in range(bodies):
         row = plan.tree[i]
         kind = row[at.JOINT]
         o = row[at.JOINT_V]
         if kind == at.FREE:
-            store3(out, o, _weighed(s.weight, 2 * i, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), load3(s.move, o)))
+            unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+            store3(out, o, _projected(s.projector, 2 * i, unturned, load3(out, o)))
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
-            store3(out, o + 3, _weighed(s.weight, 2 * i + 1, R, load3(s.move, o + 3)))
+            store3(out, o + 3, _projected(s.projector, 2 * i + 1, R, load3(out, o + 3)))
         elif kind == at.SPHERICAL:
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X]))
-            store3(out, o, _weighed(s.weight, 2 * i + 1, R, load3(s.move, o)))
+            store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))

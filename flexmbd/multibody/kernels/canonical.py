@@ -100,6 +100,12 @@ def potential_energy(plan, work, x):
     return energy
 
 
+@kernel
+def write_potential(plan, work, x, out):
+    """out[0] = `potential_energy`."""
+    out[0] = potential_energy(plan, work, x)
+
+
 @part_of_kernel
 def _ask(plan, work, x, v, half, none, wrench, p, out):
     """Write each body's momentum into ``wrench`` and ``p``, and its weight as its asked wrench.
