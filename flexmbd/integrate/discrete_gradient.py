@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # The method's entries of State.numbers: the step the factors belong to; the energy (J) that belongs to TIME; what
-# loads and dampers did to it in the step.
-STEP_FACTORED, ENERGY, WORK = range(st.METHOD, st.METHOD + 3)
+# loads and dampers did to it in the step; what is left of a fixed step that is taken in parts, and the part.
+STEP_FACTORED, ENERGY, WORK, REST, PART = range(st.METHOD, st.METHOD + 5)
 # Its entries of State.counts: steps without growth left; whether the energy is kept; whether anything but what
 # stores it acts; how many equal steps it remembers; which way would have foretold the last of them best.
 HOLD, KEEPS_ENERGY, SPLITS, KNOWN, WAY = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
@@ -42,7 +42,7 @@ PLACE, WEIGH, CLOSE, EVALUATE, LINEARISE, N_KERNEL = range(6, 12)
 # over all energy; the work of loads and dampers; unless zero the factorisation at hand failed.
 STORED, DEAD, LACK, DEFECT, DONE, SINGULAR, N_ENERGY = range(7)
 
-DEPTH = 4  # iterates that are mixed
+DEPTH = 6  # iterates that are mixed
 
 
 class Scratch(NamedTuple):
@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
     unknown, equation: (free + m,) u and nu h / 2; the step's equations times h / 2, and residuals over h.
     matrix: (free + m, free + m) factors of the iteration matrix.  floor: (1,) what round-off makes of a correction.
     full: (nv, nv) tangent, or the mass matrix.  mass: (free, free) its factors.  right: (1, free) and
-    reach: (m, free) right-hand sides for it.
+    reach: (m, free) right-hand sides for it.  response: (m, nv) C M^-1.
     mixed, gained: (DEPTH, free + m) orthonormal changes of the corrections, and what they do to the unknowns.
     bend: (2, nv) derivatives of a strain.  kernels: addresses.
     """
@@ -103,6 +103,7 @@ class Scratch(NamedTuple):
     mass: FloatArray
     right: FloatArray
     reach: FloatArray
+    response: FloatArray
     correction: FloatArray
     before: FloatArray
     mixed: FloatArray
@@ -167,6 +168,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray)
         mass=zeros((free, free)),
         right=zeros((1, free)),
         reach=zeros((m, free)),
+        response=zeros((m, nv)),
         correction=zeros((1, n)),
         before=zeros((2, n)),
         mixed=zeros((DEPTH, n)),

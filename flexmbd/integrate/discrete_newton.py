@@ -48,13 +48,14 @@ from flexmbd.multibody.kernels.tangent import turn_columns
 _MAX_ITERATIONS = 20
 _MANY = 5  # more iterations than this renew the factors at the next step
 _STARTS = 4  # first guesses
-# Ways to foretell a step's velocities: those at its start, changed by half a step's acceleration or not at all; the
-# last step's, changed by a step's acceleration, not at all, and on a line or a parabola.
-CONSTANT, ACCELERATED, LEAP, SAME, LINE, PARABOLA = range(6)
-_RENEWALS = 10  # of the matrix, from one first guess
+# Ways to foretell a step's velocities: none; those at its start, changed by half a step's acceleration; the last
+# step's, changed by a step's acceleration, not at all, and on a line or a parabola.
+REST, ACCELERATED, LEAP, SAME, LINE, PARABOLA = range(6)
+_RENEWALS = 4  # of the matrix, from one first guess
 _FAR = 1e-3  # larger corrections than this are far from a solution
 _NEAR = 1e-6  # after a smaller one the next iterate may be the last
-_SLOW = 0.1  # what two iterations leave at most
+_SLOW = 0.1  # what two iterations leave at most, with old factors
+_LEADING = 1.0  # with new ones
 _EPSILON = 2.0**-52
 _SIGNS = 4  # patterns of signs that probe what round-off makes of a correction
 _WHOLE_FLOOR = 8.0  # times what they show
@@ -228,10 +229,11 @@ def _improve(plan, s, iteration, kept):
 
 
 @part_of_kernel
-def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted):
+def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old):
     """Iterate with the factors at hand until ``s`` holds a solution.
 
     Far from it, unless the first guess is ``trusted``, the energy's correction is left out: it would lead astray.
+    ``old``: the factors are those of an earlier step, and given up sooner.
     Returns 1 if converged, 0 if too slow, 2 if that near a solution, -1 if not finite.
     """
     number = state.numbers
@@ -261,7 +263,7 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted):
                 if iteration > _MANY:
                     number[STEP_FACTORED] = 0.0
                 return 1
-        elif iteration > first + 1 and size > _SLOW * earlier and size > s.floor[0]:
+        elif iteration > first + 1 and size > s.floor[0] and size > (_SLOW if old else _LEADING) * earlier:
             return 2 if size <= _FAR else 0
         earlier = before
         before = size
@@ -278,8 +280,8 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted):
 def _foretell(state, k, h, way):
     """Velocity k of the step to come in one of the ways named above."""
     memory = state.memory
-    if way == CONSTANT:
-        return state.v[k]
+    if way == REST:
+        return 0.0
     if way == ACCELERATED:
         return state.v[k] + 0.5 * h * state.a[k]
     guess = memory[SPEED, k]
@@ -307,7 +309,7 @@ def _guess(plan, state, s, h, start):
     elif start == 1 and known > 0:
         way = SAME
     elif start == 3:
-        way = CONSTANT
+        way = REST
     for j in range(free):
         s.unknown[j] = _foretell(state, plan.free[j], h, way)
     for i in range(s.nu.shape[0]):
@@ -374,7 +376,7 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
                 call_separate(s.kernels[LINEARISE], (plan, work, state, groups, s, h))
                 if s.energy[SINGULAR] != 0.0:
                     break
-            outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted)
+            outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old)
             if outcome == 1:
                 settle_momenta(plan, state.memory[MOMENTUM], s, h)
                 call_separate(s.kernels[WEIGH], (plan, work, s))

@@ -28,17 +28,18 @@ from flexmbd.integrate.discrete_gradient import (
 )
 from flexmbd.integrate.momentum_balance import average_strain, balance_momenta, drop_symmetries
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.native import solve
 from flexmbd.multibody.kernels.separate import call_separate
 
 _EPSILON = 2.0**-52
 _DEAD = 32.0 * _EPSILON  # of all energy: what sums of it do not resolve
 _STILL = 1e-16  # of all energy: a motion in the middle of less than that counts as none
-_PASSES = 3  # of improving the velocities at the end, where an iterate is near
+_ROUGH = 1e-6  # of the kinetic energy, where an iterate is far: what need not be known of it
+_PASSES = 6  # of improving the velocities at the end
 
 
-@kernel
+@entry_kernel
 def kinetic_energy(p, v):
     """p . v / 2."""
     t = 0.0
@@ -112,8 +113,7 @@ def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
         call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
         call_separate(s.kernels[CLOSE], (plan, loops, s))
         kinetic = kinetic_energy(s.p_end, s.v_end)
-    passes = _PASSES if near else 1
-    for part in range(passes if plan.rows.shape[0] == 0 else 0):
+    for part in range(_PASSES if plan.rows.shape[0] == 0 else 0):
         call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.v_end, s.none, s.out))
         if part == 0:
             call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
@@ -132,9 +132,9 @@ def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
             s.v_end[k] += s.right[0, j]
         kinetic += lack
         lack = abs(lack)
-        if not lack > _DEAD * abs(kinetic):
+        if not lack > (_DEAD if near else _ROUGH) * abs(kinetic):
             break
-        if part == 1 and not lack < 0.05 * before:
+        if part > 0 and not lack < 0.05 * before:
             call_separate(s.kernels[WEIGH], (plan, work, s))
     dead = _DEAD * (abs(kinetic) + abs(s.energy[STORED]) + abs(number[ENERGY]))
     s.energy[DEAD] = dead

@@ -26,7 +26,7 @@ from flexmbd.integrate.momentum_end import accelerate_end
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.recursion import forward
@@ -40,6 +40,7 @@ ORDER = 2
 
 _LONGEST = 0.5  # the longest step in characteristic times of the machine
 _HOLD = 8  # steps without growth after a rejection
+_SHORTEST = 1.0 / 64.0  # of a fixed step: the shortest part
 _SAMPLES = 8  # states that tell which coordinates energy depends on
 _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
 
@@ -67,8 +68,9 @@ class EnergyMomentum:
 
     Loops are closed at the end of each step, in position and velocity.
     With error control the steps differ in length; energy and momenta are kept at each of them as at
-    equal ones.  Where a motion is prescribed its drive does work, energy is not kept, and the method
-    is the implicit midpoint rule.
+    equal ones.  A fixed step whose equations Newton's iteration does not solve is taken in parts, of
+    1/64 at least, which stand in the trajectory as steps.  Where a motion is
+    prescribed its drive does work, energy is not kept, and the method is the implicit midpoint rule.
 
     Raises:
         SceneError: ``newton`` does not lie between 0 and 0.001.
@@ -286,8 +288,8 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
 
 
-@kernel
-def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):
+@entry_kernel
+def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):  # noqa: C901, PLR0915  one loop
     """Step until the end, a full record, or a failure.
 
     Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
@@ -305,6 +307,8 @@ def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):
             h = min(h, _LONGEST / (rate + 1e-300))
         whole = h
         h = st.next_step(state, whole)
+        if number[step.REST] > 0.0:
+            h = min(number[step.PART], number[step.REST])
         solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
         if solved and plan.flag[0] == 0:
             evaluate_times(plan, st.end_of_step(state, h), work.time)
@@ -314,13 +318,20 @@ def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):
         if not solved:
             count[st.REJECTED] += 1
             if fixed:
-                return st.NEWTON_FAILED
+                if h <= _SHORTEST * whole:
+                    return st.NEWTON_FAILED
+                number[step.REST] = max(number[step.REST], h)
+                number[step.PART] = 0.5 * h
+                continue
             if h <= number[st.STEP_FLOOR_SIZE]:
                 return st.STEP_FLOOR
             number[st.STEP] = 0.25 * h
             continue
         if fixed:
             _accept(plan, loops, state, groups, s, s.a_end, record, h)
+            number[step.REST] -= h
+            if number[step.REST] <= 1e-6 * whole:
+                number[step.REST] = 0.0
             continue
         ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
         growth = 0.9 / np.cbrt(max(ratio, 1e-4))

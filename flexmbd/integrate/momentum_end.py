@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate.discrete_gradient import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
-from flexmbd.integrate.loop_dynamics import NO_REACTION, respond
+from flexmbd.integrate.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.native import factor, solve
-from flexmbd.multibody.kernels.rank_revealing import factor_semidefinite
+from flexmbd.multibody.kernels.rank_revealing import factor_semidefinite, solve_semidefinite
 from flexmbd.multibody.kernels.separate import call_separate
 
 
@@ -45,24 +45,34 @@ def _hold(plan, loops, s):
     m = plan.rows.shape[0]
     for i in range(m):
         for k in range(s.none.shape[0]):
-            loops.jacobian[i, k] = s.tangent.jacobian[i, k]
-            loops.response[i, k] = 0.0
+            s.response[i, k] = 0.0
         for j in range(plan.free.shape[0]):
-            s.reach[i, j] = loops.jacobian[i, plan.free[j]]
+            s.reach[i, j] = s.tangent.jacobian[i, plan.free[j]]
     solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.reach)
     for i in range(m):
         for j in range(plan.free.shape[0]):
-            loops.response[i, plan.free[j]] = s.reach[i, j]
+            s.response[i, plan.free[j]] = s.reach[i, j]
     for i in range(m):
         for j in range(i + 1):
             total = 0.0
             for k in range(s.none.shape[0]):
-                total += loops.jacobian[i, k] * loops.response[j, k]
+                total += s.tangent.jacobian[i, k] * s.response[j, k]
             loops.small[i, j] = total
             loops.small[j, i] = total
     for i in range(m):
         loops.norm[i] = np.sqrt(loops.small[i, i])
     loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
+
+
+@kernel
+def _respond(loops, s, rank, rows, out):
+    """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors at hand; the multipliers in ``loops.solution``."""
+    solve_semidefinite(loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution)
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+    for i in range(rows.shape[0]):
+        for k in range(out.shape[0]):
+            out[k] += loops.solution[i] * s.response[i, k]
 
 
 @kernel
@@ -89,12 +99,12 @@ def close_velocities(plan, loops, s):
     for i in range(m):
         loops.phi[i] = -s.row_end[i, 1]
         for k in range(p.shape[0]):
-            loops.phi[i] += loops.jacobian[i, k] * s.v_end[k]
-    respond(loops, loops.rank[0], loops.phi, loops.move)
+            loops.phi[i] += s.tangent.jacobian[i, k] * s.v_end[k]
+    _respond(loops, s, loops.rank[0], loops.phi, loops.move)
     for k in range(p.shape[0]):
         s.v_end[k] -= loops.move[k]
         for i in range(m):
-            p[k] -= loops.jacobian[i, k] * loops.solution[i]
+            p[k] -= s.tangent.jacobian[i, k] * loops.solution[i]
 
 
 @part_of_kernel
@@ -121,7 +131,7 @@ def accelerate_end(plan, work, loops, s):
     rank = loops.rank[0]
     while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual[0]:
         rank -= 1
-    respond(loops, rank, loops.rate2, loops.move)
+    _respond(loops, s, rank, loops.rate2, loops.move)
     for i in range(s.nu_end.shape[0]):
         s.nu_end[i] = loops.solution[i]
     for k in range(s.a_end.shape[0]):

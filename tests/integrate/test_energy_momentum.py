@@ -7,15 +7,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
+from numba import njit
 
 import flexmbd as fm
-from flexmbd.integrate.energy_momentum import ORDER
+from flexmbd.integrate.discrete_gradient import EVALUATE, LINEARISE, PLACE, new_scratch
+from flexmbd.integrate.discrete_newton import bind
+from flexmbd.integrate.energy_momentum import ORDER, projector, storing_plan
+from flexmbd.integrate.loop_dynamics import new_loops
+from flexmbd.integrate.momentum_balance import average_strain
+from flexmbd.integrate.state import machine_rate, set_scales
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.separate import call_separate
 from flexmbd.multibody.scene_matrices import mass_matrix
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import slider_crank, slider_position
-from particles import particle_body
+from particles import particle_body, strain_energy
 
 METHOD = fm.EnergyMomentum()
 CLOUDS = (particle_body(1, modes=3, stretched=(0, 2)), particle_body(2, modes=4))
@@ -273,3 +283,106 @@ def test_a_disc_rolls_without_losing_energy():
 def test_newton_must_be_a_small_number(newton):
     with pytest.raises(fm.FlexmbdError, match="newton must lie between"):
         fm.EnergyMomentum(newton=newton)
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-7])
+def test_steps_below_what_newtons_tolerance_resolves(rtol):
+    """Light links of a chain: round-off of the sums alone leaves more than 1e-12 of a short step's velocities."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    end = scene.ground.frame()
+    for i in range(8):
+        link = scene.add(fm.RigidBody(0.6, (4e-5, 2e-3, 2e-3), (0.1, 0.0, 0.0)), name=f"link {i}")
+        scene.connect(fm.joint.Revolute("z"), end, link.frame())
+        end = link.frame(p=(0.2, 0.0, 0.0))
+    run = scene.simulate(0.3, rtol=rtol, integrator=METHOD)
+    assert run.stats.rejected < 0.01 * run.stats.steps
+    assert np.ptp(run.energy().total) < 1e-11 * np.ptp(run.energy().kinetic)
+
+
+@njit
+def call(address, arguments):
+    """A kernel at its address."""
+    call_separate(address, arguments)
+
+
+@njit
+def put_scales(state, groups, s):
+    """Scales of corrections."""
+    set_scales(state, groups, s, machine_rate(state, groups), 1e-12)
+
+
+def parts(scene, h):
+    """Arrays of the method at the start of a simulation with steps of h, and what the kernels take."""
+    kept = {}
+
+    class Method(fm.EnergyMomentum):
+        def stepper(self, scene, state, groups, work):
+            kept.update(scene=scene, state=state, groups=groups, work=work)
+            return super().stepper(scene, state, groups, work)
+
+    scene.simulate(3 * h, h=h, integrator=Method())
+    compiled, state, groups, work = (kept[name] for name in ("scene", "state", "groups", "work"))
+    plan = compiled.plan
+    stored = storing_plan(plan)
+    s = new_scratch(plan, work, compiled.nx, compiled.nv, projector(compiled, stored))
+    loops = new_loops(plan, state)
+    bind(plan, stored, work, loops, state, groups, s)
+    put_scales(state, groups, s)
+    return plan, stored, work, loops, state, groups, s
+
+
+def slow_iterations(scene, h):
+    """Largest share of an error that an iteration with the analytic matrix leaves, by differences of the equations."""
+    plan, stored, work, loops, state, groups, s = parts(scene, h)
+    n = len(plan.free)
+
+    def equation(unknown):
+        s.unknown[:] = unknown
+        call(s.kernels[EVALUATE], (plan, stored, work, loops, state, s, h, False, False))
+        return s.equation.copy()
+
+    start = np.concatenate([state.v[plan.free] + 0.5 * h * state.a[plan.free], 0.5 * h * state.multipliers])
+    equation(start)
+    call(s.kernels[LINEARISE], (plan, work, state, groups, s, h))
+    sizes = np.full(len(start), 1e-5)
+    sizes[n:] = 1e-5 * max(1.0, np.abs(start[n:]).max(initial=0.0))
+    columns = [(equation(start + e) - equation(start - e)) / (2.0 * e.max()) for e in np.diag(sizes)]
+    left = scipy.linalg.lu_solve((s.matrix.T, s.pivot - 1), np.array(columns).T, trans=1)
+    return np.abs(np.linalg.eigvals(left - np.eye(len(start)))).max()
+
+
+@pytest.mark.parametrize(
+    ("machine", "ratio"),
+    [
+        (lambda: flexible_double_pendulum()[0], 3.0),
+        (lambda: flying_machine((0.0, 0.0, -9.81))[0], 1.8),
+        (lambda: falling_slider_crank()[0], 3.0),
+    ],
+    ids=["flexible", "flying", "loop"],
+)
+def test_analytic_matrix_is_right_but_for_powers_of_the_step(machine, ratio):
+    """The second, but the first where rotations are the unknowns."""
+    shares = [slow_iterations(machine(), h) for h in (2e-3, 1e-3)]
+    assert shares[1] < 5e-3
+    assert shares[0] / shares[1] > ratio
+
+
+def test_mean_strain_makes_an_exact_discrete_gradient():
+    """The forces of deformation times the step's motion are the change of the particles' strain energy."""
+    scene, *_ = flexible_double_pendulum()
+    plan, _, _, _, state, _, s = parts(scene, 1e-2)
+    record = CLOUDS[0].record
+    h = 1e-2
+    rng = np.random.default_rng(5)
+    s.u[:] = rng.standard_normal(len(s.u))
+    s.force[:] = s.stored[:] = 0.0
+    x = state.x.copy()
+    modes = slice(int(plan.tree[0, at.MODAL_X]), int(plan.tree[0, at.MODAL_X]) + len(record.stiffness))
+    x[modes] = 0.1 * rng.standard_normal(len(record.stiffness))
+    call(s.kernels[PLACE], (plan, x, s, h))
+    add_elastic_forces(plan, plan.flex[plan.tree[0, at.FLEX]], s.x_mid[modes], np.zeros(3), s.stored[1:4])
+    middle = s.stored[1:4] @ s.move[1:4]
+    average_strain(plan, s, h)
+    change = strain_energy(record, s.x_end[modes]) - strain_energy(record, x[modes])
+    assert s.stored[1:4] @ s.move[1:4] == pytest.approx(change, rel=1e-11)
+    assert abs(middle - change) > 1e-6 * abs(change)
