@@ -9,6 +9,7 @@ from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.event import Direction as Direction
 from flexmbd.event import Event as Event
 from flexmbd.event import Moment as Moment
+from flexmbd.integrate.central_difference import CentralDifference as CentralDifference
 from flexmbd.integrate.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
 from flexmbd.integrate.explicit_runge_kutta import Rotations as Rotations
