@@ -32,8 +32,8 @@ FloatArray = NDArray[np.float64]
 ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
 STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
 # Its entries of State.counts: how many accelerations it remembers; whether it filters its error;
-# steps without growth left.
-KNOWN_BEFORE, FILTERS, HOLD = st.METHOD_COUNT, st.METHOD_COUNT + 1, st.METHOD_COUNT + 2
+# steps without growth left; steps left to be linearised anew, for old factors did not serve, and how many the next time.
+KNOWN_BEFORE, FILTERS, HOLD, RENEWALS, PATIENCE = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
 # coordinate's own rate (1/s).
 AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
@@ -41,6 +41,7 @@ AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
 _MAX_ITERATIONS = 10
 _OF_TREE = -1  # no pivot of LAPACK's: the factors are those of the tree
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
+_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 
 class Scratch(NamedTuple):
@@ -438,13 +439,14 @@ def solve_step(plan, work, state, s, h, tolerance):
 
     Returns whether it converged; if so ``s`` holds the step's end.
     """
+    renew = state.counts[RENEWALS] > 0
     for attempt in range(3):
         if attempt == 0:
-            if state.numbers[STEP_FACTORED] != h:
+            if renew or state.numbers[STEP_FACTORED] != h:
                 continue
             _start_newton(plan, state, s, h, True)
         elif attempt == 1:
-            _start_newton(plan, state, s, h, False)
+            _start_newton(plan, state, s, h, renew)
         finite = True
         for i in range(s.unknown.shape[0]):
             finite = finite and np.isfinite(s.unknown[i])
@@ -456,6 +458,13 @@ def solve_step(plan, work, state, s, h, tolerance):
             if not _linearise(plan, work, state, s, h):
                 break
         if _newton(plan, work, state, s, h, tolerance, attempt > 0 and plan.rows.shape[0] == 0) == 1:
+            if renew:
+                state.counts[RENEWALS] -= 1
+            elif attempt == 0:
+                state.counts[PATIENCE] = 0
             return True
+        if attempt == 0:
+            state.counts[RENEWALS] = state.counts[PATIENCE]
+            state.counts[PATIENCE] = min(_LONGEST_RENEWAL, 2 * state.counts[PATIENCE] + 1)
     state.numbers[STEP_FACTORED] = 0.0
     return False
