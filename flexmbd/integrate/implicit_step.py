@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
 STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
 # Its entries of State.counts: how many accelerations it remembers; whether it filters its error;
-# steps without growth left; steps left to be linearised anew, for old factors did not serve, and how many the next time.
+# steps without growth left; steps left to be linearised anew, for old factors did not serve, and how many next time.
 KNOWN_BEFORE, FILTERS, HOLD, RENEWALS, PATIENCE = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
 # coordinate's own rate (1/s).

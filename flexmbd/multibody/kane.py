@@ -247,7 +247,8 @@ def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
     for row in scene.plan.tree[scene.plan.tree[:, at.FLEX] >= 0]:
         flex = scene.plan.flex[row[at.FLEX]]
         n, x, v = flex[at.N_MODES], row[at.MODAL_X], row[at.MODAL_V]
-        add_elastic_forces(scene.plan, flex, kinematics.x[x : x + n], kinematics.v[v : v + n], out[v : v + n])
+        q, qd = kinematics.x[x : x + n], kinematics.v[v : v + n]
+        add_elastic_forces(scene.plan, flex, q, qd, np.zeros(n), out[v : v + n])
     return -out
 
 

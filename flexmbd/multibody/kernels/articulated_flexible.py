@@ -16,18 +16,17 @@ from flexmbd.multibody.kernels.articulated_interface import (
     interface_wrenches,
 )
 from flexmbd.multibody.kernels.articulated_modes import (
-    elastic_forces,
     first_moments,
-    frame_sums,
     modes_asked,
     modes_schur,
     modes_wrench,
     second_moments,
     spin_forces,
-    subtract_frame_forces,
     sum_pairs,
 )
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.elasticity import elastic_forces
+from flexmbd.multibody.kernels.frame_modes import add_frame_forces, modal_sum
 from flexmbd.multibody.kernels.so3 import (
     add3,
     compose,
@@ -69,8 +68,8 @@ def deform_interface(plan, aw, slot, x, v, w):
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     qx = tree[at.MODAL_X]
     qv = tree[at.MODAL_V]
-    move, theta = frame_sums(plan.modal, o, n, x[qx : qx + n])
-    rate, theta_rate = frame_sums(plan.modal, o, n, v[qv : qv + n])
+    move, theta = modal_sum(plan.modal, o, n, x[qx : qx + n])
+    rate, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
     turning = left_jacobian_matrix(theta)
     spin = rotate(turning, theta_rate)
     p = add3(load3(fixed, at.FRAME_P), move)
@@ -174,13 +173,13 @@ def accelerate_modes(plan, aw, k, angular, linear, share, a):
         slot = info[to.F_FIRST] + s
         row = aw.interface[slot]
         wrench = load6(aw.load[k, 2], 6 * s)
-        turn = rotate_back(load9(row, to.I_TURN), (wrench[0], wrench[1], wrench[2]))
-        force = (wrench[3], wrench[4], wrench[5])
-        subtract_frame_forces(modal, interface_modes(plan, aw, slot), n, force, turn, qdd)
+        turn = rotate_back(load9(row, to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
+        force = (-wrench[3], -wrench[4], -wrench[5])
+        add_frame_forces(modal, interface_modes(plan, aw, slot), n, force, turn, qdd)
     for s in range(count):
         slot = info[to.F_FIRST] + s
         row = aw.interface[slot]
-        shift, theta_rate2 = frame_sums(modal, interface_modes(plan, aw, slot), n, qdd)
+        shift, theta_rate2 = modal_sum(modal, interface_modes(plan, aw, slot), n, qdd)
         dw = add3(angular, rotate(load9(row, to.I_TURN), theta_rate2))
         d = add3(linear, add3(cross3(angular, load3(row, to.I_P)), shift))
         dw = add3(dw, scale3(share, load3(row, to.I_BIAS_ANGULAR)))

@@ -16,8 +16,9 @@ import math
 
 from flexmbd.multibody.kernels import articulated_layout as to
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated_modes import frame_sums, three_sums
+from flexmbd.multibody.kernels.articulated_modes import three_sums
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.frame_modes import modal_sum
 from flexmbd.multibody.kernels.so3 import add3, cross3, load3, load9, rotate_back, store3
 from flexmbd.multibody.kernels.spatial import add6, load6, scale6, store6
 
@@ -299,7 +300,7 @@ def hold_children(plan, aw, k, share):
         torque = add3(torque, one)
         force = add3(force, other)
     for s in range(info[to.F_COUNT]):
-        linear, angular = frame_sums(plan.modal, interface_modes(plan, aw, info[to.F_FIRST] + s), n, ask)
+        linear, angular = modal_sum(plan.modal, interface_modes(plan, aw, info[to.F_FIRST] + s), n, ask)
         _put_lack(aw, k, s, linear, angular, share)
     schur = aw.schur[k]
     lack = aw.load[k, 1]

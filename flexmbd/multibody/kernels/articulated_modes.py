@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import summing_kernel
 
 
@@ -126,45 +125,6 @@ def spin_forces(n, w, qd, table, coupling, bias):
 
 
 @summing_kernel
-def elastic_forces(modal, flex, q, qd, scratch, out):
-    """Add the modal forces of ``elasticity.add_elastic_forces``; ``scratch`` (n,)."""
-    n = flex[at.N_MODES]
-    k0 = flex[at.MODAL_STIFFNESS]
-    d0 = flex[at.MODAL_DAMPING]
-    spring = modal[k0 : k0 + n]
-    for j in range(n):
-        out[j] += spring[j] * q[j]
-    if d0 >= 0:
-        damper = modal[d0 : d0 + n * n].reshape((n, n))
-        for j in range(n):
-            t = 0.0
-            for i in range(n):
-                t += damper[j, i] * qd[i]
-            out[j] += t
-    o = flex[at.STRETCH]
-    for _ in range(flex[at.N_STRETCH]):
-        k = int(modal[o])
-        o += 1
-        s = 0.0
-        for i in range(n):
-            row = modal[o : o + i + 1]
-            f = q[i]
-            t = 0.0
-            for j in range(i):
-                c = row[j]
-                t += c * q[j]
-                scratch[j] += c * f
-            s += f * (t + 0.5 * row[i] * f)
-            scratch[i] = t + row[i] * f
-            o += i + 1
-        stiffness = spring[k]
-        out[k] += stiffness * s
-        force = stiffness * (q[k] + s)
-        for i in range(n):
-            out[i] += force * scratch[i]
-
-
-@summing_kernel
 def modes_schur(coupling, n):
     """C C^T: blocks (xx .. zz) of rotation, (9) of rotation by translation, (xx .. zz) of translation."""
     a0 = a1 = a2 = a3 = a4 = a5 = 0.0
@@ -227,37 +187,6 @@ def modes_asked(coupling, bias, n, angular, linear, out):
             + coupling[4, j] * linear[1]
             + coupling[5, j] * linear[2]
         )
-
-
-@summing_kernel
-def subtract_frame_forces(modal, o, n, force, turn, out):
-    """Subtract the modal forces of a frame's force, and of its torque as the rotation rows take it."""
-    rows = modal[o : o + 6 * n].reshape((6, n))
-    for j in range(n):
-        out[j] -= (
-            rows[0, j] * force[0]
-            + rows[1, j] * force[1]
-            + rows[2, j] * force[2]
-            + rows[3, j] * turn[0]
-            + rows[4, j] * turn[1]
-            + rows[5, j] * turn[2]
-        )
-
-
-@summing_kernel
-def frame_sums(modal, o, n, q):
-    """Translation and rotation rows of a frame's modes times q."""
-    rows = modal[o : o + 6 * n].reshape((6, n))
-    t0 = t1 = t2 = r0 = r1 = r2 = 0.0
-    for k in range(n):
-        f = q[k]
-        t0 += rows[0, k] * f
-        t1 += rows[1, k] * f
-        t2 += rows[2, k] * f
-        r0 += rows[3, k] * f
-        r1 += rows[4, k] * f
-        r2 += rows[5, k] * f
-    return (t0, t1, t2), (r0, r1, r2)
 
 
 @summing_kernel

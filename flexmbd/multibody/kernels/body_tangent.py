@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel, summing_kernel
 from flexmbd.multibody.kernels.elasticity import stretch
 from flexmbd.multibody.kernels.inertia import rigid_second_moment
 from flexmbd.multibody.kernels.so3 import (
@@ -109,22 +109,23 @@ def rigid_composite(plan, work, tw, i):
     _put_composite(tw, i, body, rigid[at.MASS], first, (0.0, 0.0, 0.0), second, flow)
 
 
-@part_of_kernel
+@summing_kernel
 def _sum_pairs(modal, flex, q, qd, qdd, sums):
     """Fill ``sums``: for each mode j the integrals of rho phi_j (r, Phi qd, Phi qdd)^T."""
     n = flex[at.N_MODES]
     o = flex[at.MODAL_PAIR]
+    s = flex[at.MODAL_SECOND]
+    pairs = modal[o : o + 9 * n * n].reshape((n, 9, n))
+    of_x = modal[s : s + 9 * n].reshape((n, 9))
     for j in range(n):
         for c in range(9):
-            f = modal[flex[at.MODAL_SECOND] + 9 * j + c]
-            g = 0.0
-            e = 0.0
+            f = g = e = 0.0
             for k in range(n):
-                f += modal[o + k] * q[k]
-                g += modal[o + k] * qd[k]
-                e += modal[o + k] * qdd[k]
-            o += n
-            sums[c, j] = f
+                p = pairs[j, c, k]
+                f += p * q[k]
+                g += p * qd[k]
+                e += p * qdd[k]
+            sums[c, j] = f + of_x[j, c]
             sums[9 + c, j] = g
             sums[18 + c, j] = e
 
@@ -227,6 +228,24 @@ def _particle_matrix(W, w, per_x, per_v):
     return add9(scale9(per_x, W), scale9(2.0 * per_v, skew(w)))
 
 
+@summing_kernel
+def _add_pairs(modal, o, n, G, row):
+    """Add to ``row`` (n,) the integrals of rho phi_j^T G phi_k, the pairs of mode j standing from ``o``."""
+    pairs = modal[o : o + 9 * n].reshape((9, n))
+    for k in range(n):
+        row[k] += (
+            G[0] * pairs[0, k]
+            + G[1] * pairs[1, k]
+            + G[2] * pairs[2, k]
+            + G[3] * pairs[3, k]
+            + G[4] * pairs[4, k]
+            + G[5] * pairs[5, k]
+            + G[6] * pairs[6, k]
+            + G[7] * pairs[7, k]
+            + G[8] * pairs[8, k]
+        )
+
+
 @part_of_kernel
 def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch."""
@@ -243,18 +262,8 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     for j in range(n):
         o = flex[at.MODAL_PAIR] + 9 * n * j
         row = matrix[first + j, first : first + n]
-        for k in range(n if spins else 0):
-            row[k] += (
-                G[0] * modal[o + k]
-                + G[1] * modal[o + n + k]
-                + G[2] * modal[o + 2 * n + k]
-                + G[3] * modal[o + 3 * n + k]
-                + G[4] * modal[o + 4 * n + k]
-                + G[5] * modal[o + 5 * n + k]
-                + G[6] * modal[o + 6 * n + k]
-                + G[7] * modal[o + 7 * n + k]
-                + G[8] * modal[o + 8 * n + k]
-            )
+        if spins:
+            _add_pairs(modal, o, n, G, row)
         row[j] += per_a + per_x * modal[flex[at.MODAL_STIFFNESS] + j]
         if damping >= 0:
             for k in range(n):

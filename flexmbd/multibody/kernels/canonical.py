@@ -15,11 +15,12 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.elasticity import add_elastic_forces, elastic_energy
+from flexmbd.multibody.kernels.elasticity import elastic_energy, elastic_forces
 from flexmbd.multibody.kernels.elements import elements_energy, load_elements, push_coordinates
+from flexmbd.multibody.kernels.frame_modes import modal_sum
 from flexmbd.multibody.kernels.inertia import add_rigid_wrench, flexible_inertia, rigid_second_moment
 from flexmbd.multibody.kernels.joints import joint_force, joint_size
-from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion, modal_sum
+from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion
 from flexmbd.multibody.kernels.so3 import (
     add3,
     cross3,
@@ -131,7 +132,8 @@ def _ask(plan, work, x, v, half, none, wrench, p, out):
             store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
             force = out[qv : qv + n]
             flexible_inertia(plan, i, x[qx : qx + n], half[qv : qv + n], none[:n], row, force)
-            add_elastic_forces(plan, flex, x[qx : qx + n], v[qv : qv + n], force)
+            scratch = work.generalized[qv : qv + n]
+            elastic_forces(plan.modal, flex, x[qx : qx + n], v[qv : qv + n], scratch, force)
         store3(row, at.B_F, scale3(plan.rigid[i, at.MASS], weight))
         store3(row, at.B_T, cross3(_first_moment(plan, i, x), weight))
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels import tangent_layout as tl
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.frame_modes import modal_sum
 from flexmbd.multibody.kernels.joints import joint_size
-from flexmbd.multibody.kernels.recursion import frame_motion, modal_sum
+from flexmbd.multibody.kernels.recursion import frame_motion
 from flexmbd.multibody.kernels.rows import column
 from flexmbd.multibody.kernels.so3 import (
     add3,

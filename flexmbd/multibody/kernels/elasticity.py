@@ -3,36 +3,52 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, summing_kernel
 
 
-@entry_kernel
-def add_elastic_forces(plan, flex, q, qd, out):
-    """Add the modal forces of deformation and its rate, K q + D qd and those of `stretch`."""
-    modal = plan.modal
+@summing_kernel
+def elastic_forces(modal, flex, q, qd, scratch, out):
+    """Add the modal forces of deformation and its rate, K q + D qd and those of `stretch`; ``scratch`` (n,)."""
     n = flex[at.N_MODES]
     k0 = flex[at.MODAL_STIFFNESS]
     d0 = flex[at.MODAL_DAMPING]
+    spring = modal[k0 : k0 + n]
     for j in range(n):
-        out[j] += modal[k0 + j] * q[j]
+        out[j] += spring[j] * q[j]
     if d0 >= 0:
+        damper = modal[d0 : d0 + n * n].reshape((n, n))
         for j in range(n):
             t = 0.0
-            for k in range(n):
-                t += modal[d0 + n * j + k] * qd[k]
+            for i in range(n):
+                t += damper[j, i] * qd[i]
             out[j] += t
-    for row in range(flex[at.N_STRETCH]):
-        k, o, s = stretch(plan, flex, q, row)
-        stiffness = modal[k0 + k]
+    o = flex[at.STRETCH]
+    for _ in range(flex[at.N_STRETCH]):
+        k = int(modal[o])
+        o += 1
+        s = 0.0
+        for i in range(n):
+            row = modal[o : o + i + 1]
+            f = q[i]
+            t = 0.0
+            for j in range(i):
+                c = row[j]
+                t += c * q[j]
+                scratch[j] += c * f
+            s += f * (t + 0.5 * row[i] * f)
+            scratch[i] = t + row[i] * f
+            o += i + 1
+        stiffness = spring[k]
         out[k] += stiffness * s
         force = stiffness * (q[k] + s)
         for i in range(n):
-            t = modal[o + i] * q[i]
-            for j in range(i):
-                t += modal[o + j] * q[j]
-                out[j] += force * modal[o + j] * q[i]
-            out[i] += force * t
-            o += i + 1
+            out[i] += force * scratch[i]
+
+
+@entry_kernel
+def add_elastic_forces(plan, flex, q, qd, scratch, out):
+    """`elastic_forces`, for Python."""
+    elastic_forces(plan.modal, flex, q, qd, scratch, out)
 
 
 @kernel

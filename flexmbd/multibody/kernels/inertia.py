@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, summing_kernel
 from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, load3, scale3, store3
 
 
@@ -45,6 +45,45 @@ def add_rigid_wrench(mass, first, second, turning, row):
     store3(row, at.B_T, torque)
 
 
+@summing_kernel
+def _skew_sums(modal, o, n, q):
+    """Integral of rho (Phi q) x phi_j, the pairs of mode j standing from ``o``."""
+    pairs = modal[o : o + 9 * n].reshape((9, n))
+    x = y = z = 0.0
+    for k in range(n):
+        f = q[k]
+        x += (pairs[7, k] - pairs[5, k]) * f
+        y += (pairs[2, k] - pairs[6, k]) * f
+        z += (pairs[3, k] - pairs[1, k]) * f
+    return x, y, z
+
+
+@summing_kernel
+def _pair_sums(modal, o, n, q, qd):
+    """Integrals of rho phi_j (Phi q)^T, row by row, and of rho (Phi qd) x phi_j; see `_skew_sums`."""
+    # indices from a range need no look whether they count from the end, which would hold up the vector registers
+    pairs = modal[o : o + 9 * n].reshape((9, n))
+    v0 = v1 = v2 = v3 = v4 = v5 = v6 = v7 = v8 = 0.0
+    x = y = z = 0.0
+    for k in range(n):
+        f = q[k]
+        g = qd[k]
+        p1, p2, p3, p5, p6, p7 = pairs[1, k], pairs[2, k], pairs[3, k], pairs[5, k], pairs[6, k], pairs[7, k]
+        v0 += pairs[0, k] * f
+        v1 += p1 * f
+        v2 += p2 * f
+        v3 += p3 * f
+        v4 += pairs[4, k] * f
+        v5 += p5 * f
+        v6 += p6 * f
+        v7 += p7 * f
+        v8 += pairs[8, k] * f
+        x += (p7 - p5) * g
+        y += (p2 - p6) * g
+        z += (p3 - p1) * g
+    return (v0, v1, v2, v3, v4, v5, v6, v7, v8), (x, y, z)
+
+
 @kernel
 def unturned_inertia(plan, i, q, qdd, row, out):
     """Write the wrench of reduced body i, whose frame never turns, and the modal forces of its inertia.
@@ -62,22 +101,17 @@ def unturned_inertia(plan, i, q, qdd, row, out):
     for j in range(n):
         o = flex[at.MODAL_PAIR] + 9 * n * j
         s = flex[at.MODAL_SECOND] + 9 * j
-        v1, v2, v3, v5, v6, v7 = modal[s + 1], modal[s + 2], modal[s + 3], modal[s + 5], modal[s + 6], modal[s + 7]
-        for k in range(n):
-            f = q[k]
-            v1 += modal[o + n + k] * f
-            v2 += modal[o + 2 * n + k] * f
-            v3 += modal[o + 3 * n + k] * f
-            v5 += modal[o + 5 * n + k] * f
-            v6 += modal[o + 6 * n + k] * f
-            v7 += modal[o + 7 * n + k] * f
+        x, y, z = _skew_sums(modal, o, n, q)
+        x += modal[s + 7] - modal[s + 5]
+        y += modal[s + 2] - modal[s + 6]
+        z += modal[s + 3] - modal[s + 1]
         c = load3(modal, flex[at.MODAL_FIRST] + 3 * j)
         e = qdd[j]
         first = add3(first, scale3(q[j], c))
         force = add3(force, scale3(e, c))
-        tx += e * (v7 - v5)
-        ty += e * (v2 - v6)
-        tz += e * (v3 - v1)
+        tx += e * x
+        ty += e * y
+        tz += e * z
         out[j] = dot3(c, a) + e
     store3(row, at.B_F, force)
     store3(row, at.B_T, add3(cross3(first, a), (tx, ty, tz)))
@@ -118,28 +152,8 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
     tx = ty = tz = 0.0  # torque of Coriolis terms and of Phi qdd
     xx, xy, xz, yy, yz, zz = rigid_second_moment(rigid)
     for j in range(n):
-        base = p0 + 9 * n * j
-        v0 = v1 = v2 = v3 = v4 = v5 = v6 = v7 = v8 = 0.0
-        u1 = u2 = u3 = u5 = u6 = u7 = 0.0
-        for k in range(n):
-            f = q[k]
-            g = qd[k]
-            o = base + k
-            v0 += modal[o] * f
-            v1 += modal[o + n] * f
-            v2 += modal[o + 2 * n] * f
-            v3 += modal[o + 3 * n] * f
-            v4 += modal[o + 4 * n] * f
-            v5 += modal[o + 5 * n] * f
-            v6 += modal[o + 6 * n] * f
-            v7 += modal[o + 7 * n] * f
-            v8 += modal[o + 8 * n] * f
-            u1 += modal[o + n] * g
-            u2 += modal[o + 2 * n] * g
-            u3 += modal[o + 3 * n] * g
-            u5 += modal[o + 5 * n] * g
-            u6 += modal[o + 6 * n] * g
-            u7 += modal[o + 7 * n] * g
+        v, u = _pair_sums(modal, p0 + 9 * n * j, n, q, qd)
+        v0, v1, v2, v3, v4, v5, v6, v7, v8 = v
         s = s0 + 9 * j
         # J = J0 + sum q_j (V_j + X_j^T), V_j = integral of rho phi_j r^T
         f = q[j]
@@ -181,7 +195,7 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
         load += w10 * v3 + w11 * v4 + w12 * v5
         load += w20 * v6 + w21 * v7 + w22 * v8
         # 2 phi_j . (w x Phi qd) = 2 w . sum phi_k x phi_j qd_k
-        load += 2.0 * (w[0] * (u7 - u5) + w[1] * (u2 - u6) + w[2] * (u3 - u1))
+        load += 2.0 * (w[0] * u[0] + w[1] * u[1] + w[2] * u[2])
         out[j] = load + e
     add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), at.FREELY, row)
     coriolis = cross3(w, (vx, vy, vz))

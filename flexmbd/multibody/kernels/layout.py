@@ -157,7 +157,7 @@ class Work(NamedTuple):
     """Scratch arrays of one evaluation; written before they are read.
 
     time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
-    generalized: (nv,) what a user's function of the state gives.
+    generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
     """
 
     body: FloatArray

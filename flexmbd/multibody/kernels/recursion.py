@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.elasticity import add_elastic_forces
+from flexmbd.multibody.kernels.elasticity import elastic_forces
+from flexmbd.multibody.kernels.frame_modes import add_frame_forces, modal_sum
 from flexmbd.multibody.kernels.inertia import (
     add_rigid_wrench,
     flexible_inertia,
@@ -35,21 +36,6 @@ from flexmbd.multibody.kernels.so3 import (
     store9,
     sub3,
 )
-
-
-@kernel
-def modal_sum(modal, o, n, q):
-    """Translation and rotation rows of a frame's modes times q."""
-    t0 = t1 = t2 = r0 = r1 = r2 = 0.0
-    for k in range(n):
-        f = q[k]
-        t0 += modal[o + k] * f
-        t1 += modal[o + n + k] * f
-        t2 += modal[o + 2 * n + k] * f
-        r0 += modal[o + 3 * n + k] * f
-        r1 += modal[o + 4 * n + k] * f
-        r2 += modal[o + 5 * n + k] * f
-    return (t0, t1, t2), (r0, r1, r2)
 
 
 @kernel
@@ -200,7 +186,7 @@ def ask_inertia(plan, work, x, v, a, out):
                 unturned_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
             else:
                 flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
-            add_elastic_forces(plan, flex, q, qd, force)
+            elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
 
 
 @entry_kernel
@@ -223,16 +209,7 @@ def load_frame(plan, work, f, force_F, torque_F, out):
         n = plan.flex[tree[at.FLEX], at.N_MODES]
         qv = tree[at.MODAL_V]
         turn = left_jacobian_transposed(load3(row, at.F_THETA), torque)
-        modal = plan.modal
-        for k in range(n):
-            out[qv + k] += (
-                modal[o + k] * force[0]
-                + modal[o + n + k] * force[1]
-                + modal[o + 2 * n + k] * force[2]
-                + modal[o + 3 * n + k] * turn[0]
-                + modal[o + 4 * n + k] * turn[1]
-                + modal[o + 5 * n + k] * turn[2]
-            )
+        add_frame_forces(plan.modal, o, n, force, turn, out[qv : qv + n])
     store3(body, at.B_F, add3(load3(body, at.B_F), force))
     store3(
         body,
