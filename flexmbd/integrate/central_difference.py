@@ -16,10 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.loop_dynamics import N_MEMORY, accelerate, new_loops, note_scales, project, survey
+from flexmbd.integrate.loop_dynamics import (
+    N_MEMORY,
+    accelerate,
+    is_nearly_singular,
+    new_loops,
+    note_scales,
+    project,
+    survey,
+)
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import EXPONENTIAL, coordinate_slots, move
@@ -36,6 +44,7 @@ _BEFORE = N_MEMORY
 _LONGEST = 0.5  # the longest step in characteristic times of the machine
 _SAFETY = 0.9
 _LEAST, _MOST = 0.2, 2.0  # a step's size over that of the step before
+_UNSEEN = 3.0  # the error over what is seen of it: forces also feel that the velocity at the step's end is foretold
 
 
 class Scratch(NamedTuple):
@@ -110,10 +119,13 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
         return False
     drive(plan, work, s.x, s.v, s.a)
     looped = plan.rows.shape[0] > 0
-    if looped and not project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v):
-        return False
-    accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
-    state.counts[st.EVALUATIONS] += 1
+    for attempt in range(2):
+        if attempt == 1 and not project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+            return False
+        accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
+        state.counts[st.EVALUATIONS] += 1
+        if not looped or not is_nearly_singular(loops):
+            break
     total = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
@@ -137,7 +149,7 @@ def _error(plan, state, groups, s, h, rate):
         if known:
             bend = change / h - (state.a[k] - state.memory[_BEFORE, k]) / before
             s.error_v[k] = h**3 / 6.0 * bend / (h + before)
-    return st.error_ratio(plan, state, groups, s.error_x, s.error_v, h, rate)
+    return _UNSEEN * st.error_ratio(plan, state, groups, s.error_x, s.error_v, h, rate)
 
 
 @part_of_kernel
@@ -154,7 +166,7 @@ def _accept(plan, state, groups, s, record, h):
     st.store(plan, state, groups, record, h)
 
 
-@kernel
+@entry_kernel
 def advance(plan, work, aw, loops, plain, quaternions, state, groups, s, record):
     """Step until the end, a full record, or a failure.
 

@@ -22,6 +22,7 @@ METHODS = [
     fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8),
     fm.RadauIIA(),
     fm.EnergyMomentum(),
+    fm.CentralDifference(),
 ]
 
 
