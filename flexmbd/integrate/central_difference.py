@@ -93,8 +93,8 @@ class CentralDifference:
         if state.counts[st.STEPS] == 0:
             evaluate_times(plan, float(state.numbers[st.TIME]), work.time)
             survey(scene, state, work)
-        x, rows = zeros(scene.nx), zeros(len(plan.rows))
-        scratch = Scratch(x, *zeros((3, scene.nv)), rows, *zeros((2, scene.nv)))
+        nv = scene.nv
+        scratch = Scratch(zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)), zeros(nv), zeros(nv))
         parts = (plan, work, new_articulated_work(plan), loops, *coordinate_slots(plan))
 
         def advance_to(record: st.Record) -> int:
