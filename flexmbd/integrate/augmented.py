@@ -8,7 +8,7 @@ Integrators that know of no passes solve for the reaction itself, which leaves p
 
 from __future__ import annotations
 
-from flexmbd.integrate.implicit_step import solve_step
+from flexmbd.integrate.alpha_step import solve_step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel

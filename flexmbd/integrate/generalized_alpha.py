@@ -1,4 +1,4 @@
-"""Lie-group generalized-alpha for trees and, in stabilised index-2 form, for closed loops.
+"""Lie-group generalized-alpha for trees and, in stabilised index-2 or in index-3 form, for closed loops.
 
 Order 2; dissipation at high frequency set by the spectral radius rho.  Variable steps keep the
 order because the auxiliary acceleration is carried over at its own instant.  Sources: Chung &
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.integrate import implicit_step as step
+from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha_layout import new_scratch
 from flexmbd.integrate.augmented import solve_passes
-from flexmbd.integrate.implicit_step import new_scratch
 from flexmbd.integrate.local_error import local_error
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
@@ -35,24 +35,32 @@ _HOLD = 8  # steps without growth after a rejection
 
 @dataclass(frozen=True)
 class GeneralizedAlpha:
-    """Choice of the method: ``rho`` in [0, 1] is the spectral radius at infinite frequency.
+    """Choice of the method.
 
-    ``rho = 1`` does not dissipate; smaller values damp what the step does not resolve.
+    Attributes:
+        rho: the spectral radius at infinite frequency, in [0, 1]: 1 does not dissipate, smaller values damp what the
+            step does not resolve.
+        index: 2 closes loops at the level of positions and of velocities, 3 at that of positions alone, with fixed
+            steps only.
 
     Raises:
-        SceneError: rho lies outside.
+        SceneError: rho lies outside, or there is no such index.
     """
 
     rho: float = 0.8
+    index: int = 2
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.rho <= 1.0:
             raise SceneError(f"rho must lie between 0 and 1, got {self.rho}")
+        if self.index not in (2, 3):
+            raise SceneError(f"generalized-alpha has an index of 2 or 3, got {self.index}")
 
     @property
     def name(self) -> str:
         """How ``explain`` calls the method."""
-        return f"generalized-alpha, rho = {self.rho:g}, order {ORDER}"
+        form = ", index 3" if self.index == 3 else ""
+        return f"generalized-alpha, rho = {self.rho:g}, order {ORDER}{form}"
 
     @property
     def order(self) -> int:
@@ -70,8 +78,15 @@ class GeneralizedAlpha:
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
     ) -> tuple[Stepper, Callable[[], None]]:
-        """See ``integrate.protocol.Integrator``."""
+        """See ``integrate.protocol.Integrator``.
+
+        Raises:
+            SceneError: error control is asked of index 3, whose velocities jump with the step.
+        """
+        if self.index == 3 and state.counts[st.FIXED_STEP] == 0 and len(scene.plan.rows) > 0:
+            raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
         if state.counts[st.STEPS] == 0:
+            state.counts[step.INDEX] = self.index
             state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
             state.counts[step.FILTERS] = len(scene.plan.flex) > 0
             for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmbd.integrate import implicit_step as step
+from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha_matrix import solve_factored
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.native import solve
@@ -65,7 +66,7 @@ def _filter(plan, work, state, s):
     if plan.rows.shape[0] > 0:
         solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.error_v)
     else:
-        step.solve_factored(plan, s, s.error_v)
+        solve_factored(plan, s, s.error_v)
 
 
 @part_of_kernel

@@ -87,4 +87,4 @@ def test_a_kernel_is_stamped_with_all_that_it_calls():
     sources = {path.name for path in compiling._kernel_sources(kernels / "joints.py")}
     assert sources == {"joints.py", "layout.py", "compiling.py", "so3.py"}
     loop = compiling._kernel_sources(kernels.parents[1] / "integrate" / "generalized_alpha.py")
-    assert {"state.py", "implicit_step.py", "recursion.py", "closure.py"} <= {path.name for path in loop}
+    assert {"state.py", "alpha_step.py", "recursion.py", "closure.py"} <= {path.name for path in loop}

@@ -155,18 +155,18 @@ def kernel(function: F) -> F:
     half of a small scene's time.  So a kernel can allocate nothing, not even the copy of a row
     (``a[i] = b[j]``); numba refuses one that does.
     """
-    return _closed(njit(cache=True, no_cpython_wrapper=True, **_OPTIONS)(function))
+    return _closed(_cached(function, no_cpython_wrapper=True))
 
 
 def entry_kernel(function: F) -> F:
     """Compile ``function`` as a kernel that Python calls as well, at its first call."""
-    return njit(cache=True, **_OPTIONS)(function)
+    return _cached(function)
 
 
 def summing_kernel(function: F) -> F:
     """Compile ``function`` as a kernel whose sums may be taken in any order: they run in vector registers."""
     reordered = {"reassoc", "contract", "nsz"}
-    return _closed(njit(cache=True, no_cpython_wrapper=True, fastmath=reordered, **_OPTIONS)(function))
+    return _closed(_cached(function, no_cpython_wrapper=True, fastmath=reordered))
 
 
 def part_of_kernel(function: F) -> F:
@@ -176,6 +176,26 @@ def part_of_kernel(function: F) -> F:
     had better be a kernel, and what is longer still stand behind an address (``separate``).
     """
     return njit(inline="always", error_model="numpy", nogil=True, _nrt=False)(function)
+
+
+def _cached(function: Callable[..., Any], **options: Any) -> Any:
+    """``function`` compiled by numba with the options of all kernels, and ``options``.
+
+    What the cache holds for argument types that have since moved to another module counts as not there.
+    """
+    dispatcher = njit(cache=True, **_OPTIONS, **options)(function)
+    store = dispatcher._cache
+    load = store.load_overload
+
+    def load_known(signature: Any, context: Any) -> Any:
+        try:
+            return load(signature, context)
+        except (ImportError, AttributeError):
+            store.flush()
+            return None
+
+    store.load_overload = load_known
+    return dispatcher
 
 
 def _closed(dispatcher: Any) -> Any:

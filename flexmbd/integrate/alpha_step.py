@@ -1,0 +1,246 @@
+"""One implicit step of generalized-alpha: its equations, their linearisation, Newton's iteration.
+
+The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
+loops' reactions, which close the loops at position level while velocities fulfil them too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha_layout import (
+    ALPHA_F,
+    ALPHA_M,
+    AUXILIARY,
+    BEFORE,
+    BETA,
+    CONTRACTION,
+    EARLIER,
+    EARLIEST,
+    GAMMA,
+    KNOWN_BEFORE,
+    PATIENCE,
+    RENEWALS,
+    STEP_EARLIER,
+    STEP_FACTORED,
+    coefficients,
+    holds_position_alone,
+    is_unshifted,
+)
+from flexmbd.integrate.alpha_matrix import linearise, solve_factored
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.closure import constraints
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.residual import drive, residual
+
+_MAX_ITERATIONS = 10
+_RENEW = 0.15  # a slower contraction than this renews the factors at the next step
+_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
+
+
+@kernel
+def update(plan, work, state, s, h, unknown):
+    """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
+    number = state.numbers
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    beta = number[BETA]
+    gamma = number[GAMMA]
+    per_x, _ = coefficients(number, h)
+    for k in range(s.move.shape[0]):
+        s.move[k] = 0.0
+    for j in range(nu):
+        k = plan.free[j]
+        new = unknown[j]
+        auxiliary = (
+            (1.0 - number[ALPHA_F]) * new
+            + number[ALPHA_F] * state.a[k]
+            - number[ALPHA_M] * state.memory[AUXILIARY, k]
+        ) / (1.0 - number[ALPHA_M])
+        s.a[k] = new
+        s.auxiliary[k] = auxiliary
+        s.move[k] = h * state.v[k] + h * h * (
+            (0.5 - beta) * state.memory[AUXILIARY, k] + beta * auxiliary
+        )
+        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.memory[AUXILIARY, k] + gamma * auxiliary)
+    for i in range(m):
+        s.multipliers[i] = unknown[nu + i]
+        shift = per_x * unknown[nu + m + i]
+        for j in range(nu):
+            s.move[plan.free[j]] += shift * s.direction[i, j]
+    retract(plan, state.x, s.move, s.x)
+    drive(plan, work, s.x, s.v, s.a)
+
+
+@kernel
+def trial(plan, work, state, s, h, unknown, equation):
+    """Evaluate the step's equations at ``unknown``."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    update(plan, work, state, s, h, unknown)
+    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.out)
+    state.counts[st.EVALUATIONS] += 1
+    for j in range(nu):
+        equation[j] = s.out[plan.free[j]]
+    if m > 0:
+        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+        for i in range(m):
+            if is_unshifted(plan, state, i):
+                equation[nu + i] = unknown[nu + m + i]
+            else:
+                equation[nu + i] = s.phi[i] / per_x
+            equation[nu + m + i] = s.phi_rate[i] / per_v
+            if holds_position_alone(plan, state, i):
+                equation[nu + m + i] = s.phi[i] / per_x
+            o = plan.rows[i, at.ROW_HOLD]
+            if o > 0:  # the reaction is what stiffness and damping give, beyond that of the pass before
+                k = plan.data[o + at.HOLD_STIFFNESS]
+                c = plan.data[o + at.HOLD_DAMPING]
+                gap = s.known[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+                equation[nu + m + i] = gap / (k * per_x + c * per_v)
+
+
+@part_of_kernel
+def _newton(plan, work, state, s, h, tolerance, evaluated):
+    """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
+
+    ``evaluated``: ``s.equation`` is that of the first guess.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    before = 0.0
+    # what the same factors did in the step before lets a good guess pass after one iteration
+    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    for iteration in range(_MAX_ITERATIONS):
+        if iteration > 0 or not evaluated:
+            trial(plan, work, state, s, h, s.unknown, s.equation)
+        state.counts[st.ITERATIONS] += 1
+        for i in range(s.equation.shape[0]):
+            s.correction[0, i] = s.equation[i]
+        solve_factored(plan, s, s.correction)
+        size = 0.0
+        for i in range(s.unknown.shape[0]):
+            s.unknown[i] -= s.correction[0, i]
+        for j in range(nu):
+            k = plan.free[j]
+            move = s.correction[0, j]
+            part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+            for i in range(m):
+                part = max(
+                    part,
+                    abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
+                )
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
+        if not np.isfinite(size):
+            return -1
+        if iteration > 0:
+            contraction = size / before if before > 0.0 else 0.0
+            if contraction > 0.7 and size > tolerance:
+                return 0
+        before = size
+        # the error left after a linear iteration, and round-off of a vanishing correction
+        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
+        if size * left <= tolerance or size <= 1e-15:
+            update(plan, work, state, s, h, s.unknown)
+            if iteration == 0:  # unmeasured, so it is trusted a little less at each step
+                state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
+                return 1
+            state.numbers[CONTRACTION] = min(contraction, 1.0)
+            if contraction > _RENEW:
+                state.numbers[STEP_FACTORED] = 0.0
+            return 1
+    return 0
+
+
+@kernel
+def _foretell(state, k, h):
+    """Coordinate k's next acceleration, on the parabola through the last three."""
+    h1 = state.numbers[st.STEP_BEFORE]
+    h2 = state.numbers[STEP_EARLIER]
+    slope = (state.a[k] - state.memory[BEFORE, k]) / h1
+    half_curve = (slope - (state.memory[BEFORE, k] - state.memory[EARLIER, k]) / h2) / (h1 + h2)
+    return state.a[k] + h * (slope + (h + h1) * half_curve)
+
+
+@kernel
+def _foretell_as_before(state, k):
+    """Coordinate k's next acceleration after equal steps, by what would have foretold the last one best.
+
+    Where a step does not resolve a vibration that is no change at all, and where it does a line or a parabola.
+    """
+    memory = state.memory
+    first = state.a[k] - memory[BEFORE, k]
+    before = memory[BEFORE, k] - memory[EARLIER, k]
+    second = first - before
+    third = second - (before - (memory[EARLIER, k] - memory[EARLIEST, k]))
+    guess = state.a[k]
+    if abs(second) < abs(first):
+        guess += first
+        if abs(third) < abs(second):
+            guess += second
+    return guess
+
+
+@part_of_kernel
+def _start_newton(plan, state, s, h, extrapolate):
+    """First guess: multipliers as they were, accelerations too or as their last ones foretell.
+
+    With a fixed step in trees alone: what multipliers as they were leave of the error would not shrink with the guess.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    known = state.counts[KNOWN_BEFORE]
+    fixed = state.counts[st.FIXED_STEP] == 1
+    for j in range(nu):
+        k = plan.free[j]
+        s.unknown[j] = state.a[k]
+        if extrapolate and known > 2 and fixed and m == 0:
+            s.unknown[j] = _foretell_as_before(state, k)
+        elif extrapolate and known > 1 and not fixed:
+            s.unknown[j] = _foretell(state, k, h)
+    for i in range(m):
+        s.unknown[nu + i] = state.multipliers[i]
+        s.unknown[nu + m + i] = 0.0
+
+
+@kernel
+def solve_step(plan, work, state, s, h, tolerance):
+    """Newton with the old factors where they still serve, with new ones otherwise.
+
+    Returns whether it converged; if so ``s`` holds the step's end.
+    """
+    renew = state.counts[RENEWALS] > 0
+    for attempt in range(3):
+        if attempt == 0:
+            if renew or state.numbers[STEP_FACTORED] != h:
+                continue
+            _start_newton(plan, state, s, h, True)
+        elif attempt == 1:
+            _start_newton(plan, state, s, h, renew)
+        finite = True
+        for i in range(s.unknown.shape[0]):
+            finite = finite and np.isfinite(s.unknown[i])
+        if not finite:
+            break
+        # the second time linearised where the first iterations led
+        if attempt > 0:
+            trial(plan, work, state, s, h, s.unknown, s.equation)
+            if not linearise(plan, work, state, s, h):
+                break
+        if _newton(plan, work, state, s, h, tolerance, attempt > 0 and plan.rows.shape[0] == 0) == 1:
+            if renew:
+                state.counts[RENEWALS] -= 1
+            elif attempt == 0:
+                state.counts[PATIENCE] = 0
+            return True
+        if attempt == 0:
+            state.counts[RENEWALS] = state.counts[PATIENCE]
+            state.counts[PATIENCE] = min(_LONGEST_RENEWAL, 2 * state.counts[PATIENCE] + 1)
+    state.numbers[STEP_FACTORED] = 0.0
+    return False
