@@ -136,7 +136,7 @@ def mesh(folder: Path, meshes: Path | None, *, quick: bool) -> Iterator[Row]:
         if PEER:
             import scenes_exudyn as peer
 
-            for name, way in (("node", "flexible chain"), ("averaged", "averaged pendulum")):
+            for name, way in (("node", "flexible chain"), ("averaged", "averaged flexible chain")):
                 scene = scenes.Scene("", way, 1.0, 1.0, lambda r=record: scenes.flexible_chain(r, 1), None, 1, files)
                 seconds = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(2))
                 theirs = seconds / 100.0 * 1e6

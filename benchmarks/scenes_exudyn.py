@@ -21,7 +21,7 @@ import reduction_case as case
 import scenes
 import scipy.sparse
 
-os.environ["EXUDYN_MODULE"] = "fast"  # the build without range checks
+os.environ.setdefault("EXUDYN_MODULE", "fast")  # the build without range checks
 import exudyn as exu
 import exudyn.itemInterface as item
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
@@ -234,15 +234,19 @@ def _flexible_chain(system: Any, scene: scenes.Scene) -> Any:
     return _marker_sensor(system, end)
 
 
-def _averaged_pendulum(system: Any, scene: scenes.Scene) -> Any:
-    """The pendulum with its joint on the mean of all nodes of the rigid end, as its users write it."""
+def _averaged_chain(system: Any, scene: scenes.Scene) -> Any:
+    """The chain with its joints on the mean of all nodes of the rigid faces, as its users write it."""
     if scene.beam is None:
         raise ValueError(f"{scene.name} has no beam")
-    body, nodes = _reduced(scene.beam.peer)
-    added = body.AddObjectFFRFreducedOrder(system, gravity=[0.0, 0.0, -scenes.G])
-    root = np.flatnonzero(np.abs(body.xRef[::3]) < 1e-9).tolist()
-    start, end = (_mean(system, added["oFFRFreducedOrder"], chosen) for chosen in (root, nodes))
-    _free_of(system, _ground(system), start, 4)
+    body, _ = _reduced(scene.beam.peer)
+    along = body.xRef[::3]
+    end = _ground(system)
+    for i in range(scene.parameter):
+        added = body.AddObjectFFRFreducedOrder(system, positionRef=[float(i), 0.0, 0.0], gravity=[0.0, 0.0, -scenes.G])
+        faces = (np.flatnonzero(np.abs(along - x) < 1e-9).tolist() for x in (0.0, case.LENGTH))
+        start, tip = (_mean(system, added["oFFRFreducedOrder"], nodes) for nodes in faces)
+        _free_of(system, end, start, 4)
+        end = tip
     return _marker_sensor(system, end)
 
 
@@ -299,7 +303,7 @@ BUILDERS: dict[str, Callable[[Any, scenes.Scene], Any]] = {
     "heavy top": _heavy_top,
     "four-bars": _four_bars,
     "flexible chain": _flexible_chain,
-    "averaged pendulum": _averaged_pendulum,
+    "averaged flexible chain": _averaged_chain,
     "spin-up": _spin_up,
     "slider-crank": _slider_crank,
 }

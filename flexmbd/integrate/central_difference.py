@@ -120,7 +120,7 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
     drive(plan, work, s.x, s.v, s.a)
     looped = plan.rows.shape[0] > 0
     for attempt in range(2):
-        if attempt == 1 and not project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+        if attempt == 1 and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
             return False
         accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
         state.counts[st.EVALUATIONS] += 1
@@ -131,7 +131,7 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
         k = plan.free[j]
         s.v[k] = state.v[k] + 0.5 * h * (state.a[k] + s.a[k])
         total += s.v[k]
-    if looped and not project(plan, work, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+    if looped and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
         return False
     return np.isfinite(total)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
+from flexmbd.errors import SceneError
 from flexmbd.integrate.generalized_alpha import ORDER
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
@@ -45,6 +46,36 @@ def test_order_two_for_positions_velocities_and_multipliers(rho):
     orders = np.log2(errors[:-1] / errors[1:])
     assert orders[:, :2].min() > ORDER - 0.1, orders
     assert rho == 1.0 or orders[-1, 2] > ORDER - 0.1, orders
+
+
+def test_index_three_has_order_two_and_closes_positions_alone():
+    """Positions are closed to round-off, velocities as the order goes; multipliers where rho damps their start."""
+    scene, piston, crank = loaded_slider_crank()
+    slider = piston.frame()
+    method = fm.GeneralizedAlpha(0.5, index=3)
+    exact = scene.simulate(0.16, h=0.16 / 12800, rtol=1e-10, integrator=fm.GeneralizedAlpha(0.5))
+    errors = []
+    for n in (400, 800, 1600):
+        run = scene.simulate(0.16, h=0.16 / n, rtol=1e-10, integrator=method)
+        open_by = run.position(slider)[:, 0] - slider_position(run.beta(crank))
+        assert np.abs(open_by).max() < 1e-12
+        ends = ((run.x, exact.x), (run.v, exact.v), (run.multipliers, exact.multipliers))
+        slide = run.velocity(slider)[:, 0]
+        angle, rate, eps = run.beta(crank), run.beta_rate(crank), 1e-6
+        slope = (slider_position(angle + eps) - slider_position(angle - eps)) / (2.0 * eps)
+        drift = np.abs(slide - slope * rate)[n // 4 :].max()
+        assert drift > 1e-8
+        errors.append([*(np.abs(a[-1] - b[-1]).max() for a, b in ends), drift])
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert orders.min() > ORDER - 0.1, (errors, orders)
+
+
+def test_index_three_wants_fixed_steps():
+    scene, _, _ = loaded_slider_crank()
+    with pytest.raises(SceneError, match=r"index 3 has no error control: give a step h, or take index=2"):
+        scene.simulate(0.1, rtol=1e-4, integrator=fm.GeneralizedAlpha(index=3))
+    with pytest.raises(SceneError, match=r"an index of 2 or 3, got 1"):
+        fm.GeneralizedAlpha(index=1)
 
 
 def test_pendulum_follows_the_reference_in_proportion_to_rtol():

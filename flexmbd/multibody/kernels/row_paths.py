@@ -15,9 +15,9 @@ from flexmbd.multibody.kernels import articulated_layout as to
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.articulated_flexible import accelerate_modes
 from flexmbd.multibody.kernels.articulated_inward import pass_forces
-from flexmbd.multibody.kernels.articulated_modes import subtract_frame_forces
 from flexmbd.multibody.kernels.closure import load_relative, relative_pose
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.frame_modes import add_frame_forces
 from flexmbd.multibody.kernels.layout import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.recursion import pass_wrench
 from flexmbd.multibody.kernels.rows import row_wrench
@@ -206,6 +206,6 @@ def _push_modes(plan, aw, paths, i, k):
     first = aw.flex[k, to.F_FIRST]
     for slot in range(first, first + aw.flex[k, to.F_COUNT]):
         wrench = load6(aw.interface[slot], to.I_TORQUE)
-        turn = rotate_back(load9(aw.interface[slot], to.I_TURN), (wrench[0], wrench[1], wrench[2]))
+        turn = rotate_back(load9(aw.interface[slot], to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
         modes = plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
-        subtract_frame_forces(plan.modal, modes, n, (wrench[3], wrench[4], wrench[5]), turn, push)
+        add_frame_forces(plan.modal, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, push)
