@@ -18,8 +18,7 @@ from flexmbd.multibody.kernels.residual import drive, residual
 from flexmbd.multibody.loop_closing import close_loops, match_velocities
 from flexmbd.multibody.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values, mass_factor
-from flexmbd.multibody.scene_matrices import scaled_jacobian as scaled_jacobian
+from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values, mass_factor, scaled_jacobian
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]

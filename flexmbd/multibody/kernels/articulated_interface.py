@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.articulated_modes import three_sums
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.frame_modes import modal_sum
 from flexmbd.multibody.kernels.so3 import add3, cross3, load3, load9, rotate_back, store3
-from flexmbd.multibody.kernels.spatial import add6, load6, scale6, store6
+from flexmbd.multibody.kernels.spatial import add6, load6, scale6, store6, subtract_outer
 
 _FREE = 1e-13  # a pivot below this share of the inertia's size before its joint yielded is the joint's, and round-off
 
@@ -157,34 +157,7 @@ def _add_response(response, schur, size, a, b, m):
             for c in range(6):
                 response[i, c] -= share * response[j, c]
         z = load6(response[i], 0)
-        s = scale6(schur[i, i], z)
-        a = (
-            a[0] + z[0] * s[0],
-            a[1] + z[0] * s[1],
-            a[2] + z[0] * s[2],
-            a[3] + z[1] * s[1],
-            a[4] + z[1] * s[2],
-            a[5] + z[2] * s[2],
-        )
-        b = (
-            b[0] + z[0] * s[3],
-            b[1] + z[0] * s[4],
-            b[2] + z[0] * s[5],
-            b[3] + z[1] * s[3],
-            b[4] + z[1] * s[4],
-            b[5] + z[1] * s[5],
-            b[6] + z[2] * s[3],
-            b[7] + z[2] * s[4],
-            b[8] + z[2] * s[5],
-        )
-        m = (
-            m[0] + z[3] * s[3],
-            m[1] + z[3] * s[4],
-            m[2] + z[3] * s[5],
-            m[3] + z[4] * s[4],
-            m[4] + z[4] * s[5],
-            m[5] + z[5] * s[5],
-        )
+        a, b, m = subtract_outer(a, b, m, z, scale6(-schur[i, i], z))
     return a, b, m
 
 
