@@ -5,6 +5,7 @@ live here: any module that satisfies the contract can be handed to the continuum
 """
 
 from flexmbd.forms import beam_timoshenko as beam_timoshenko
+from flexmbd.forms import plate_mitc as plate_mitc
 from flexmbd.forms import solid_linear as solid_linear
 from flexmbd.forms import solid_mixed as solid_mixed
 from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible

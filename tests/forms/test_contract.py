@@ -46,7 +46,7 @@ def test_same_matrices_on_all_ranks(case):
 
 def test_all_forms_are_found():
     solids = {"solid_linear", "solid_orthotropic", "solid_nearly_incompressible", "solid_mixed"}
-    assert solids | {"beam_timoshenko"} <= set(FORMS)
+    assert solids | {"beam_timoshenko", "plate_mitc"} <= set(FORMS)
 
 
 def test_no_form_is_without_geometric_stiffness():
