@@ -114,11 +114,11 @@ def lumped_rotations(model: ContinuumModel, *, raised: bool = True) -> ExplicitO
     """Every rotation with an inertia of its own. Collective, may compile.
 
     Lumped by `lumped_mass`, which treats rotations as displacements. Raised, a node has the same inertia about all
-    axes: the largest of the three, and no less than the sum of |K_tt| along its rows over omega_d^2, where omega_d is
-    the largest angular frequency of the free body with its rotations held. By Gershgorin's theorem rotations alone
-    are then no faster than omega_d, and all dofs together no faster than sqrt(2) omega_d: the stable step is never
-    less than 0.7 of that which displacements alone would have. What is added is of the size of a node's mass times
-    the square of the cell's edge over 12, so its effect on low frequencies falls with the edge's square.
+    axes: the largest of the three, and no less than the sum of |K_tt| along its rows over W, the largest such sum of
+    |K_dd| over a node's mass. By Gershgorin's theorem W is a bound of the squared angular frequencies of the
+    displacements alone, the rotations held, and then of those of the rotations alone as well. On thin beams what is
+    added is a node's mass times the square of the cell's edge over 12, so its effect on low frequencies falls with
+    the edge's square.
 
     Raises:
         FormulationError: on all ranks: the mass cannot be lumped; there are unknowns that are neither displacements
@@ -129,12 +129,11 @@ def lumped_rotations(model: ContinuumModel, *, raised: bool = True) -> ExplicitO
     bonds, bound = _bonds(model)
     masses, product = lumped_mass(model), _Product(model.K)
     if raised:
-        displacement = ~turning
-        alone = ExplicitOperator(model, masses, rotations, displacement, (), product, None)
-        squared = _fastest(alone, None)
+        of_displacements = _row_sums(model.K, ~turning) / masses[~turning]
+        fastest = model.comm.allreduce(of_displacements.max(initial=0.0), op=MPI.MAX)
         sums = np.zeros(model.n_owned)
         sums[turning] = _row_sums(model.K, turning)
-        least = (sums[rotations] / squared).max(axis=1, initial=0.0)
+        least = (sums[rotations] / fastest).max(axis=1, initial=0.0)
         masses[rotations] = np.maximum(masses[rotations].max(axis=1, initial=0.0), least)[:, None]
     bare = bool((masses[turning & ~bound] <= 0.0).any())
     if model.comm.allreduce(bare, op=MPI.LOR):

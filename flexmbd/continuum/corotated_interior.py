@@ -1,0 +1,258 @@
+"""A linear elastic mesh between rigid frames, stepped by central differences, that may turn finitely.
+
+The constant stiffness acts in the axes of the first frame, which carry the gross rotation; displacements and
+rotations against it are to be small.  Nodes have absolute accelerations (Ambrosio & Nikravesh 1992, eq. 43-46):
+positions and velocities are inertial ones, so there are no gyroscopic terms and the mass is diagonal and constant.
+Nodes on the interfaces are bonded to the frames (eq. 47-53), whose masses are those of their rigid parts and nodes.
+
+Of the energy U(u) = u K u / 2 in displacements u seen from the first frame, forces and moments are the derivatives by
+the nodes' places and rotations; what acts on the first frame is minus the resultant of the others, since U does not
+change in a rigid motion.  So no momentum is made and, but for the steps, no energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.rotational_dofs import ExplicitOperator
+from flexmbd.errors import ConvergenceError, InterfaceError
+from flexmbd.multibody.body import RigidBody
+from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Push
+
+# A step that is the stable one but for round-off is taken whole.
+_ROUND_OFF = 1e-9
+
+# Sizes of the body that a node may be away from the first frame.
+_FAR = 100.0
+
+# What is remembered of nodes that move by themselves, and of their rotations.
+_OF_NODES, _OF_TURNS = ("x", "v", "a"), ("L", "w", "alpha")
+
+
+class CorotatedInterior:
+    """An `ExplicitInterior` of the machine.
+
+    Attributes:
+        operator: the masses and the stiffness.
+        frames: of the model's interfaces, with their rigid parts and bonded nodes.
+        mass: kg, of the nodes that are not bonded.
+    """
+
+    def __init__(self, operator: ExplicitOperator, *, rigid_parts: Mapping[str, RigidBody] | None = None) -> None:
+        """Collect the frames and find the stable step. Collective.
+
+        Args:
+            operator: of a model with at least one rigid interface.
+            rigid_parts: by interface, the rigid part bonded there: mass, inertia, and centre of mass from the
+                interface's origin, in the interface's axes.
+
+        Raises:
+            InterfaceError: on all ranks: the model has no interface, or none of the name of a rigid part; a frame
+                has no inertia about an axis.
+        """
+        model, parts = operator.model, dict(rigid_parts or {})
+        self.operator, self._comm = operator, model.comm
+        names = [bond.name for bond in operator.bonds]
+        if not names or not set(parts) <= set(names):
+            raise InterfaceError(
+                f"rigid parts {sorted(parts)} on interfaces {names}: a body in a machine needs an interface, and a "
+                "rigid part one of its name"
+            )
+        self._P = np.array([found.p for found in model.interfaces])
+        self._R = np.array([found.R for found in model.interfaces])
+        heavy = [self._mass_matrix(i, parts.get(name)) for i, name in enumerate(names)]
+        self.frames = tuple(self._frame(i, name, heavy[i]) for i, name in enumerate(names))
+        self._limit = operator.stable_step(heavy)
+        nodes = model.displacement_dofs[: model.n_owned_nodes]
+        self._places = _Places(operator, nodes, model.node_x[: model.n_owned_nodes])
+        reach = abs(self._places.X - self._P[0]).max(initial=0.0)
+        self._size = float(self._comm.allreduce(reach, op=MPI.MAX))
+        self._turns = _Places(operator, operator.rotations, np.zeros(operator.rotations.shape))
+        self._m, self._J = self._places.inertia, self._turns.inertia
+        self.mass = float(self._comm.allreduce(self._m.sum()))
+        # a node's place and velocity, its rotation from the mesh's axes to inertial ones and its angular velocity
+        self._x: FloatArray = np.zeros((len(self._m), 3))
+        self._v, self._a = self._x.copy(), self._x.copy()
+        self._L: FloatArray = np.tile(np.eye(3), (len(self._J), 1, 1))
+        self._w: FloatArray = np.zeros((len(self._J), 3))
+        self._alpha = self._w.copy()
+        self._wrenches: FloatArray = np.zeros((len(names), 6))
+        self._u: FloatArray = np.zeros(len(operator.masses))
+        self._elastic = 0.0
+        self._g: FloatArray = np.zeros(3)
+
+    def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
+        """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
+        R = motion.R[0] @ self._R[0].T
+        arm = (self._places.X[self._places.free] - self._P[0]) @ R.T
+        self._x = motion.p[0] + arm
+        self._v = motion.v[0] + np.cross(motion.w[0], arm)
+        self._L = np.array(np.broadcast_to(R, (len(self._J), 3, 3)))
+        self._w = np.tile(motion.w[0], (len(self._J), 1))
+        self._g = np.array(gravity, dtype=float)
+        self._load(motion.p, motion.R)
+        return self._wrenches.copy()
+
+    def stable_step(self) -> float:
+        """See `ExplicitInterior`: 2 over the largest angular frequency, the frames moving with their own mass."""
+        return self._limit
+
+    def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
+        """See `ExplicitInterior`. Collective."""
+        steps = max(1, int(np.ceil(h / self._limit * (1.0 - _ROUND_OFF))))
+        d = h / steps
+        mean = np.zeros_like(self._wrenches)
+        # what carries the frames from the start to the end with constant accelerations
+        a = 2.0 * (end.p - start.p - h * start.v) / h**2
+        turn = _rotvec(end.R @ start.R.transpose(0, 2, 1))
+        alpha = 2.0 * (turn - h * start.w) / h**2
+        for i in range(1, steps + 1):
+            s = i * d
+            p, R = end.p, end.R
+            if i < steps:
+                p = start.p + s * start.v + s * s / 2 * a
+                R = _matrices(s * start.w + s * s / 2 * alpha) @ start.R
+            self._x += d * self._v + d * d / 2 * self._a
+            self._L = _matrices(d * self._w + d * d / 2 * self._alpha) @ self._L
+            before, a_before, alpha_before = self._wrenches, self._a, self._alpha
+            self._load(p, R)
+            self._v += d / 2 * (a_before + self._a)
+            self._w += d / 2 * (alpha_before + self._alpha)
+            mean += (before + self._wrenches) / (2 * steps)
+        return Push(self._wrenches.copy(), mean)
+
+    def snapshot(self) -> Memory:
+        """See `Interior`. Of all ranks' nodes. Collective."""
+        own = {name: getattr(self, f"_{name}") for name in (*_OF_NODES, *_OF_TURNS)}
+        whole = {name: np.concatenate(self._comm.allgather(part)) for name, part in own.items()}
+        return {**whole, "wrenches": self._wrenches.copy(), "elastic": np.array(self._elastic), "g": self._g.copy()}
+
+    def restore(self, memory: Memory) -> None:
+        """See `Interior`; on as many ranks as the snapshot. Collective."""
+        for names, count in ((_OF_NODES, len(self._m)), (_OF_TURNS, len(self._J))):
+            first = sum(self._comm.allgather(count)[: self._comm.rank])
+            for name in names:
+                setattr(self, f"_{name}", np.array(memory[name][first : first + count], dtype=float))
+        self._wrenches = np.array(memory["wrenches"], dtype=float)
+        self._elastic, self._g = float(memory["elastic"]), np.array(memory["g"], dtype=float)
+
+    def energies(self) -> Mapping[str, float]:
+        """Kinetic, elastic, and gravitational energy, J, of the nodes that are not bonded. Collective."""
+        kinetic = (self._m @ (self._v**2).sum(axis=1) + self._J @ (self._w**2).sum(axis=1)) / 2
+        weight = -float(self._m @ self._x @ self._g)
+        total = self._comm.allreduce(np.array([kinetic, weight]))
+        return {"kinetic": float(total[0]), "elastic": self._elastic, "gravitational": float(total[1])}
+
+    def displacements(self) -> FloatArray:
+        """(owned dofs,) m, rad, seen from the first frame, in the mesh's axes, after `begin` or a step."""
+        return self._u.copy()
+
+    def _load(self, p: FloatArray, R: FloatArray) -> None:
+        """Accelerations of the nodes and wrenches on the frames for the frames' places. Collective."""
+        Q = R @ self._R.transpose(0, 2, 1)
+        places, turns, x0, R0 = self._places, self._turns, p[0], Q[0]
+        x, theta, tilts = np.empty_like(places.X), np.zeros_like(turns.X), _rotvec(R0.T @ Q)
+        x[places.free], theta[turns.free] = self._x, _rotvec(R0.T @ self._L)
+        for i in range(len(p)):
+            x[places.of[i]] = p[i] + (places.X[places.of[i]] - self._P[i]) @ Q[i].T
+            theta[turns.of[i]] = tilts[i]
+        self._check(x - x0)
+        u = np.zeros(len(self.operator.masses))
+        u[places.dofs] = (x - x0) @ R0 - (places.X - self._P[0])
+        u[turns.dofs] = theta
+        self.operator.complete(u)
+        f = -self.operator.force(u)
+        force = f[places.dofs] @ R0.T
+        # a rotation dof is the vector of a finite rotation
+        moment = _turned(u[turns.dofs], f[turns.dofs]) @ R0.T
+        self._a = force[places.free] / self._m[:, None] + self._g
+        self._alpha = moment[turns.free] / self._J[:, None]
+        # the first frame's is minus that of all that is not bonded to it
+        sums = np.zeros((len(p), 6))
+        for i in range(len(p)):
+            of, about = (places.of[i], turns.of[i]) if i else (~places.of[0], ~turns.of[0])
+            sums[i, :3] = force[of].sum(axis=0)
+            sums[i, 3:] = np.cross(x[of] - p[i], force[of]).sum(axis=0) + moment[about].sum(axis=0)
+        sums[0] *= -1.0
+        local = np.append(sums, -f @ u / 2)
+        self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)
+        self._wrenches, self._elastic, self._u = local[:-1].reshape(-1, 6), float(local[-1]), u
+
+    def _check(self, away: FloatArray) -> None:
+        """Refuse nodes that fly off. Collective."""
+        far = not (abs(away) < _FAR * self._size).all()
+        if self._comm.allreduce(far, op=MPI.LOR):
+            raise ConvergenceError(
+                f"nodes are {_FAR:g} times the body's size away from its first frame: the step is too long for what "
+                "the frames carry, or a load too large"
+            )
+
+    def _mass_matrix(self, i: int, part: RigidBody | None) -> FloatArray:
+        """(6, 6) of the nodes and the rigid part on a frame, about its origin, in the mesh's axes. Collective."""
+        bond = self.operator.bonds[i]
+        masses = self.operator.masses[bond.dofs]
+        own = (bond.columns * masses[:, None]).T @ bond.columns
+        self._comm.Allreduce(MPI.IN_PLACE, own, op=MPI.SUM)
+        if part is None:
+            return own
+        (first, second), R = part.moments(), self._R[i]
+        rigid = np.zeros((6, 6))
+        rigid[:3, :3] = part.mass * np.eye(3)
+        rigid[3:, :3] = _cross_matrix(R @ first)
+        rigid[:3, 3:] = rigid[3:, :3].T
+        rigid[3:, 3:] = R @ (np.trace(second) * np.eye(3) - second) @ R.T
+        return own + rigid
+
+    def _frame(self, i: int, name: str, mass: FloatArray) -> InterfaceFrame:
+        R, m = self._R[i], float(mass[0, 0])
+        s = mass[3:, :3] / m
+        com = np.array([s[2, 1], s[0, 2], s[1, 0]])
+        inertia = R.T @ (mass[3:, 3:] + m * s @ s) @ R
+        return InterfaceFrame(name, self._P[i], R, m, R.T @ com, (inertia + inertia.T) / 2)
+
+
+class _Places:
+    """Dofs in threes, of displacements or rotations, and who moves them.
+
+    X: (n, 3) m, places in the mesh's axes.  free: (n,) whether they move by themselves.  of: for each frame (n,)
+    which are bonded to it.  inertia: of the free ones, kg or kg m^2.
+    """
+
+    def __init__(self, operator: ExplicitOperator, dofs: NDArray[np.int32], X: FloatArray) -> None:
+        self.dofs, self.X = dofs, X
+        self.free = operator.moving[dofs[:, 0]]
+        self.of = [np.isin(dofs[:, 0], bond.dofs) for bond in operator.bonds]
+        # about all axes the same: a node has no gyroscopic moment
+        self.inertia = operator.masses[dofs[self.free]].max(axis=1, initial=0.0)
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _matrices(turns: FloatArray) -> FloatArray:
+    """(n, 3, 3) of rotation vectors (n, 3)."""
+    return Rotation.from_rotvec(turns).as_matrix() if len(turns) else np.zeros((0, 3, 3))
+
+
+def _rotvec(R: FloatArray) -> FloatArray:
+    """(n, 3) of rotations (n, 3, 3)."""
+    return Rotation.from_matrix(R).as_rotvec() if len(R) else np.zeros((0, 3))
+
+
+def _turned(theta: FloatArray, f: FloatArray) -> FloatArray:
+    """Moments (n, 3), N m, that do on turns about the axes the work that f does on the rotation vectors theta."""
+    square = (theta**2).sum(axis=1)[:, None]
+    half = np.sqrt(square) / 2
+    small = half < 1e-4
+    safe = np.where(small, 1.0, half)
+    c = np.where(small, 1.0 / 12.0, (1.0 - safe / np.tan(safe)) / np.where(small, 1.0, square))
+    once = np.cross(theta, f)
+    return np.asarray(f + once / 2 + c * np.cross(theta, once))
