@@ -20,6 +20,7 @@ from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint
 from flexmbd.multibody.body import FlexibleBody as FlexibleBody
 from flexmbd.multibody.body import RigidBody as RigidBody
+from flexmbd.multibody.continuum_body import ContinuumBody as ContinuumBody
 from flexmbd.multibody.enforcement import AugmentedLagrangian as AugmentedLagrangian
 from flexmbd.multibody.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.enforcement import Penalty as Penalty

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.continuum_body import Memory
+from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import Snapshot
 
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +69,20 @@ class Checkpoint:
             "times": np.array([self.t_start, snapshot.first_step]),
             **{f"state.{name}": part for name, part in snapshot.state._asdict().items()},
             **{f"groups.{name}": part for name, part in snapshot.groups._asdict().items()},
+            "wrenches": snapshot.interiors.wrenches,
+            "bodies": len(snapshot.interiors.memories),
+            **{
+                f"body {k}.{name}": part
+                for k, memory in enumerate(snapshot.interiors.memories)
+                for name, part in memory.items()
+            },
         }
         temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
         try:
             with temporary.open("wb") as file:
-                np.savez(file, **parts)
+                np.savez(file, allow_pickle=False, **parts)
+                file.flush()
+                os.fsync(file.fileno())
             temporary.replace(target)
         except OSError as reason:
             temporary.unlink(missing_ok=True)
@@ -90,7 +103,13 @@ class Checkpoint:
                 state = st.State(*(file[f"state.{name}"] for name in st.State._fields))
                 groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
                 t_start, first_step = file["times"]
-                snapshot = Snapshot(state, groups, float(first_step))
+                memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
+                snapshot = Snapshot(state, groups, float(first_step), Kept(file["wrenches"], memories))
                 return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as reason:
             raise RecordError(f"{path} is no checkpoint that can be read: {reason}") from reason
+
+
+def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:
+    """What a body with history remembers, of the arrays whose names begin so."""
+    return {name.removeprefix(prefix): file[name] for name in file if name.startswith(prefix)}

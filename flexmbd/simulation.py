@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ def run(
     method: Integrator,
     events: Sequence[Event],
     checkpoints: Sequence[float],
+    saves: Saves | None,
     progress: bool,
 ) -> Trajectory:
     """Integrate from a snapshot of a simulation begun at ``begun`` (s); see ``System.simulate``."""
@@ -53,7 +55,8 @@ def run(
     set_out = time.perf_counter()
     integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
     t_start = integration.t
-    stops = [*sorted(checkpoints), t_end]
+    saved = saves.times(begun, integration.t, t_end) if saves is not None else []
+    stops = [*sorted({*checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
     began = time.perf_counter()
     compiled = began
@@ -77,8 +80,12 @@ def run(
             if compiled == began:
                 compiled = time.perf_counter()
             bar.update(integration.t - before)
-            if code == st.DONE and stops and integration.t >= stops.pop(0) and stops:
-                kept.append(Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint()))
+            if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
+                checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())
+                if stop in checkpoints:
+                    kept.append(checkpoint)
+                if saves is not None and stop in saved:
+                    saves.write(checkpoint, team)
     seconds = time.perf_counter() - began
     mark_compiled(purpose)
     trajectory = _finish(start, bodies, team, integration, seconds, compiled - set_out)
@@ -87,11 +94,47 @@ def run(
     )
     if error is not None:
         raise SimulationError(str(error), trajectory) from error
-    if code == st.CALLBACK_FAILED:
-        raise _callback_failure(start.scene, integration.work, trajectory)
-    if code not in (st.OUTPUT, st.DONE):
-        raise SimulationError(_failure(start.scene, integration.state, code), trajectory)
+    _refuse_stopped(start.scene, integration, code, trajectory)
     return trajectory
+
+
+@dataclass(frozen=True)
+class Saves:
+    """A file that always holds the last of regular checkpoints.
+
+    Attributes:
+        path: of the file, as ``Checkpoint.save``.
+        every: s of simulated time between them.
+
+    Raises:
+        SceneError: ``every`` is no positive time.
+    """
+
+    path: Path
+    every: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.every) and self.every > 0.0):
+            raise SceneError(f"checkpoint_every = {self.every} s must be positive and finite")
+
+    def times(self, begun: float, t_start: float, t_end: float) -> list[float]:
+        """When to save: the same instants (s) in a simulation and its restarts."""
+        count = int((t_end - begun) / self.every)
+        return [t for k in range(1, count + 1) if t_start < (t := begun + k * self.every) < t_end]
+
+    def write(self, checkpoint: Checkpoint, team: Team) -> None:
+        """Write the file, on the root.  Collective.
+
+        Raises:
+            RecordError: it cannot be written.
+        """
+        error: FlexmbdError | None = None
+        if team.is_root:
+            try:
+                checkpoint.save(self.path)
+            except FlexmbdError as reason:
+                error = reason
+        team.fail(error)
 
 
 def check_times(
@@ -110,6 +153,19 @@ def check_times(
             f"checkpoints at {', '.join(f'{t:g}' for t in outside)} s lie outside the simulation, "
             f"{t_start:g} to {t_end:g} s"
         )
+
+
+def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
+    """Raise what a stepper's code stands for, if it did not reach its end."""
+    if code == st.CALLBACK_FAILED:
+        raise _callback_failure(scene, integration.work, trajectory)
+    if code == st.INTERIOR_FAILED and scene.interiors is not None:
+        failure = scene.interiors.failure[-1]
+        raise SimulationError(
+            f"{failure}; what was computed up to t = {integration.t:.6g} s is in the error's trajectory", trajectory
+        ) from failure
+    if code not in (st.OUTPUT, st.DONE):
+        raise SimulationError(_failure(scene, integration.state, code), trajectory)
 
 
 def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
@@ -149,7 +205,8 @@ def _finish(
     if start.scene.redundant:
         work = new_work(scene.plan)
         multipliers = minimum_norm_multipliers(scene, start.scene, work, x, multipliers)
-    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team)
+    beside = tuple(integration.beside)
+    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside)
 
 
 def _largest_residual(start: Start, x: FloatArray) -> float:

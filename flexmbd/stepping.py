@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.initial import Start
+from flexmbd.multibody.interiors import NOTHING_KEPT, Kept, Row
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
@@ -28,11 +29,13 @@ class Snapshot:
     Attributes:
         state, groups: the copies.
         first_step: the step (s) that the integration began with.
+        interiors: what bodies with history remember.
     """
 
     state: st.State
     groups: st.Groups
     first_step: float
+    interiors: Kept = NOTHING_KEPT
 
 
 class Integration:
@@ -43,6 +46,7 @@ class Integration:
         method: the integrator.
         state, groups: where it stands.
         stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far.
+        beside: what bodies with history leave beside each of these rows.
     """
 
     def __init__(
@@ -55,12 +59,16 @@ class Integration:
         self.work = new_work(scene.plan)
         self._team = team
         self._first_step = at.first_step
+        self._interiors = scene.interiors
+        if self._interiors is not None:
+            self._interiors.restore(scene.plan, at.interiors)
         self._stepper, self._drop_factors = method.stepper(scene, self.state, self.groups, self.work)
         rows = 1 if one_by_one else _BUFFER
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
         self.stored: list[tuple[FloatArray, ...]] = []
+        self.beside: list[Row] = []
         self.keep_state()
 
     @property
@@ -89,6 +97,8 @@ class Integration:
         Returns the stepper's code; the buffer holds the rows of the new steps.
         """
         self.state.counts[st.STORED] = 0
+        if self._interiors is not None:
+            self._interiors.buffer.clear()
         self.state.numbers[st.TIME_END] = t_end
         code = self._stepper(self.record)
         return int(self._team.agree(np.array([float(code)]))[0])
@@ -97,6 +107,8 @@ class Integration:
         """Take the buffer's rows into ``stored``."""
         stored = int(self.state.counts[st.STORED])
         self.stored.append(tuple(part[:stored].copy() for part in self.record))
+        if self._interiors is not None:
+            self.beside.extend(self._interiors.buffer[:stored])
 
     def keep_state(self) -> None:
         """Take the state as it stands into ``stored``, as a row of its own."""
@@ -104,6 +116,8 @@ class Integration:
         self.stored.append(
             (np.array([self.t]), *(part[None].copy() for part in (s.x, s.v, s.a, s.multipliers)))
         )
+        if self._interiors is not None:
+            self.beside.append(self._interiors.row(self.start.scene.plan))
 
     def series(self) -> tuple[FloatArray, ...]:
         """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken."""
@@ -111,18 +125,23 @@ class Integration:
 
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
-        return Snapshot(_copy(self.state), _copy_groups(self.groups), self._first_step)
+        return Snapshot(_copy(self.state), _copy_groups(self.groups), self._first_step, _kept(self.start.scene))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this integration."""
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
             for part, kept in zip(here, there, strict=True):
                 part[...] = kept
+        if self._interiors is not None:
+            self._interiors.restore(self.start.scene.plan, snapshot.interiors)
 
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
         self._drop_factors()
-        return self.snapshot()
+        snapshot = self.snapshot()
+        if self._interiors is not None:  # which forget their factors by it
+            self._interiors.restore(self.start.scene.plan, snapshot.interiors)
+        return snapshot
 
 
 def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
@@ -159,7 +178,7 @@ def new_snapshot(
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))
     groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes)
-    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]))
+    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), _kept(scene))
 
 
 def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
@@ -170,6 +189,10 @@ def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
         floor = scene.group_full[scene.group_of[k]]
         rate = max(rate, abs(start.v[k]) / floor, np.sqrt(abs(start.a[k]) / floor))
     return float(0.1 * rtol ** (1.0 / order) / rate)
+
+
+def _kept(scene: CompiledScene) -> Kept:
+    return NOTHING_KEPT if scene.interiors is None else scene.interiors.snapshot(scene.plan)
 
 
 def _copy(state: st.State) -> st.State:

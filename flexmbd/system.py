@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -19,10 +20,12 @@ from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import ContinuumBody
 from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.initial import Start, consistent_start
+from flexmbd.multibody.interiors import InteriorForce
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
@@ -31,14 +34,14 @@ from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
-from flexmbd.simulation import check_times, run
+from flexmbd.simulation import Saves, check_times, run
 from flexmbd.stepping import evaluate_inputs, new_snapshot
 from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
-AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody)
+AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=Coupling)
 
@@ -60,6 +63,7 @@ class System:
             raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
         self.ground = Ground()
         self._bodies: list[Body] = []
+        self._continua: list[ContinuumBody] = []
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
         self._couplings: list[Coupling] = []
@@ -68,19 +72,25 @@ class System:
         """Put a body into the scene and return it.
 
         Args:
-            body: a RigidBody or FlexibleBody not yet in a scene.
+            body: a RigidBody, FlexibleBody or ContinuumBody not yet in a scene.
             name: unique name; by default "body 1", "body 2", ...
 
         Raises:
             SceneError: the name is taken, or the body is already in a scene.
         """
         chosen = name or body.name or f"body {len(self._bodies) + 1}"
-        if any(body is other for other in self._bodies):
+        there: list[Body | ContinuumBody] = [*self._bodies, *self._continua, self.ground]
+        if any(body is other for other in there):
             raise SceneError(f"body {body.name!r} is already in this scene")
-        if chosen in {other.name for other in self._bodies} | {self.ground.name}:
+        if chosen in {other.name for other in there}:
             raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
         body.name = chosen
-        self._bodies.append(body)
+        if isinstance(body, ContinuumBody):
+            self._continua.append(body)
+            for frame, part in zip(body.interior.frames, body.parts, strict=True):
+                self.add(part, name=f"{chosen}.{frame.name}")
+        else:
+            self._bodies.append(body)
         return body
 
     def connect(
@@ -174,9 +184,11 @@ class System:
         for c in self._connections:
             if any(given is not None for given in (c.position, c.velocity, c.motion)):
                 wanted.add(id(c))
-        topology = span(self.ground, self._bodies, self._connections, wanted=wanted)
+        together = [body.parts for body in self._continua]
+        topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = np.array(self.gravity, dtype=np.float64)
-        return build(topology, self.ground, self._forces, self._couplings, gravity, self.team)
+        forces = [*self._forces, *(InteriorForce(body) for body in self._continua)]
+        return build(topology, self.ground, forces, self._couplings, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
@@ -242,6 +254,8 @@ class System:
         integrator: Integrator | Literal["auto"] = "auto",
         events: Sequence[Event] = (),
         checkpoints: Sequence[float] = (),
+        checkpoint_file: str | Path | None = None,
+        checkpoint_every: float | None = None,
         restart: Checkpoint | None = None,
         progress: bool = False,
     ) -> Trajectory:
@@ -259,6 +273,9 @@ class System:
                 trajectory's ``events``.  One that never takes place is not listed.
             checkpoints: times (s) to stop at and keep what a restart needs, in the trajectory's
                 ``checkpoints``.
+            checkpoint_file: where the last of regular checkpoints is kept for ``Checkpoint.load``, so that a simulation
+                that was killed can go on; the file is whole at any instant.
+            checkpoint_every: s of simulated time between them.
             restart: a checkpoint to go on from instead of the scene's start, with its rtol or h; the
                 numbers are those of going on without a stop, to the bit.
             progress: show a progress bar.
@@ -271,6 +288,11 @@ class System:
         if restart is not None:
             t_start = restart.t
         check_times(t_start, t_end, rtol, h, checkpoints)
+        if (checkpoint_file is None) != (checkpoint_every is None):
+            raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")
+        saves = None
+        if checkpoint_file is not None and checkpoint_every is not None:
+            saves = Saves(Path(checkpoint_file), checkpoint_every)
         begun = t_start if restart is None else restart.t_start
         start = self.start(t=begun)
         if integrator == "auto":
@@ -291,6 +313,7 @@ class System:
             method=method,
             events=events,
             checkpoints=checkpoints,
+            saves=saves,
             progress=progress,
         )
 

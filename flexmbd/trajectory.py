@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import ContinuumBody
+from flexmbd.multibody.interiors import Row
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.interpolation import interpolate_series
 from flexmbd.multibody.kernels.layout import new_work
@@ -108,6 +110,7 @@ class Trajectory:
         team: who writes files.
         events: what took place, in order.
         checkpoints: states to restart from, at the times asked for.
+        beside: what bodies with history leave at each instant; nothing where there are none.
     """
 
     scene: CompiledScene
@@ -121,6 +124,7 @@ class Trajectory:
     team: Team
     events: tuple[Occurrence, ...] = ()
     checkpoints: tuple[Checkpoint, ...] = ()
+    beside: tuple[Row, ...] = ()
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""
@@ -175,6 +179,21 @@ class Trajectory:
         x, v, _ = self.motion(t)
         return self._energy_of(x, v)
 
+    def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
+
+        Those of its frames, which are rigid bodies of the machine, are in ``energy()``.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+        """
+        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
+        for k, other in enumerate(bodies):
+            if other is body:
+                told = [row.energies[k] for row in self.beside]
+                return {name: np.array([energies[name] for energies in told]) for name in told[0]}
+        raise SceneError(f"body {body.name!r} has no interior in this trajectory")
+
     def drive(self, connection: Connection) -> FloatArray:
         """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
 
@@ -194,7 +213,9 @@ class Trajectory:
             plan = plan._replace(times=plan.times[:0])
         work, out = new_work(plan), np.zeros_like(self.v)
         self.scene.callbacks.reset()
-        force_series(plan, work, self.t, self.x, self.v, self.a, self.multipliers, out)
+        for rows in self._stretches():
+            series = (self.t, self.x, self.v, self.a, self.multipliers, out)
+            force_series(plan, work, *(part[rows] for part in series))
         self.scene.refuse_failed(work)
         return _single(out[:, slots.v])
 
@@ -208,7 +229,11 @@ class Trajectory:
         Raises:
             SceneError: the joint is of another scene.
         """
-        return reactions(self.scene, connection, self.t, self.x, self.v, self.a, self.multipliers)
+        found = [
+            reactions(self.scene, connection, *(p[rows] for p in (self.t, self.x, self.v, self.a, self.multipliers)))
+            for rows in self._stretches()
+        ]
+        return np.vstack(found)
 
     def configuration(self, t: ArrayLike) -> FloatArray:
         """(k, nx) configurations at times ``t`` (s); see ``motion``."""
@@ -304,6 +329,15 @@ class Trajectory:
             RecordError: neither the record nor ``model`` holds the nodal modes.
         """
         return model.stress_picture(body.record, self.q(body, t=t))
+
+    def _stretches(self) -> Iterator[slice]:
+        """Rows whose forces the plan tells: all at once, or row by row what interiors exerted in each."""
+        if self.scene.interiors is None:
+            yield slice(None)
+            return
+        for k, row in enumerate(self.beside):
+            self.scene.interiors.put(self.scene.plan, row.wrenches)
+            yield slice(k, k + 1)
 
     @cached_property
     def _energy(self) -> Energy:

@@ -33,7 +33,10 @@ AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
 
 
 class Scratch(NamedTuple):
-    """Work arrays of a step: trial states, the iteration matrix and its factors."""
+    """Work arrays of a step: trial states, the iteration matrix and its factors.
+
+    added: (free, free) what interiors add to the residual's derivative by positions; (0, 0) where there are none.
+    """
 
     x: FloatArray
     v: FloatArray
@@ -52,6 +55,7 @@ class Scratch(NamedTuple):
     block: FloatArray
     stiffness: FloatArray
     rate_stiffness: FloatArray
+    added: FloatArray
     direction: FloatArray
     correction: FloatArray
     error_x: FloatArray
@@ -69,8 +73,8 @@ class Scratch(NamedTuple):
     tangent: TangentWork
 
 
-def new_scratch(plan: Plan, work: Work, nx: int, nv: int) -> Scratch:
-    """Allocate the work arrays of a step for ``plan``."""
+def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> Scratch:
+    """Allocate the work arrays of a step for ``plan``; with ``interiors`` what they add couples all branches."""
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
@@ -93,8 +97,9 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int) -> Scratch:
         matrix=zeros((n, n)),
         full=full,
         block=zeros((nu, nu)),
-        stiffness=zeros((nu, nu) if m else (0, 0)),
+        stiffness=zeros((nu, nu) if m or interiors else (0, 0)),
         rate_stiffness=zeros((m, nu)),
+        added=zeros((nu, nu) if interiors else (0, 0)),
         direction=zeros((m, nu)),
         correction=zeros((1, n)),
         error_x=zeros(nu),
@@ -107,7 +112,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int) -> Scratch:
         pivot=zeros(max(1, n), np.int32),
         block_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(4, np.int32),
-        lines=_lines(plan),
+        lines=_lines(plan)[: 0 if interiors else None],
         kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
         tangent=tangent,
     )

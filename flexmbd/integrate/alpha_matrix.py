@@ -23,22 +23,34 @@ from flexmbd.multibody.kernels.tree_factor import factor_tree, solve_tree
 _OF_TREE = -1  # no pivot of LAPACK's: the factors are those of the tree
 
 
+@kernel
+def _add_interiors(plan, s, per_x):
+    """Add to ``s.full`` what interiors' wrenches bring by positions, velocities following."""
+    for i in range(s.added.shape[0]):
+        for j in range(s.added.shape[0]):
+            s.full[plan.free[i], plan.free[j]] += per_x * s.added[i, j]
+
+
 @part_of_kernel
 def _put_derivatives(plan, work, s, per_x, per_v):
     """Fill the iteration matrix but for the shifts' columns, from the tangent at the last trial.
 
-    Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get what positions alone bring.  In a tree the
-    turns within a step count as small, which changes the matrix by their share of its stiffness.
+    Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get what positions alone bring.  In a tree without
+    interiors the turns within a step count as small, which changes the matrix by their share of its stiffness.
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     tw = s.tangent
-    for part in range(0 if m > 0 else 1, 2):
+    added = s.added.shape[0] > 0
+    turned = m > 0 or added
+    for part in range(0 if turned else 1, 2):
         rates = float(part)
         call_separate(
             s.kernels[0],
             (plan, work, tw, s.x, s.v, s.a, s.multipliers, per_x, rates * per_v, rates, s.full),
         )
+        if added:
+            _add_interiors(plan, s, per_x)
         if part == 1:
             break
         for i in range(nu):
@@ -56,7 +68,7 @@ def _put_derivatives(plan, work, s, per_x, per_v):
     for i in range(nu):
         for j in range(nu):
             s.matrix[i, j] = s.full[plan.free[i], plan.free[j]]
-            if m > 0:
+            if turned:
                 s.matrix[i, j] += s.block[i, j]
         for k in range(m):
             s.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]

@@ -104,14 +104,38 @@ def trial(plan, work, state, s, h, unknown, equation):
 
 
 @part_of_kernel
+def correct(plan, state, s, h):
+    """Take Newton's correction with the factors at hand into ``s.unknown``; its largest part over the scales."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    for i in range(s.equation.shape[0]):
+        s.correction[0, i] = s.equation[i]
+    solve_factored(plan, s, s.correction)
+    size = 0.0
+    for i in range(s.unknown.shape[0]):
+        s.unknown[i] -= s.correction[0, i]
+    for j in range(nu):
+        k = plan.free[j]
+        move = s.correction[0, j]
+        part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+        for i in range(m):
+            part = max(
+                part,
+                abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
+            )
+        if not part <= size:
+            size = part
+            state.counts[st.WORST] = k
+    return size
+
+
+@part_of_kernel
 def _newton(plan, work, state, s, h, tolerance, evaluated):
     """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
 
     ``evaluated``: ``s.equation`` is that of the first guess.
     """
-    nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
-    per_x, per_v = coefficients(state.numbers, h)
     before = 0.0
     # what the same factors did in the step before lets a good guess pass after one iteration
     contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
@@ -119,24 +143,7 @@ def _newton(plan, work, state, s, h, tolerance, evaluated):
         if iteration > 0 or not evaluated:
             trial(plan, work, state, s, h, s.unknown, s.equation)
         state.counts[st.ITERATIONS] += 1
-        for i in range(s.equation.shape[0]):
-            s.correction[0, i] = s.equation[i]
-        solve_factored(plan, s, s.correction)
-        size = 0.0
-        for i in range(s.unknown.shape[0]):
-            s.unknown[i] -= s.correction[0, i]
-        for j in range(nu):
-            k = plan.free[j]
-            move = s.correction[0, j]
-            part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
-            for i in range(m):
-                part = max(
-                    part,
-                    abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
-                )
-            if not part <= size:
-                size = part
-                state.counts[st.WORST] = k
+        size = correct(plan, state, s, h)
         if not np.isfinite(size):
             return -1
         if iteration > 0:
@@ -188,7 +195,7 @@ def _foretell_as_before(state, k):
 
 
 @part_of_kernel
-def _start_newton(plan, state, s, h, extrapolate):
+def start_newton(plan, state, s, h, extrapolate):
     """First guess: multipliers as they were, accelerations too or as their last ones foretell.
 
     With a fixed step in trees alone: what multipliers as they were leave of the error would not shrink with the guess.
@@ -220,9 +227,9 @@ def solve_step(plan, work, state, s, h, tolerance):
         if attempt == 0:
             if renew or state.numbers[STEP_FACTORED] != h:
                 continue
-            _start_newton(plan, state, s, h, True)
+            start_newton(plan, state, s, h, True)
         elif attempt == 1:
-            _start_newton(plan, state, s, h, renew)
+            start_newton(plan, state, s, h, renew)
         finite = True
         for i in range(s.unknown.shape[0]):
             finite = finite and np.isfinite(s.unknown[i])

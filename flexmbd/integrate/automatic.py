@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.integrate.central_difference import CentralDifference
 from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau_iia import RadauIIA
 from flexmbd.integrate.tableau import Pair
+from flexmbd.multibody.continuum_body import ImplicitInterior
 from flexmbd.multibody.initial import Start
+from flexmbd.multibody.interiors import Interiors
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.tangent import tangent
@@ -51,8 +54,11 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control:
     an explicit pair where nothing in the scene is stiff, Radau IIA where modes or springs are, and
-    generalized-alpha where forces set in abruptly.
+    generalized-alpha where forces set in abruptly.  Bodies with history leave generalized-alpha, or central differences
+    where an interior can step explicitly alone.
     """
+    if start.scene.interiors is not None:
+        return _with_history(start.scene.interiors)
     if h is not None:
         return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     kinds = {int(kind) for kind in start.scene.plan.elements[:, at.EL_KIND]}
@@ -64,6 +70,13 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
         return Choice(RadauIIA(), f"stiff: {stiff}")
     pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
     return Choice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
+
+
+def _with_history(interiors: Interiors) -> Choice:
+    """Implicit where all interiors can be; else explicit."""
+    if all(isinstance(body.interior, ImplicitInterior) for body in interiors.bodies):
+        return Choice(GeneralizedAlpha(), "bodies with history, whose interiors are solved for")
+    return Choice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
 def _stiffness(start: Start, kinds: set[int], t: float) -> str:

@@ -21,6 +21,7 @@ from flexmbd.integrate import discrete_gradient as step
 from flexmbd.integrate import state as st
 from flexmbd.integrate.discrete_newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_step import kinetic_energy
+from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import new_loops, note_scales, survey
 from flexmbd.integrate.momentum_end import accelerate_end
 from flexmbd.integrate.protocol import Stepper
@@ -98,7 +99,8 @@ class EnergyMomentum:
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
-        """Runs every scene."""
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it asks for potential energies")
 
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work

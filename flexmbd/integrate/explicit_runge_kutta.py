@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
+from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import (
     N_MEMORY,
     accelerate,
@@ -110,7 +111,8 @@ class ExplicitRungeKutta:
         return N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
-        """Runs every scene."""
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it evaluates several stages a step")
 
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work

@@ -12,25 +12,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from flexmbd.errors import SceneError
 from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha_interiors import ImplicitInteriors
 from flexmbd.integrate.alpha_layout import new_scratch
+from flexmbd.integrate.alpha_memory import FLOOR, KEEP, accept, judge, set_out
 from flexmbd.integrate.augmented import solve_passes
+from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
 from flexmbd.integrate.local_error import local_error
 from flexmbd.integrate.protocol import Stepper
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Work
-from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 
 ORDER = 2
 
-_NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
-_LONGEST = 0.5  # the longest step in characteristic times of the machine
-_HOLD = 8  # steps without growth after a rejection
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,9 @@ class GeneralizedAlpha:
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
-        """Runs every scene."""
+        """Runs every scene, but that bodies with history must solve for a step's end, with no augmented Lagrangian."""
+        refuse_explicit_only(scene, self.name)
+        refuse_passes(scene, self.name)
 
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
@@ -88,10 +87,11 @@ class GeneralizedAlpha:
         if state.counts[st.STEPS] == 0:
             state.counts[step.INDEX] = self.index
             state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
-            state.counts[step.FILTERS] = len(scene.plan.flex) > 0
+            state.counts[step.FILTERS] = len(scene.plan.flex) > 0 or scene.interiors is not None
             for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
                 state.memory[row] = state.a
-        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv)
+        interiors = scene.interiors
+        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
 
         def advance_to(record: st.Record) -> int:
             return int(advance(scene.plan, work, state, groups, scratch, record))
@@ -100,6 +100,9 @@ class GeneralizedAlpha:
             state.numbers[step.STEP_FACTORED] = 0.0
 
         drop_factors()
+        if interiors is not None:
+            stepper = ImplicitInteriors(interiors, scene.plan, work, state, groups, scratch)
+            return stepper.advance_to, drop_factors
         return advance_to, drop_factors
 
     def coefficients(self) -> tuple[float, float, float, float]:
@@ -108,57 +111,6 @@ class GeneralizedAlpha:
         alpha_f = self.rho / (self.rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         return alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma
-
-
-@kernel
-def _accept(plan, state, groups, s, record, h):
-    """Make the trial state the current one and write a row of the record."""
-    memory = state.memory
-    for k in range(state.v.shape[0]):
-        memory[step.EARLIEST, k] = memory[step.EARLIER, k]
-        memory[step.EARLIER, k] = memory[step.BEFORE, k]
-        memory[step.BEFORE, k] = state.a[k]
-        state.v[k] = s.v[k]
-        state.a[k] = s.a[k]
-        memory[step.AUXILIARY, k] = s.auxiliary[k]
-    for k in range(state.x.shape[0]):
-        state.x[k] = s.x[k]
-    for i in range(state.multipliers.shape[0]):
-        state.multipliers[i] = s.multipliers[i]
-    state.numbers[step.STEP_EARLIER] = state.numbers[st.STEP_BEFORE]
-    state.counts[step.KNOWN_BEFORE] = min(3, state.counts[step.KNOWN_BEFORE] + 1)
-    st.store(plan, state, groups, record, h)
-
-
-@kernel
-def _carry_auxiliary(state, h):
-    """Give the auxiliary acceleration of a new step size the value that the method settles at.
-
-    On a parabola a(t) the recursion settles at a(t + delay) + settle a'', each by the step; the
-    parabola is that through the last true accelerations.  A mere scaling of the old deviation
-    would leave an error of the old step's square.
-    """
-    number = state.numbers
-    known = state.counts[step.KNOWN_BEFORE]
-    if h == number[step.STEP_AUXILIARY] or known == 0:
-        return
-    number[step.STEP_AUXILIARY] = h
-    alpha_m = number[step.ALPHA_M]
-    alpha_f = number[step.ALPHA_F]
-    share = alpha_m - alpha_f
-    delay = share * h
-    settle = 0.5 * h * h * (1.0 - alpha_f - (1.0 - alpha_m) * (1.0 + share) ** 2 - alpha_m * share**2)
-    h1 = number[st.STEP_BEFORE]
-    h2 = number[step.STEP_EARLIER]
-    for k in range(state.v.shape[0]):
-        slope = (state.a[k] - state.memory[step.BEFORE, k]) / h1
-        half_curve = 0.0
-        if known > 1:
-            half_curve = (slope - (state.memory[step.BEFORE, k] - state.memory[step.EARLIER, k]) / h2) / (h1 + h2)
-            slope += half_curve * h1
-        state.memory[step.AUXILIARY, k] = (
-            state.a[k] + delay * slope + (delay * delay + 2.0 * settle) * half_curve
-        )
 
 
 @part_of_kernel
@@ -188,17 +140,7 @@ def advance(plan, work, state, groups, s, record):
     while number[st.TIME] < number[st.TIME_END]:
         if count[st.STORED] == record.t.shape[0]:
             return st.OUTPUT
-        h = number[st.STEP]
-        rate = st.machine_rate(state, groups)
-        if count[st.FIXED_STEP] == 0:
-            h = min(h, _LONGEST / (rate + 1e-300))
-        whole = h
-        h = st.next_step(state, whole)
-        _carry_auxiliary(state, h)
-        evaluate_times(plan, number[st.TIME] + h, work.time)
-        limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
-        st.set_scales(state, groups, s, rate, limit)
-        aim = max(_NEWTON_SHARE * limit, 5e-15)
+        h, whole, rate, aim = set_out(plan, work, state, groups, s)
         solved = solve_passes(plan, work, state, s, h, aim)
         if solved and count[step.KNOWN_BEFORE] == 0:
             solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
@@ -213,24 +155,11 @@ def advance(plan, work, state, groups, s, record):
             number[st.STEP] = 0.25 * h
             continue
         if count[st.FIXED_STEP] == 1:
-            _accept(plan, state, groups, s, record, h)
+            accept(plan, state, groups, s, record, h)
             continue
-        ratio = local_error(plan, work, state, groups, s, h, rate)
-        growth = 0.9 / np.sqrt(max(ratio, 1e-4))
-        if not ratio <= 1.0:
-            count[st.REJECTED] += 1
-            count[step.HOLD] = _HOLD
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            number[st.STEP] = h * max(0.2, growth) if np.isfinite(growth) else 0.2 * h
-            continue
-        _accept(plan, state, groups, s, record, h)
-        # the step changes seldom, for each change costs a factorisation
-        count[step.HOLD] -= 1
-        if h < whole:
-            number[st.STEP] = whole  # it was cut short by the end alone
-        elif growth > 1.25 and count[step.HOLD] <= 0:
-            number[st.STEP] = min(number[st.STEP_CEILING], h * min(growth, 2.0))
-        else:
-            number[st.STEP] = h if growth > 0.95 else 0.85 * h
+        verdict = judge(state, local_error(plan, work, state, groups, s, h, rate), h, whole)
+        if verdict == FLOOR:
+            return st.STEP_FLOOR
+        if verdict == KEEP:
+            accept(plan, state, groups, s, record, h)
     return st.DONE

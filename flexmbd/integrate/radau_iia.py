@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.protocol import Stepper
 from flexmbd.integrate.radau_coefficients import ORDER, STAGES
 from flexmbd.integrate.radau_error import local_error, step_growth, widen_scales
@@ -68,7 +69,8 @@ class RadauIIA:
         return N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
-        """Runs every scene."""
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it solves for several stages of a step at once")
 
     def stepper(
         self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # What a stepper returns.
-DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR, NEWTON_FAILED, NOT_FINITE = range(6)
+DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR, NEWTON_FAILED, NOT_FINITE, INTERIOR_FAILED = range(7)
 
 # Entries of ``State.numbers``; from METHOD on they are the method's own.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)

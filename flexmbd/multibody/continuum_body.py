@@ -101,8 +101,8 @@ class Scheme:
         self, h: float, v: FloatArray, a: FloatArray, auxiliary: FloatArray, a_end: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement within the step, velocity and auxiliary acceleration at its end."""
-        mean = (1.0 - self.alpha_f) * a_end + self.alpha_f * a
-        last: FloatArray = (mean - self.alpha_m * auxiliary) / (1.0 - self.alpha_m)
+        mean: FloatArray = (1.0 - self.alpha_f) * a_end + self.alpha_f * a
+        last: FloatArray = mean / (1.0 - self.alpha_m) - self.alpha_m / (1.0 - self.alpha_m) * auxiliary
         move: FloatArray = h * v + h * h * ((0.5 - self.beta) * auxiliary + self.beta * last)
         return move, v + h * ((1.0 - self.gamma) * auxiliary + self.gamma * last), last
 
@@ -130,9 +130,10 @@ class Interior(Protocol):
         """Mass (kg) of the interior, without that of the frames."""
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
-        """Start anew at time t (s): undeformed and unspoilt, moving rigidly with the frames.
+        """Start anew at time t (s): undeformed and unspoilt, moving with the frames.
 
-        The machine calls it several times for one start, with other accelerations of the frames.
+        The machine calls it several times for one start, with other accelerations of the frames.  Velocities of the
+        frames may differ from those of a rigid motion, as where one is pulled from the start.
 
         Args:
             t: s.
@@ -144,10 +145,14 @@ class Interior(Protocol):
         """
 
     def snapshot(self) -> Memory:
-        """Copies of all that tells how it goes on, to the bit; nothing that can be recomputed to the bit is needed."""
+        """Copies of all that tells how it goes on, to the bit."""
 
     def restore(self, memory: Memory) -> None:
-        """Go back to a snapshot, perhaps of another process's interior of the same data."""
+        """Go back to a snapshot, perhaps of another process's interior of the same data.
+
+        All that is remembered beside it, as factors and first guesses, is dropped: at a checkpoint the machine
+        restores the run that goes on as well, so that a restart is the same to the bit.
+        """
 
     def energies(self) -> Mapping[str, float]:
         """Energies (J) by name at the present state: kinetic, elastic, plastic (work done), damping, contact, ...
@@ -270,3 +275,12 @@ class ContinuumBody:
                 return Frame(part, np.zeros(3), np.eye(3), None, f"{self.name or 'continuum body'}.{name}")
         known = ", ".join(repr(frame.name) for frame in self.interior.frames)
         raise InterfaceError(f"continuum body {self.name!r} has no interface {name!r}; it has {known}")
+
+
+@dataclass(frozen=True)
+class LaidInterior:
+    """A body's k frames in a plan: rows of ``Plan.frames``, and where ``Plan.data`` holds the wrenches."""
+
+    body: ContinuumBody
+    rows: tuple[int, ...]
+    places: tuple[int, ...]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import ContinuumBody, ExplicitInterior, ImplicitInterior
 from flexmbd.multibody.enforcement import Penalty
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
@@ -39,10 +40,14 @@ def explain(start: Start) -> str:
         f"{len(plan.driven)} prescribed), {len(plan.rows)} multipliers"
     ]
     lines.append("tree:")
+    parts = [part for one in _with_history(start) for part in one.parts]
     for branch in scene.topology.branches:
         body = branch.outer.body
         record = body.reduced()
         kind = "rigid" if record is None else _flexible(record)
+        if branch.connection is None and body in parts:
+            lines.append(f"  {body.name} ({kind}): 6 coordinates of its own, starts where its body has it")
+            continue
         if branch.connection is None:
             lines.append(
                 f"  {body.name} ({kind}): flies with 6 coordinates, for no joint that goes by "
@@ -53,6 +58,7 @@ def explain(start: Start) -> str:
         how = "prescribed" if branch.connection.motion is not None else "joint coordinates"
         back = ", run from child to parent" if branch.reversed else ""
         lines.append(f"  {branch.connection.name}: {joint} -> {body.name} ({kind}), {how}{back}")
+    lines.extend(_histories(start))
     lines.extend(_closures(start))
     lines.extend(_inputs(start))
     lines.extend(_elements(start))
@@ -66,6 +72,27 @@ def explain(start: Start) -> str:
 def _flexible(record: ReducedBody) -> str:
     stretch = "" if record.stretch is None else f", {len(record.stretch.mode)} of them stretched by the others"
     return f"flexible, {record.n_modes} modes{stretch}"
+
+
+def _with_history(start: Start) -> tuple[ContinuumBody, ...]:
+    return () if start.scene.interiors is None else start.scene.interiors.bodies
+
+
+def _histories(start: Start) -> list[str]:
+    """A line a body with history: its frames, and how its interior can be stepped."""
+    lines = []
+    for body in _with_history(start):
+        interior, ways = body.interior, []
+        if isinstance(interior, ImplicitInterior):
+            ways.append("is solved for at a step's end, with its condensed tangent")
+        if isinstance(interior, ExplicitInterior):
+            ways.append(f"can step explicitly, by {interior.stable_step():.3g} s at most as it starts")
+        names = ", ".join(frame.name for frame in interior.frames)
+        lines.append(
+            f"  {body.name}: {len(body.parts)} interface frames as rigid bodies ({names}), no multipliers; its "
+            f"interior of {interior.mass:.4g} kg {' or '.join(ways)}"
+        )
+    return ["bodies with history:", *lines] if lines else []
 
 
 def _closures(start: Start) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.given_coordinates import Given, coordinates_given
+from flexmbd.multibody.interior_start import begin_interiors
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
@@ -81,7 +82,10 @@ def consistent_start(
     closed, moved_on = close_loops(reduced, work, closed, held_x, given)
     moved += moved_on
     velocity, moved_v = match_velocities(scene, work, closed, v, held_v, given)
-    a, multipliers = _accelerations(reduced, work, closed, velocity)
+    if reduced.interiors is None:
+        a, multipliers = _accelerations(reduced, work, closed, velocity)
+    else:
+        a, multipliers = begin_interiors(reduced, reduced.interiors, work, closed, velocity, _accelerations)
     phi = constraint_values(scene, work, closed, velocity)[0]
     return Start(
         reduced,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import InterfaceFrame
 from flexmbd.multibody.joint.protocol import ALIGNED
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Work
@@ -41,13 +42,49 @@ def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
 
 
 def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> None:
-    """Put each body that only constraints hold where its placing joint wants it, moving as that says."""
+    """Put each body that only constraints hold where its placing joint wants it, moving as that says.
+
+    An interface frame of a body with history goes where the body has it, by a frame of it placed before.
+    """
     plan, zero = scene.plan, np.zeros(scene.nv)
-    for row, connection in placing_joints(scene).items():
+    joints = placing_joints(scene)
+    mates = _placing_mates(scene)
+    for row in sorted({*joints, *mates}):
         forward(plan, work, x, v, zero)
         ox, ov = int(plan.tree[row, at.JOINT_X]), int(plan.tree[row, at.JOINT_V])
+        if row in mates:
+            x[ox : ox + 7], v[ov : ov + 6] = _state_by_mate(work, *mates[row])
+            continue
+        connection = joints[row]
         flies = scene.body_row[id(connection.child.body)] == row
         x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
+
+
+def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InterfaceFrame, InterfaceFrame]]:
+    """By rows of flying parts of bodies with history: the row of a part placed before, both interface frames."""
+    found: dict[int, tuple[int, InterfaceFrame, InterfaceFrame]] = {}
+    flying = {scene.body_row[id(b.outer.body)] for b in scene.topology.branches if b.connection is None}
+    for body in scene.interiors.bodies if scene.interiors is not None else ():
+        pairs = zip(body.interior.frames, body.parts, strict=True)
+        placed = ((scene.body_row[id(part)], frame) for frame, part in pairs)
+        (first, mate), *others = sorted(placed, key=lambda one: one[0])
+        found.update({row: (first, mate, frame) for row, frame in others if row in flying})
+    return found
+
+
+def _state_by_mate(
+    work: Work, row: int, mate: InterfaceFrame, frame: InterfaceFrame
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (7,) and velocities (6,) of a flying part that moves with another as one rigid body."""
+    body = work.body[row]
+    R_WI = body[at.B_R : at.B_R + 9].reshape(3, 3)
+    R_WB = R_WI @ mate.R_BI.T
+    arm = R_WB @ (frame.p_BI_B - mate.p_BI_B)
+    spin = R_WI @ body[at.B_W : at.B_W + 3]
+    R = R_WB @ frame.R_BI
+    x = np.concatenate([body[at.B_P : at.B_P + 3] + arm, to_quaternion(R)])
+    velocity = R_WI @ body[at.B_V : at.B_V + 3] + np.cross(spin, arm)
+    return x, np.concatenate([velocity, R.T @ spin])
 
 
 def _state_by_joint(

@@ -14,6 +14,7 @@ from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.interiors import Interiors
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.kane import WrenchSource
 from flexmbd.multibody.kernels import layout as at
@@ -56,6 +57,7 @@ class CompiledScene:
         group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
         wrench_sources: forces on frames that the plan knows as generalised forces alone.
         redundant: names of constraint rows left out as redundant.
+        interiors: those of bodies with history; None where there are none.
     """
 
     plan: Plan
@@ -80,6 +82,7 @@ class CompiledScene:
     group_floor: FloatArray
     wrench_sources: tuple[WrenchSource, ...] = ()
     redundant: tuple[str, ...] = ()
+    interiors: Interiors | None = None
 
     @property
     def nx(self) -> int:
@@ -111,6 +114,9 @@ class CompiledScene:
     def digest(self) -> str:
         """Tells compiled scenes of other numbers or other structure apart."""
         plan = self.plan
+        if self.interiors is not None:  # the wrenches that act come and go
+            plan = plan._replace(data=plan.data.copy())
+            self.interiors.put(plan, np.zeros((len(self.interiors.rows), 6)))
         places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
         digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
@@ -202,6 +208,7 @@ def build(
         group_full=np.array([full for _, full, _ in b.groups], float),
         group_floor=np.array([floor for _, _, floor in b.groups], float),
         wrench_sources=tuple(table.wrench_sources),
+        interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
     )
     table.tell_built(scene)
     return scene

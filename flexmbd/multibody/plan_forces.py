@@ -12,6 +12,7 @@ from flexmbd.multibody.bearing import Bearing, Bearings
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import LaidInterior
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.kane import Machine, WrenchSource
 from flexmbd.multibody.kane_inertia import GivenBody, KaneInertia
@@ -32,6 +33,7 @@ class ForceTable:
         elements: rows of ``Plan.elements``.
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
+        interiors: what bodies with history act on.
     """
 
     def __init__(self, numbering: Numbering, ground: Body) -> None:
@@ -39,6 +41,7 @@ class ForceTable:
         self.elements: list[list[int]] = []
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
+        self.interiors: list[LaidInterior] = []
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
@@ -131,6 +134,10 @@ class ForceTable:
     def give_body(self, body: GivenBody) -> None:
         """Add a body that the user gives in Kane's form; all are solved together."""
         self._given_bodies.append(body)
+
+    def lay_interior(self, laid: LaidInterior) -> None:
+        """Add a body with history, whose wrenches are put where it is laid."""
+        self.interiors.append(laid)
 
     def finish(self) -> None:
         """Append what is solved together.

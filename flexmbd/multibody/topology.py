@@ -45,6 +45,7 @@ def span(
     connections: Sequence[Connection],
     *,
     wanted: Collection[int] = (),
+    together: Sequence[Sequence[Body]] = (),
 ) -> Topology:
     """Grow the tree from the ground, always by the joint that is best carried by coordinates.
 
@@ -59,12 +60,13 @@ def span(
         bodies: all others.
         connections: all joints.
         wanted: ids of joints whose coordinates something asks for.
+        together: bodies that hang together without a joint; the first to fly where no joint carries them.
 
     Raises:
         SceneError: a body that nothing connects, or a joint that cannot go by coordinates as asked.
     """
     at_body = _by_body(connections)
-    _check_connected(ground, bodies, at_body)
+    _check_connected(ground, bodies, at_body, together)
     reached: set[int] = set()
     branches: list[Branch] = []
     used: set[int] = set()
@@ -85,7 +87,9 @@ def span(
         while frontier and branch is None:
             branch = _branch(heapq.heappop(frontier)[2], reached)
         if branch is None:
-            branch = _fly(ground, next(b for b in loose if id(b) not in reached))
+            held = (parts for parts in together if any(id(b) in reached for b in parts))
+            mate = next((b for parts in held for b in parts if id(b) not in reached), None)
+            branch = _fly(ground, mate or next(b for b in loose if id(b) not in reached))
         branches.append(branch)
         reach(branch.outer.body)
         if branch.connection is not None:
@@ -112,17 +116,22 @@ def _by_body(connections: Sequence[Connection]) -> dict[int, list[tuple[int, Con
 
 
 def _check_connected(
-    ground: Body, bodies: Sequence[Body], at_body: Mapping[int, list[tuple[int, Connection]]]
+    ground: Body,
+    bodies: Sequence[Body],
+    at_body: Mapping[int, list[tuple[int, Connection]]],
+    together: Sequence[Sequence[Body]],
 ) -> None:
     """Raise SceneError naming the bodies that no chain of joints ties to the ground."""
     joined = {id(ground)}
     waiting = [id(ground)]
+    mates = {id(body): parts for parts in together for body in parts}
     while waiting:
-        for _, c in at_body.get(waiting.pop(), ()):
-            for end in (id(c.parent.body), id(c.child.body)):
-                if end not in joined:
-                    joined.add(end)
-                    waiting.append(end)
+        one = waiting.pop()
+        ends = [end for _, c in at_body.get(one, ()) for end in (c.parent.body, c.child.body)]
+        for end in map(id, (*ends, *mates.get(one, ()))):
+            if end not in joined:
+                joined.add(end)
+                waiting.append(end)
     loose = [body.name for body in bodies if id(body) not in joined]
     if loose:
         raise SceneError(

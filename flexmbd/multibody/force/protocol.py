@@ -13,6 +13,7 @@ from flexmbd.multibody.bearing import Bearing
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.continuum_body import LaidInterior
 from flexmbd.multibody.kane import Machine, WrenchSource
 from flexmbd.multibody.kane_inertia import GivenBody
 from flexmbd.multibody.time_function import Compiled, TimeFunction
@@ -63,6 +64,9 @@ class Table(Protocol):
 
     def give_body(self, body: GivenBody) -> None:
         """Add a body that the user gives in Kane's form."""
+
+    def lay_interior(self, laid: LaidInterior) -> None:
+        """Add a body with history, whose wrenches are put where it is laid."""
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,

@@ -1,0 +1,44 @@
+"""Which integrators run scenes that hold bodies with history."""
+
+from __future__ import annotations
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.continuum_body import ExplicitInterior, ImplicitInterior
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.plan import CompiledScene
+
+
+def refuse_interiors(scene: CompiledScene, method: str, *, why: str) -> None:
+    """Raise SceneError where a scene has bodies with history, which take one trial of a step after another."""
+    if scene.interiors is not None:
+        names = ", ".join(repr(body.name) for body in scene.interiors.bodies)
+        raise SceneError(
+            f"{method} cannot run bodies with history ({names}): {why}, and what yields in a trial must be undone "
+            "before the next; take fm.GeneralizedAlpha() or fm.CentralDifference()"
+        )
+
+
+def refuse_explicit_only(scene: CompiledScene, method: str) -> None:
+    """Raise SceneError where an interior cannot be solved implicitly."""
+    bodies = () if scene.interiors is None else scene.interiors.bodies
+    names = ", ".join(repr(body.name) for body in bodies if not isinstance(body.interior, ImplicitInterior))
+    if names:
+        raise SceneError(f"{method} needs interiors that solve for a step's end; {names}: take fm.CentralDifference()")
+
+
+def refuse_implicit_only(scene: CompiledScene, method: str) -> None:
+    """Raise SceneError where an interior cannot be stepped explicitly."""
+    bodies = () if scene.interiors is None else scene.interiors.bodies
+    names = ", ".join(repr(body.name) for body in bodies if not isinstance(body.interior, ExplicitInterior))
+    if names:
+        raise SceneError(f"{method} needs interiors that step explicitly; {names}: take fm.GeneralizedAlpha()")
+
+
+def refuse_passes(scene: CompiledScene, method: str) -> None:
+    """Raise SceneError where bodies with history meet an augmented Lagrangian, which repeats a step."""
+    held = [name for name, row in zip(scene.row_names, scene.plan.rows, strict=True) if row[at.ROW_HOLD] > 0]
+    if scene.interiors is not None and held:
+        raise SceneError(
+            f"{method} does not repeat steps of bodies with history, as an augmented Lagrangian asks ({held[0]}); "
+            "take fm.Multipliers() or fm.Penalty(...)"
+        )
