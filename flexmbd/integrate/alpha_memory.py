@@ -27,7 +27,10 @@ def set_out(plan, work, state, groups, s):
         h = min(h, _LONGEST / (rate + 1e-300))
     whole = h
     h = st.next_step(state, whole)
-    carry_auxiliary(state, h)
+    if s.added.shape[0] > 0:
+        shift_auxiliary(state, h)
+    else:
+        carry_auxiliary(state, h)
     evaluate_times(plan, number[st.TIME] + h, work.time)
     limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
     st.set_scales(state, groups, s, rate, limit)
@@ -83,6 +86,17 @@ def carry_auxiliary(state, h):
         state.memory[step.AUXILIARY, k] = (
             state.a[k] + delay * slope + (delay * delay + 2.0 * settle) * half_curve
         )
+
+
+@kernel
+def shift_auxiliary(state, h):
+    """``carry_auxiliary`` where interiors step along, which do just this (``Scheme.carry``): with the new instant."""
+    h_before = state.numbers[st.STEP_BEFORE]
+    if h == h_before or state.counts[step.KNOWN_BEFORE] == 0:
+        return
+    share = (state.numbers[step.ALPHA_M] - state.numbers[step.ALPHA_F]) * (h - h_before) / h_before
+    for k in range(state.v.shape[0]):
+        state.memory[step.AUXILIARY, k] += share * (state.a[k] - state.memory[step.BEFORE, k])
 
 
 @part_of_kernel
