@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,6 +18,7 @@ import numpy as np
 import scipy.sparse
 import ufl
 from dolfinx import fem, la
+from numpy.typing import NDArray
 
 from flexmbd.continuum import formulation
 from flexmbd.continuum.cell_group import CellGroup
@@ -91,7 +93,7 @@ def assemble(
     Raises:
         FormulationError: on all ranks: a matrix has entries that are not finite.
     """
-    blocks = _empty_matrix([form for forms in wanted.values() for form in forms], groups, space)
+    blocks = empty_matrix([form for forms in wanted.values() for form in forms], groups, space)
     matrices = []
     for name, forms in wanted.items():
         blocks.set_value(0.0)
@@ -113,7 +115,7 @@ def _compiled(forms: Iterable[ufl.Form]) -> list[fem.Form]:
     return [form for form in map(fem.form, forms) if form is not None]
 
 
-def _empty_matrix(
+def empty_matrix(
     forms: Sequence[fem.Form], groups: Sequence[CellGroup], space: fem.FunctionSpace
 ) -> la.MatrixCSR:
     """A matrix whose pattern has the entries of all cells. Collective."""
@@ -140,11 +142,47 @@ def _check_finite(
     )
 
 
+class PetscCopy:
+    """A block matrix that is filled again and again, as a PETSc AIJ matrix. Constructing one is collective.
+
+    The entries' places are found once; on one rank PETSc reads the very array that `refill` writes.
+    """
+
+    def __init__(self, comm: MPI.Comm, blocks: la.MatrixCSR) -> None:
+        """Look at the pattern; the values are taken by `refill`."""
+        places = _csr(blocks, np.arange(len(blocks.data), dtype=np.int64))
+        self._places = places.data
+        self._csr = places.indptr.astype(PETSc.IntType), places.indices.astype(PETSc.IntType)
+        self._values = np.zeros(len(self._places))
+        self._matrix = _petsc_matrix(comm, blocks, *self._csr, self._values)
+
+    def refill(self, blocks: la.MatrixCSR) -> PETSc.Mat:
+        """Take over the values of the finished matrix; always the same PETSc matrix. Collective."""
+        np.take(blocks.data, self._places, out=self._values)
+        if self._matrix.comm.size > 1:
+            self._matrix.setValuesCSR(*self._csr, self._values)
+        self._matrix.assemble()
+        self._matrix.stateIncrease()
+        return self._matrix
+
+
 def _to_petsc(comm: MPI.Comm, blocks: la.MatrixCSR) -> PETSc.Mat:
     """A finished block matrix as a PETSc AIJ matrix. Collective.
 
     On one rank PETSc takes the arrays over without a copy.
     """
+    csr = _csr(blocks, blocks.data)
+    if 2 * np.count_nonzero(csr.data) < len(csr.data):
+        # a mass has nothing between the components, two thirds of the stiffness' pattern
+        csr.eliminate_zeros()
+    kind = PETSc.IntType
+    matrix = _petsc_matrix(comm, blocks, csr.indptr.astype(kind), csr.indices.astype(kind), csr.data)
+    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    return matrix
+
+
+def _csr(blocks: la.MatrixCSR, values: NDArray[Any]) -> scipy.sparse.csr_array:
+    """The rows this rank owns, columns numbered over all ranks and ascending, with `values` for the blocks' data."""
     rows, columns = blocks.index_map(0), blocks.index_map(1)
     bs = blocks.block_size[0]
     n = rows.size_local
@@ -153,20 +191,22 @@ def _to_petsc(comm: MPI.Comm, blocks: la.MatrixCSR) -> PETSc.Mat:
     numbers = columns.local_to_global(
         np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32)
     )
-    data = blocks.data[: start[-1] * bs * bs].reshape(-1, bs, bs)
+    data = values[: start[-1] * bs * bs].reshape(-1, bs, bs)
     shape = (bs * n, bs * columns.size_global)
     csr = scipy.sparse.bsr_array((data, numbers[local], start), shape=shape).tocsr()
     csr.sort_indices()
-    if 2 * np.count_nonzero(csr.data) < len(csr.data):
-        # a mass has nothing between the components, two thirds of the stiffness' pattern
-        csr.eliminate_zeros()
-    kind = PETSc.IntType
+    return csr
+
+
+def _petsc_matrix(
+    comm: MPI.Comm, blocks: la.MatrixCSR, indptr: NDArray[Any], indices: NDArray[Any], data: NDArray[Any]
+) -> PETSc.Mat:
+    bs, rows, columns = blocks.block_size[0], blocks.index_map(0), blocks.index_map(1)
     matrix = PETSc.Mat().createAIJWithArrays(
-        ((bs * n, None), (bs * columns.size_local, None)),
-        (csr.indptr.astype(kind), csr.indices.astype(kind), csr.data),
+        ((bs * rows.size_local, None), (bs * columns.size_local, None)),
+        (indptr, indices, data),
         bsize=bs,
         comm=comm,
     )
     matrix.assemble()
-    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     return matrix

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, cast
@@ -60,7 +60,12 @@ def form_name(form: Formulation) -> str:
 
 
 def pair_cells(
-    mesh: TaggedMesh, formulation: Source | Pairs, parameters: Any, *, degree: int
+    mesh: TaggedMesh,
+    formulation: Source | Pairs,
+    parameters: Any,
+    *,
+    degree: int,
+    with_history: bool = False,
 ) -> tuple[CellGroup, ...]:
     """Check formulations and parameters and give each its cells. Collective.
 
@@ -69,6 +74,7 @@ def pair_cells(
         formulation: one for the whole body; or pairs (formulation, parameters) by cell group.
         parameters: of the one formulation; None with several.
         degree: of the elements.
+        with_history: whether formulations with a residual and no energy will do.
 
     Returns:
         The groups, in the order they were given.
@@ -84,7 +90,7 @@ def pair_cells(
     try:
         pairs = _loaded(mesh, formulation, parameters)
         for form, values in pairs.values():
-            _check(form, values, mesh, degree)
+            _check(form, values, mesh, degree, with_history=with_history)
         _check_together(mesh, pairs, degree)
     except FlexmbdError as caught:
         error = caught
@@ -130,16 +136,19 @@ def _loaded(
     return {name: (loaded[source], values) for name, (source, values) in formulation.items()}
 
 
-def _check(form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int) -> None:
+def _check(
+    form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int, *, with_history: bool
+) -> None:
     """Refuse what does not fit a formulation; not collective."""
     name = form_name(form)
     if not isinstance(parameters, form.Parameters):
         raise FormulationError(
             f"{name} takes its own Parameters, got {parameters!r}; write {name}.Parameters(...)"
         )
-    if not hasattr(form, "strain_energy"):
+    if not with_history and not hasattr(form, "strain_energy"):
         raise FormulationError(
-            f"{name} has a residual and no strain_energy, of which the stiffness is the second derivative"
+            f"{name} has a residual and no strain_energy, of which the stiffness is the second derivative; "
+            "it is for bodies with history, flexmbd.continuum.UpdatedLagrangian"
         )
     if mesh.mesh.geometry.dim != 3:
         raise FormulationError(
@@ -195,8 +204,13 @@ def _check_agreement(
 
 
 def _numbers(parameters: Any) -> list[float]:
-    values = (getattr(parameters, field.name) for field in fields(parameters))
-    return [number for value in values for number in np.atleast_1d(value) if isinstance(number, float)]
+    numbers: list[float] = []
+    for value in (getattr(parameters, field.name) for field in fields(parameters)):
+        if is_dataclass(value):
+            numbers += _numbers(value)
+        else:
+            numbers += [number for number in np.atleast_1d(value) if isinstance(number, float)]
+    return numbers
 
 
 def _cells(

@@ -28,6 +28,9 @@ _REQUIRED = {
 _ENERGIES = {"strain_energy": 2, "residual": 4}
 """Exactly one of these."""
 
+_OPTIONAL = {"cell_mean": 3, "energies": 3}
+"""Callables that a form may have beside."""
+
 _TOGETHER = (
     {"motion": 3, "section_inertia": 1},
     {"state": 1, "update": 3},
@@ -35,7 +38,7 @@ _TOGETHER = (
 )
 """Optional: of each group all or none."""
 
-_IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses")
+_IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses", "typing", "flexmbd.forms")
 
 
 def import_violations(origin: str | Path | None) -> list[str]:
@@ -68,7 +71,7 @@ def import_violations(origin: str | Path | None) -> list[str]:
         elif isinstance(node, ast.Name) and node.id == "__import__":
             found.append(node.id)
     return [
-        f"imports {name!r}; a form file imports only ufl, basix.ufl and dataclasses"
+        f"imports {name!r}; a form file imports only ufl, basix.ufl, dataclasses, typing and other forms"
         for name in found
         if not any(name == allowed or name.startswith(f"{allowed}.") for allowed in _IMPORTS)
     ]
@@ -134,6 +137,9 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         if not hasattr(module, name):
             yield name, f"{name} is missing"
         else:
+            yield from _signature_fault(module, name, arguments)
+    for name, arguments in _OPTIONAL.items():
+        if hasattr(module, name):
             yield from _signature_fault(module, name, arguments)
     there = [name for name in _ENERGIES if hasattr(module, name)]
     if not there:

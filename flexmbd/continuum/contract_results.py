@@ -114,7 +114,7 @@ def result_faults(
     except Exception as error:
         yield f"element: {type(error).__name__}: {error}"
         return
-    optional = ("motion", "section_inertia", "update", "local_residual")
+    optional = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
     names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
     for name in names:
         if name in broken or not hasattr(module, name):
@@ -151,7 +151,7 @@ def _kinetic_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
 
 def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     p = unknown.parameters
-    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p)
+    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p, **solved(module, p))
 
     def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
         try:
@@ -179,7 +179,8 @@ def _rigid_motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
 
 
 def _stress(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    stress = module.stress(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    p = unknown.parameters
+    stress = module.stress(unknown.u, _initial_state(module, unknown), p, **solved(module, p))
     yield from _expression_faults(stress, None, "")
 
 
@@ -215,15 +216,34 @@ def _section_dimension(unknown: _Unknown) -> int:
 
 def _update(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     state = _initial_state(module, unknown)
-    new = module.update(unknown.u, state, unknown.parameters)
+    new = module.update(unknown.u, state, unknown.parameters, **solved(module, unknown.parameters))
     yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
 
 
 def _local_residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     p = unknown.parameters
-    z = ufl.as_ufl(module.local_unknowns(p))
+    begin = module.local_unknowns(p)
+    if begin is None:
+        return
+    z = ufl.as_ufl(begin)
     result = module.local_residual(z, unknown.u, _initial_state(module, unknown), p)
     yield from _expression_faults(result, z.ufl_shape, "the shape of local_unknowns(p)")
+
+
+def _cell_mean(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    mean = module.cell_mean(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _expression_faults(mean, (), "the shape of a scalar")
+
+
+def _energies(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.energies(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _term_faults(terms.values(), unknown.cell, lambda integrand: iter(()))
+
+
+def solved(module: ModuleType, p: Any) -> dict[str, Any]:
+    """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
+    begin = module.local_unknowns(p) if hasattr(module, "local_unknowns") else None
+    return {} if begin is None else {"z": ufl.as_ufl(begin)}
 
 
 _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
@@ -237,6 +257,8 @@ _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
     "section_inertia": _section_inertia,
     "update": _update,
     "local_residual": _local_residual,
+    "cell_mean": _cell_mean,
+    "energies": _energies,
 }
 
 
@@ -257,6 +279,9 @@ def _symbols(parameters: Any, domain: ufl.Mesh) -> tuple[Any, dict[Any, FloatArr
         if numbers and all(isinstance(number, float) for number in numbers):
             symbol = _Symbol(domain, shape=np.shape(value))
             values[symbol], value = np.array(value), symbol
+        elif dataclasses.is_dataclass(value):
+            value, inner = _symbols(value, domain)
+            values.update(inner)
         object.__setattr__(twin, field.name, value)
     return twin, values
 

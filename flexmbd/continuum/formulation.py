@@ -23,6 +23,7 @@ from dolfinx import fem
 
 import flexmbd.forms
 from flexmbd.continuum.contract import import_violations, orders_by_cell, violations
+from flexmbd.continuum.contract_results import solved
 from flexmbd.errors import FormulationError
 
 
@@ -85,10 +86,15 @@ class Formulation(Protocol):
                                         linear in u and affine in xi; and the section's moments,
                                         integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2)
         state(p), update(u, state, p)   both or none, with `residual`: the history at a quadrature
-                                        point at rest, and after a step; of one shape
+                                        point at rest, and after a step; of one shape, (n,)
         local_unknowns(p), local_residual(z, u, state, p)
                                         both or none: what is solved for at a quadrature point, its
-                                        initial values, and the equations; of one shape
+                                        initial values, and the equations; of one shape. residual,
+                                        update and stress then take the solution as `z`. None: these
+                                        parameters have none
+        cell_mean(u, state, p)          a scalar whose mean over a cell residual, update, stress and
+                                        energies take as `mean`, None for the plain form
+        energies(u, state, p)           dictionary of terms by name, for accounts: "elastic", "plastic"
     """
 
     @property
@@ -158,7 +164,8 @@ def internal_work(
     residual = getattr(form, "residual", None)
     if residual is not None:
         state = getattr(form, "state", None)
-        return list(residual(u, v, None if state is None else ufl.as_ufl(state(p)), p))
+        at_rest = None if state is None else ufl.as_ufl(state(p))
+        return list(residual(u, v, at_rest, p, **solved(form, p)))
     return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
 
@@ -197,7 +204,7 @@ def load(source: str | Path | ModuleType) -> Formulation:
 
 
 def symbols(parameters: Any, *, mesh: Any) -> Any:
-    """The same parameters with each float, and tuple of floats, a DOLFINx constant; not collective.
+    """The same parameters with each float, and tuple of floats, a DOLFINx constant, also in parts; not collective.
 
     A form written with them is compiled once for all materials, not once for each value.
 
@@ -211,6 +218,8 @@ def symbols(parameters: Any, *, mesh: Any) -> Any:
         numbers = value if isinstance(value, tuple) else (value,)
         if numbers and all(isinstance(number, float) for number in numbers):
             value = fem.Constant(mesh, value)
+        elif dataclasses.is_dataclass(value):
+            value = symbols(value, mesh=mesh)
         # a frozen dataclass, whose range checks do not apply to symbols
         object.__setattr__(twin, field.name, value)
     return twin

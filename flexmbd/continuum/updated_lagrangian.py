@@ -1,0 +1,372 @@
+"""A body with history, step by step: internal forces, tangent, and what a step leaves behind.
+
+Positions and displacements are in the axes of the body frame, which carries the gross rotation: the mesh,
+as it stands after the last accepted step, is the corotated ghost of the last known configuration (Ambrosio
+& Nikravesh 1992, section 2).  A formulation with `REFERENCE = "UPDATED"` refers to that configuration, and
+its unknown is the displacement since; one with `"INITIAL"` to the undeformed mesh, and its unknown is the
+whole displacement.  Both are driven by the increment since the last accepted step.
+
+The mesh itself is moved only while something is assembled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum import assembly, compat, parallel
+from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
+from flexmbd.continuum.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.history import History
+from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.mean_tangent import MeanTangent
+from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.errors import ConvergenceError, FormulationError, InterfaceError, MeshError
+
+FloatArray = NDArray[np.float64]
+
+
+class InvertedCellError(ConvergenceError):
+    """A trial displacement turns a cell inside out; a smaller step may not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What a body remembers after an accepted step: this rank's part.
+
+    Attributes:
+        displacement: (local dofs including ghosts,) m, from the undeformed mesh.
+        history: of each group, flat.
+    """
+
+    displacement: FloatArray
+    history: tuple[FloatArray, ...]
+
+
+class UpdatedLagrangian:
+    """A body of one or several formulations, with or without history. Constructing one is collective.
+
+    Attributes:
+        mesh: the undeformed mesh and its groups.
+        groups: the cell groups, each with its formulation and parameters.
+        degree: of the elements, and of the mesh's geometry where a formulation is an updated one.
+        space: the displacement's function space.
+        layout: where the displacement lies in it.
+        interfaces: the frames found on the mesh.
+        displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed
+            mesh. Not to be changed by hand.
+    """
+
+    def __init__(
+        self,
+        mesh: TaggedMesh,
+        formulation: Source | Pairs,
+        parameters: Any = None,
+        *,
+        degree: int,
+        interfaces: Sequence[Interface] = (),
+        cell_means: bool = True,
+    ) -> None:
+        """Check everything, then compile. Collective over the mesh's communicator.
+
+        Args:
+            mesh: lengths in m.
+            formulation: a module, the name of one in `flexmbd.forms`, or a form file's path; or
+                several as {cell group: (formulation, parameters)}, whose elements are the same.
+            parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
+            degree: of the elements, at least that of the mesh's geometry, and the same with a
+                formulation whose reference is the updated configuration.
+            interfaces: groups of the mesh that carry frames.
+            cell_means: whether formulations with `cell_mean` use it against volumetric locking.
+
+        Raises:
+            FormulationError: a form file breaks its contract, or does not fit its parameters, the
+                cell or the degree; formulations of both references; a degree unlike the geometry's;
+                unknowns besides the displacement.
+            InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
+            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+        """
+        if not isinstance(mesh, TaggedMesh):
+            raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
+        self.mesh, self.degree = mesh, degree
+        PETSc.garbage_cleanup(mesh.comm)
+        self.groups: tuple[CellGroup, ...] = pair_cells(
+            mesh, formulation, parameters, degree=degree, with_history=True
+        )
+        form = self.groups[0].formulation
+        element = form.element(mesh.mesh.topology.cell_name(), 3, degree)
+        self.space: fem.FunctionSpace = fem.functionspace(mesh.mesh, element)
+        self.layout: DofLayout = dof_layout(self.space, form.rigid_motion)
+        self._check_references()
+        parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
+        self.interfaces: tuple[FoundInterface, ...] = tuple(
+            find_interfaces(interfaces, mesh=mesh, layout=self.layout)
+        )
+        self._u = fem.Function(self.space)
+        v = ufl.TestFunction(self.space)
+        self._histories = [History(group, self._u, v, means=cell_means) for group in self.groups]
+        self._forces = [fem.form(term) for history in self._histories for term in history.terms]
+        self._means = [
+            (history.mean, *map(fem.form, history.mean_forms()))
+            for history in self._histories
+            if history.mean is not None
+        ]
+        self._undeformed: FloatArray = mesh.mesh.geometry.x.copy()
+        self.displacement: FloatArray = np.zeros(self.layout.n_local)
+        self._sum = fem.Function(self.space).x
+        self.check_cells()
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator the body is spread over."""
+        return self.mesh.comm
+
+    @property
+    def n_owned(self) -> int:
+        """Number of dofs this rank owns, which stand before its ghosts."""
+        return self.layout.n_owned
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether the formulations refer to the updated configuration."""
+        return self.groups[0].formulation.REFERENCE == "UPDATED"
+
+    @property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, of the last accepted step, in body axes."""
+        x: FloatArray = self.layout.node_x + self.displacement.reshape(-1, 3)
+        return x
+
+    def force(self, increment: FloatArray) -> FloatArray:
+        """Internal forces at a trial displacement. Collective.
+
+        Args:
+            increment: (local dofs including ghosts,) m, since the last accepted step; the ghosts' are
+                their owners'.
+
+        Returns:
+            (owned dofs,) N: what holds the body in that shape.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out (`InvertedCellError`, which
+                names one), or the equations at a point have no solution.
+        """
+        self._set_trial(increment)
+        with self._updated_mesh():
+            self._solve_points()
+            self._sum.array[:] = 0.0
+            for form in self._forces:
+                fem.assemble_vector(self._sum.array, form)
+        self._sum.scatter_reverse(la.InsertMode.add)
+        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
+            self.check_cells()
+            raise ConvergenceError("the internal forces are not finite; take a smaller step")
+        return force
+
+    def tangent(self, increment: FloatArray) -> PETSc.Mat:
+        """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
+
+        Compiles at the first call. The matrix is the body's own and is filled anew at each call.
+
+        Args:
+            increment: as for `force`.
+
+        Raises:
+            ConvergenceError: as `force`.
+        """
+        self._set_trial(increment)
+        with self._updated_mesh():
+            self._solve_points()
+            return self._tangent.assemble()
+
+    def mass(self) -> PETSc.Mat:
+        """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
+        zero = fem.Function(self.space)
+        momentum = [
+            ufl.derivative(term, zero, ufl.TestFunction(self.space))
+            for term in assembly.kinetic_energy(self.groups, zero)
+        ]
+        forms = {"mass": assembly.derivatives_at_rest(momentum, zero)}
+        return assembly.assemble(forms, self.groups, self.space)[0]
+
+    def commit(self, increment: FloatArray) -> None:
+        """Accept a displacement: history and configuration become those at its end. Collective.
+
+        Args:
+            increment: as for `force`, which was called with it before.
+
+        Raises:
+            ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
+        """
+        self._set_trial(increment)
+        with self._updated_mesh():
+            self._solve_points()
+            for history in self._histories:
+                history.update()
+        finite = all(history.trial_is_finite for history in self._histories)
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            self.revert()
+            raise ConvergenceError("the history at the step's end is not finite; take a smaller step")
+        for history in self._histories:
+            history.commit()
+        self.displacement += increment
+        self._set_trial(np.zeros_like(increment))
+
+    def revert(self) -> None:
+        """Forget every trial since the last accepted step."""
+        for history in self._histories:
+            history.revert()
+
+    def snapshot(self) -> Snapshot:
+        """Copy what the body remembers."""
+        return Snapshot(
+            self.displacement.copy(), tuple(history.snapshot() for history in self._histories)
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this body."""
+        self.displacement[:] = snapshot.displacement
+        for history, kept in zip(self._histories, snapshot.history, strict=True):
+            history.restore(kept)
+
+    def energies(self) -> dict[str, float]:
+        """Energies, J, of the last accepted step by name: "elastic", "plastic". Collective.
+
+        What the formulations tell; the same on every rank.
+        """
+        self._set_trial(np.zeros(self.layout.n_local))
+        totals: dict[str, float] = {}
+        with self._updated_mesh():
+            self._average()
+            for history in self._histories:
+                for name, value in history.energies().items():
+                    totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
+        return {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
+
+    def stress(self) -> list[FloatArray]:
+        """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
+        self._set_trial(np.zeros(self.layout.n_local))
+        with self._updated_mesh():
+            self._average()
+            return [history.stress() for history in self._histories]
+
+    def history(self) -> list[FloatArray]:
+        """For each group the accepted history, (points of all cells of this rank, components)."""
+        return [history.accepted for history in self._histories]
+
+    def volumes(self) -> FloatArray:
+        """(cells of this rank, points) measure of the cells' map at the points, of the last accepted step.
+
+        In the order of the groups; negative where a cell is inside out.
+        """
+        with self._updated_mesh():
+            measure = ufl.JacobianDeterminant(self.mesh.mesh)
+            return np.concatenate([history.evaluate(measure) for history in self._histories])
+
+    def check_cells(self) -> None:
+        """Refuse a trial displacement that turns a cell inside out. Collective.
+
+        Raises:
+            InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
+        """
+        error: InvertedCellError | None = None
+        stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
+        with self._updated_mesh():
+            for history in self._histories:
+                values = history.evaluate(stretch)
+                if not values.size or values.min() > 0.0:
+                    continue
+                cell = int(history.group.cells[values.min(axis=1).argmin()])
+                number = int(self.mesh.mesh.topology.original_cell_index[cell])
+                nodes = compat.cell_nodes(self.mesh.mesh)[cell]
+                x = self._undeformed[nodes].mean(axis=0)
+                error = InvertedCellError(
+                    f"cell {number}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body, "
+                    "is turned inside out; take a smaller step, or a finer mesh there"
+                )
+        parallel.raise_collectively(self.comm, error)
+
+    def _set_trial(self, increment: FloatArray) -> None:
+        self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
+
+    def _solve_points(self) -> None:
+        """Means and local unknowns for the trial displacement. Collective."""
+        self._average()
+        error: ConvergenceError | None = None
+        try:
+            for history in self._histories:
+                history.solve()
+        except ConvergenceError as caught:
+            error = caught
+        if any(group_has_local_unknowns(group) for group in self.groups):
+            parallel.raise_collectively(self.comm, error)
+
+    def _average(self) -> None:
+        for mean, averaged, measure in self._means:
+            values, sizes = np.zeros((2, len(mean.x.array)))
+            fem.assemble_vector(values, averaged)
+            fem.assemble_vector(sizes, measure)
+            np.divide(values, sizes, out=mean.x.array, where=sizes != 0.0)
+
+    @cached_property
+    def _tangent(self) -> MeanTangent:
+        return MeanTangent(self._histories, self._u, self.groups)
+
+    @cached_property
+    def _geometry_dofs(self) -> NDArray[np.int32]:
+        """(geometry nodes of this rank, 3) the dof of the displacement of each node of the mesh."""
+        nodes = compat.cell_nodes(self.mesh.mesh)
+        dofs = np.zeros((len(self._undeformed), 3), dtype=np.int32)
+        blocks = self.space.dofmap.list[: len(nodes)]
+        dofs[nodes.ravel()] = 3 * blocks.reshape(-1, 1) + np.arange(3)
+        return dofs
+
+    @contextmanager
+    def _updated_mesh(self) -> Iterator[None]:
+        """The mesh in the configuration that the formulations refer to."""
+        if not self.is_updated:
+            yield
+            return
+        geometry = self.mesh.mesh.geometry
+        geometry.x[:] = self._undeformed + self.displacement[self._geometry_dofs]
+        try:
+            yield
+        finally:
+            geometry.x[:] = self._undeformed
+
+    def _check_references(self) -> None:
+        """Refuse what cannot be stepped together; the same on every rank."""
+        references = {group.formulation.REFERENCE: group.form_name for group in self.groups}
+        if len(references) > 1:
+            raise FormulationError(
+                f"{references['INITIAL']} refers to the initial configuration and {references['UPDATED']} to the "
+                "updated one: give all cell groups formulations of one reference"
+            )
+        geometry = compat.geometry_degree(self.mesh.mesh)
+        if "UPDATED" in references and self.degree != geometry:
+            raise FormulationError(
+                f"{references['UPDATED']} moves the mesh with the body, so degree={self.degree} needs a mesh of "
+                f"degree {self.degree}, and this one has degree {geometry}"
+            )
+        if self.layout.displacement_dofs.size != self.layout.n_local:
+            raise FormulationError(
+                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body with history has not"
+            )
+
+
+def group_has_local_unknowns(group: CellGroup) -> bool:
+    """Whether a group's parameters leave equations to be solved at the points."""
+    form = group.formulation
+    return hasattr(form, "local_unknowns") and form.local_unknowns(group.parameters) is not None

@@ -1,0 +1,425 @@
+"""Elasto-plastic solid of small strain: J2 (von Mises) flow with isotropic and kinematic hardening.
+
+Unknown: displacement u (m) of a three-dimensional body in its body frame, which carries the gross
+rotation. Strong form in the initial configuration:
+
+    rho u'' = Div sigma + b,   sigma = C : (eps - eps_p),   eps = sym Grad u
+    f = sqrt(3/2) |s - X| - sigma_y(alpha) <= 0,   X = 2/3 H_k eps_p   (Prager)
+    d eps_p = 3/2 d alpha (s - X) / (sqrt(3/2) |s - X|)                (associated flow)
+
+with the deviator s of sigma and the accumulated plastic strain alpha. A step is integrated by the
+implicit Euler method, whose equations are those of the radial return: one scalar equation for the
+increment z of alpha, closed where sigma_y is linear, else `local_residual`. The consistent tangent is
+the derivative of the stress at the step's end by the displacement. History: eps_p (xx, yy, zz, yz, xz,
+xy, tensor components) and alpha.
+
+Plastic flow keeps the volume, and fully integrated linear cells lock. The cure is the mean of div u
+over a cell (`cell_mean`), which takes the place of div u in the pressure: with J2 flow the pressure is
+elastic. Without it the form is the plain displacement method.
+
+References: Simo & Hughes 1998, Computational Inelasticity, box 3.2 (return); Nagtegaal, Parks & Rice
+1974, doi:10.1016/0045-7825(74)90032-2 (mean dilatation); Ambrosio & Nikravesh 1992, eq. 57-64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Protocol
+
+import ufl
+
+from flexmbd.forms import solid_linear
+from flexmbd.forms.solid_linear import Quadrature as Quadrature
+from flexmbd.forms.solid_linear import element as element
+from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
+from flexmbd.forms.solid_linear import rigid_motion as rigid_motion
+
+CELLS = ("tetrahedron", "hexahedron")
+
+# L2 order of the displacement by element degree.
+ORDER = {1: 2, 2: 3}
+
+# Gradients and integrals refer to the initial configuration.
+REFERENCE = "INITIAL"
+
+Expr = ufl.core.expr.Expr
+Terms = list[tuple[Expr, Quadrature]]
+
+# A stress below this part of the yield stress has no direction.
+_NO_STRESS = 1e-10
+
+
+class Hardening(Protocol):
+    """How the yield stress grows over its first value with the accumulated plastic strain."""
+
+    def growth(self, alpha: Expr) -> Expr:
+        """Growth, Pa, at the accumulated plastic strain alpha (dimensionless); zero at alpha = 0."""
+
+    def work(self, alpha: Expr) -> Expr:
+        """Integral of `growth` from 0 to alpha, J/m^3."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear hardening: growth = modulus * alpha.
+
+    Attributes:
+        modulus: plastic modulus H of a uniaxial test (stress over plastic strain), Pa, at least 0.
+
+    Raises:
+        ValueError: the modulus is not finite, or below zero.
+    """
+
+    modulus: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_numbers(self)
+        if not 0.0 <= self.modulus < float("inf"):
+            raise ValueError(f"the plastic modulus must be finite and at least 0 (Pa), got {self.modulus}")
+
+    def growth(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        return self.modulus * alpha
+
+    def work(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        return self.modulus / 2 * alpha**2
+
+
+@dataclass(frozen=True)
+class Voce:
+    """Saturating hardening: growth = saturation (1 - exp(-rate alpha)) + modulus alpha (Voce 1948).
+
+    Attributes:
+        saturation: what the exponential part ends at, Pa, at least 0.
+        rate: of the exponential, dimensionless, > 0.
+        modulus: of the linear part, Pa, at least 0.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range.
+    """
+
+    saturation: float
+    rate: float
+    modulus: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_numbers(self)
+        for name, value in (("saturation", self.saturation), ("modulus", self.modulus)):
+            if not 0.0 <= value < float("inf"):
+                raise ValueError(f"{name} must be finite and at least 0 (Pa), got {value}")
+        if not 0.0 < self.rate < float("inf"):
+            raise ValueError(f"rate must be positive and finite, got {self.rate}")
+
+    def growth(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        return self.saturation * (1 - ufl.exp(-self.rate * alpha)) + self.modulus * alpha
+
+    def work(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        decay = (1 - ufl.exp(-self.rate * alpha)) / self.rate
+        return self.saturation * (alpha - decay) + self.modulus / 2 * alpha**2
+
+
+@dataclass(frozen=True)
+class Table:
+    """Hardening read from the curve of a uniaxial test: linear between its points, constant behind.
+
+    Attributes:
+        plastic_strain: (n,) of the points, ascending from 0.
+        stress: (n,) Pa, true stress at them, not falling; the first is the yield stress.
+
+    Raises:
+        ValueError: fewer than two points, or a curve that is no function, does not begin at zero
+            plastic strain, or falls.
+    """
+
+    plastic_strain: tuple[float, ...]
+    stress: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            values = tuple(float(value) for value in getattr(self, item.name))
+            if not all(abs(value) < float("inf") for value in values):
+                raise ValueError(f"{item.name} of the hardening table must be finite, got {values}")
+            object.__setattr__(self, item.name, values)
+        strain, stress = self.plastic_strain, self.stress
+        if len(strain) != len(stress) or len(strain) < 2:
+            raise ValueError(
+                "the hardening table needs two points or more, with a stress for every plastic strain; "
+                f"got {len(strain)} strains and {len(stress)} stresses"
+            )
+        if strain[0] != 0.0:
+            raise ValueError(f"the hardening table must begin at plastic strain 0, not at {strain[0]}")
+        for k in range(1, len(strain)):
+            if not strain[k] > strain[k - 1]:
+                raise ValueError(
+                    f"the hardening table is no function: plastic strain {strain[k]} follows {strain[k - 1]}"
+                )
+            if not stress[k] >= stress[k - 1]:
+                raise ValueError(
+                    f"the hardening table falls from {stress[k - 1]} to {stress[k]} Pa at plastic strain "
+                    f"{strain[k]}: softening has no unique solution"
+                )
+
+    def growth(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        return sum(bend * ufl.max_value(alpha - start, 0.0) for start, bend in self._bends())
+
+    def work(self, alpha: Expr) -> Expr:
+        """See `Hardening`."""
+        return sum(bend / 2 * ufl.max_value(alpha - start, 0.0) ** 2 for start, bend in self._bends())
+
+    def _bends(self) -> list[tuple[Expr, Expr]]:
+        """Where the curve bends, and by how much its slope changes there."""
+        strain, stress, n = self.plastic_strain, self.stress, ufl.as_ufl(self.stress).ufl_shape[0]
+        slopes = [(stress[k + 1] - stress[k]) / (strain[k + 1] - strain[k]) for k in range(n - 1)]
+        changes = [slopes[0], *(slopes[k] - slopes[k - 1] for k in range(1, n - 1)), -slopes[-1]]
+        return [(strain[k], changes[k]) for k in range(n)]
+
+
+def take_numbers(values: object) -> None:
+    """Turn the fields of a frozen dataclass that must be numbers into floats.
+
+    Raises:
+        ValueError: one is no number.
+    """
+    for item in fields(values):  # type: ignore[arg-type]
+        value = getattr(values, item.name)
+        if item.type not in ("float", float):
+            continue
+        # float() would take a text, and trips over an array
+        scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
+        if not scalar or isinstance(value, bool):
+            raise ValueError(f"{item.name} must be a number, got {value!r}")
+        object.__setattr__(values, item.name, float(value))
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An isotropic elasto-plastic material.
+
+    Attributes:
+        E: Young's modulus, Pa, E > 0.
+        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+        yield_stress: at first yield in a uniaxial test, Pa, > 0.
+        hardening: how it grows with the accumulated plastic strain; constant by default.
+        kinematic_modulus: Prager's plastic modulus H_k of a uniaxial test, Pa, at least 0.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range, or a hardening table does not
+            begin at the yield stress.
+    """
+
+    E: float
+    nu: float
+    rho: float
+    yield_stress: float
+    hardening: Hardening = field(default_factory=Linear)
+    kinematic_modulus: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_numbers(self)
+        solid_linear.Parameters(self.E, self.nu, self.rho)
+        check_yield(self.yield_stress, self.hardening)
+        if not 0.0 <= self.kinematic_modulus < float("inf"):
+            raise ValueError(f"kinematic_modulus must be finite and at least 0 (Pa), got {self.kinematic_modulus}")
+
+
+def check_yield(yield_stress: float, hardening: Hardening) -> None:
+    """Refuse a yield stress, or a hardening that does not go with it.
+
+    Raises:
+        ValueError: not positive and finite, no hardening, or a table that begins elsewhere.
+    """
+    if not 0.0 < yield_stress < float("inf"):
+        raise ValueError(f"yield_stress must be positive and finite (Pa), got {yield_stress}")
+    if not (hasattr(hardening, "growth") and hasattr(hardening, "work")):
+        raise ValueError(f"hardening must be Linear(...), Voce(...), Table(...) or the like, got {hardening!r}")
+    first = hardening.stress[0] if isinstance(hardening, Table) else yield_stress
+    if abs(first - yield_stress) > 1e-9 * yield_stress:
+        raise ValueError(f"the hardening table begins at {first} Pa and not at the yield stress, {yield_stress} Pa")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The elastic problem of `solid_linear`, below first yield.
+
+    Attributes:
+        parameters: the material.
+    """
+
+    parameters: Parameters
+
+    def displacement(self, x: Expr) -> Expr:
+        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+        return self._elastic().displacement(x)
+
+    def body_force(self, x: Expr) -> Expr:
+        """Body force, N/m^3, with which it is in equilibrium."""
+        return self._elastic().body_force(x)
+
+    def _elastic(self) -> solid_linear.Reference:
+        p = self.parameters
+        return solid_linear.Reference(solid_linear.Parameters(p.E, p.nu, p.rho))
+
+
+def state(p: Parameters) -> Expr:
+    """The history at rest, (7,): plastic strain (6 components) and accumulated plastic strain."""
+    return ufl.as_vector([0.0] * 7)
+
+
+def local_unknowns(p: Parameters) -> float | None:
+    """The increment of the accumulated plastic strain to begin with; None where it is closed."""
+    return None if isinstance(p.hardening, Linear) else 0.0
+
+
+def local_residual(z: Expr, u: Expr, state: Expr, p: Parameters, *, mean: Expr | None = None) -> Expr:
+    """What the increment z of the accumulated plastic strain makes zero; dimensionless."""
+    shifted, alpha = _trial(u, state, p)
+    return consistency(z, von_mises(shifted, p), alpha, p, kinematic=p.kinematic_modulus)
+
+
+def cell_mean(u: Expr, state: Expr, p: Parameters) -> Expr:
+    """What is averaged over each cell: the volume strain."""
+    return ufl.div(u)
+
+
+def residual(
+    u: Expr, v: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Terms:
+    """Virtual work of the internal forces per initial volume, J/m^3: one term, linear in v.
+
+    Args:
+        u: displacement, m.
+        v: virtual displacement, m.
+        state: history at the step's begin, (7,).
+        p: parameters.
+        z: solution of `local_residual`, where there is one.
+        mean: of `cell_mean` over the cell; without it the volume strain at the point.
+    """
+    deviator, _, _ = _return(u, state, p, z)
+    strain = ufl.sym(ufl.grad(v))
+    pressure = bulk_modulus(p) * (ufl.div(u) if mean is None else mean)
+    return [(ufl.inner(deviator, strain) + pressure * ufl.div(v), rule(u))]
+
+
+def update(
+    u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Expr:
+    """The history at the step's end, (7,)."""
+    _, flow, growth = _return(u, state, p, z)
+    plastic = tensor(state) + growth * flow
+    return ufl.as_vector([*components(plastic), state[6] + growth])
+
+
+def stress(
+    u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Expr:
+    """Cauchy stress, Pa, 3 x 3, at the step's end; without history that of the elastic solid."""
+    if state is None:
+        return solid_linear.stress(u, None, p)
+    deviator, _, _ = _return(u, state, p, z)
+    return deviator + bulk_modulus(p) * (ufl.div(u) if mean is None else mean) * ufl.Identity(3)
+
+
+def energies(
+    u: Expr, state: Expr, p: Parameters, *, mean: Expr | None = None
+) -> dict[str, tuple[Expr, Quadrature]]:
+    """Energies per initial volume, J/m^3, with the history `state` of the same instant.
+
+    "elastic" is what unloading gives back, that of the kinematic hardening included; "plastic" the
+    work that the yield stress has done.
+    """
+    strain = ufl.dev(ufl.sym(ufl.grad(u))) - tensor(state)
+    volume = ufl.div(u) if mean is None else mean
+    mu, plastic = shear_modulus(p), tensor(state)
+    elastic = mu * ufl.inner(strain, strain) + bulk_modulus(p) / 2 * volume**2
+    elastic += p.kinematic_modulus / 3 * ufl.inner(plastic, plastic)
+    done = p.yield_stress * state[6] + p.hardening.work(state[6])
+    return {"elastic": (elastic, rule(u)), "plastic": (done, rule(u))}
+
+
+def reference() -> Reference:
+    """A steel below first yield."""
+    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12, hardening=Linear(1.0e9)))
+
+
+def rule(u: Expr) -> Quadrature:
+    """The rule of every term: 8 points for the trilinear hexahedron, 4 for the quadratic tetrahedron."""
+    space = u.ufl_function_space()
+    n = space.ufl_element().embedded_superdegree
+    return Quadrature(2 * (n - 1) if str(space.ufl_domain().ufl_cell()) == "tetrahedron" else 2 * n)
+
+
+def tensor(values: Expr) -> Expr:
+    """The symmetric tensor of the first six components xx, yy, zz, yz, xz, xy."""
+    xx, yy, zz, yz, xz, xy = (values[k] for k in range(6))
+    return ufl.as_matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def components(values: Expr) -> list[Expr]:
+    """xx, yy, zz, yz, xz, xy of a symmetric tensor."""
+    return [values[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+
+
+def von_mises(deviator: Expr, p: Parameters) -> Expr:
+    """sqrt(3/2) |deviator|, Pa; never below a vanishing part of the yield stress, where it has a slope."""
+    return ufl.sqrt(ufl.max_value(1.5 * ufl.inner(deviator, deviator), (_NO_STRESS * p.yield_stress) ** 2))
+
+
+def consistency(z: Expr, trial: Expr, alpha: Expr, p: Parameters, *, kinematic: Expr) -> Expr:
+    """(3 mu + H_k) z + sigma_y(alpha + z) - trial over 3 mu where the trial stress yields, else z."""
+    mu = shear_modulus(p)
+    held = p.yield_stress + p.hardening.growth(alpha)
+    over = (3 * mu + kinematic) * z + p.yield_stress + p.hardening.growth(alpha + z) - trial
+    return ufl.conditional(ufl.gt(trial, held), over / (3 * mu), z)
+
+
+def plastic_growth(
+    trial: Expr, alpha: Expr, p: Parameters, *, z: Expr | None, kinematic: Expr
+) -> Expr:
+    """The increment of the accumulated plastic strain: closed for linear hardening, else z.
+
+    Args:
+        trial: von Mises value, Pa, of the elastic trial stress (less the back stress).
+        alpha: accumulated plastic strain at the step's begin.
+        p: parameters.
+        z: solution of `consistency`.
+        kinematic: Prager's modulus, Pa.
+    """
+    if z is not None:
+        return z
+    over = trial - p.yield_stress - p.hardening.growth(alpha)
+    return ufl.max_value(over, 0.0) / (3 * shear_modulus(p) + p.hardening.growth(1.0) + kinematic)
+
+
+def _trial(u: Expr, state: Expr, p: Parameters) -> tuple[Expr, Expr]:
+    """Deviator of the trial stress less the back stress, Pa, and accumulated plastic strain."""
+    mu, plastic = shear_modulus(p), tensor(state)
+    elastic = ufl.dev(ufl.sym(ufl.grad(u))) - plastic
+    return 2 * mu * elastic - 2 / 3 * p.kinematic_modulus * plastic, state[6]
+
+
+def _return(
+    u: Expr, state: Expr, p: Parameters, z: Expr | None
+) -> tuple[Expr, Expr, Expr]:
+    """Deviator of the stress at the step's end, direction 3/2 (s - X) / q, and growth of alpha."""
+    shifted, alpha = _trial(u, state, p)
+    trial = von_mises(shifted, p)
+    growth = plastic_growth(trial, alpha, p, z=z, kinematic=p.kinematic_modulus)
+    flow = 1.5 / trial * shifted
+    mu = shear_modulus(p)
+    elastic = ufl.dev(ufl.sym(ufl.grad(u))) - tensor(state)
+    return 2 * mu * (elastic - growth * flow), flow, growth
+
+
+def shear_modulus(p: Parameters) -> Expr:
+    """Shear modulus, Pa."""
+    return p.E / (2 * (1 + p.nu))
+
+
+def bulk_modulus(p: Parameters) -> Expr:
+    """Bulk modulus, Pa."""
+    return p.E / (3 * (1 - 2 * p.nu))

@@ -1,0 +1,219 @@
+"""Elasto-plastic solid of finite strain: the updated Lagrangian form, with Truesdell's stress rate.
+
+Unknown: displacement u (m) from the updated configuration t', which the mesh is, to the present one. Both
+lie in the axes of the body frame, so that t' is the corotated ghost of the last known configuration. The
+Green-Lagrange strain of the present configuration referred to t' is its own increment
+
+    eps = e + eta,   e = sym grad u,   eta = 1/2 (grad u)^T grad u          (eq. 12-15)
+
+and the second Piola-Kirchhoff stress referred to t' grows by S = tau' + C : eps (eq. 9-11, 17). The
+virtual work over the volume of t' is the integral of S : delta eps = S : (delta e + delta eta) (eq. 18);
+its derivative at u = 0 is K_L + K_NL, its value there F (eq. 39-41).
+
+Pushed forward, tau = f S f^T / det f with f = 1 + grad u, this is the objective rate of Truesdell: a
+rigid rotation turns the stress and does nothing else. Yield is checked on the Cauchy stress after the
+push-forward, and the stress returned radially (eq. 57-62):
+
+    f(tau, alpha) = sqrt(3/2) |dev tau| - sigma_y(alpha) <= 0
+
+so that what acts in the virtual work is the returned tau, pulled back. History: tau (xx, yy, zz, yz, xz,
+xy, in body axes), and the accumulated plastic strain alpha.
+
+Truesdell's rate adds to the stress of a shear: with G = 1, sigma_11 = gamma^2 without bound. In metals
+the elastic strain is small and no rate shows; for large elastic strain take `hencky_plasticity`.
+
+Plastic flow keeps the volume, and fully integrated linear cells lock. The cure is the mean of det f over
+a cell (`cell_mean`), by which f is scaled to (mean / det f)^(1/3) f in the stress (F-bar, de Souza Neto
+et al. 1996, doi:10.1016/0020-7683(95)00259-6).
+
+Equations of Ambrosio & Nikravesh 1992, Nonlinear Dynamics 3, "Elasto-plastic deformations in multibody
+dynamics"; eq. 64 without its leading minus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import ufl
+
+from flexmbd.forms import j2_plasticity, solid_linear
+from flexmbd.forms.j2_plasticity import (
+    Expr,
+    Hardening,
+    Linear,
+    Quadrature,
+    Terms,
+    bulk_modulus,
+    components,
+    rule,
+    shear_modulus,
+    tensor,
+)
+from flexmbd.forms.j2_plasticity import local_unknowns as local_unknowns
+from flexmbd.forms.solid_linear import element as element
+from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
+from flexmbd.forms.solid_linear import rigid_motion as rigid_motion
+
+CELLS = ("tetrahedron", "hexahedron")
+
+# L2 order of the displacement by element degree.
+ORDER = {1: 2, 2: 3}
+
+# Gradients and integrals refer to the updated configuration.
+REFERENCE = "UPDATED"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """An isotropic elasto-plastic material.
+
+    Attributes:
+        E: Young's modulus, Pa, E > 0.
+        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+        yield_stress: Cauchy stress at first yield in a uniaxial test, Pa, > 0.
+        hardening: how it grows with the accumulated plastic strain; constant by default.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range, or a hardening table does not
+            begin at the yield stress.
+    """
+
+    E: float
+    nu: float
+    rho: float
+    yield_stress: float
+    hardening: Hardening = field(default_factory=Linear)
+
+    def __post_init__(self) -> None:
+        j2_plasticity.take_numbers(self)
+        solid_linear.Parameters(self.E, self.nu, self.rho)
+        j2_plasticity.check_yield(self.yield_stress, self.hardening)
+
+
+@dataclass(frozen=True)
+class Reference(j2_plasticity.Reference):
+    """The elastic problem of `solid_linear`, below first yield."""
+
+
+def state(p: Parameters) -> Expr:
+    """The history at rest, (7,): Cauchy stress (6 components, Pa) and accumulated plastic strain."""
+    return ufl.as_vector([0.0] * 7)
+
+
+def linear_strain(u: Expr) -> Expr:
+    """e, the part of the strain increment that is linear in u (eq. 14)."""
+    return ufl.sym(ufl.grad(u))
+
+
+def nonlinear_strain(u: Expr) -> Expr:
+    """eta, the part of the strain increment that is quadratic in u (eq. 15)."""
+    h = ufl.grad(u)
+    return h.T * h / 2
+
+
+def elasticity(strain: Expr, p: Parameters) -> Expr:
+    """C : strain of the isotropic elastic solid, Pa."""
+    return bulk_modulus(p) * ufl.tr(strain) * ufl.Identity(3) + 2 * shear_modulus(p) * ufl.dev(strain)
+
+
+def continuum_tangent(strain: Expr, stress: Expr, p: Parameters) -> Expr:
+    """The elasto-plastic tensor of eq. 64 on a strain rate: C : strain less what flows at that stress, Pa.
+
+    The stress yields, and the hardening is linear. This is the tangent of the rate equations; that of a finite step is the derivative
+    of the returned stress.
+    """
+    normal = 1.5 / j2_plasticity.von_mises(ufl.dev(stress), p) * ufl.dev(stress)
+    driven = elasticity(normal, p)
+    flow = ufl.inner(driven, strain) / (p.hardening.growth(1.0) + ufl.inner(normal, driven))
+    return elasticity(strain, p) - flow * driven
+
+
+def cell_mean(u: Expr, state: Expr, p: Parameters) -> Expr:
+    """What is averaged over each cell: present volume over updated volume."""
+    return ufl.det(_stretch(u))
+
+
+def local_residual(z: Expr, u: Expr, state: Expr, p: Parameters, *, mean: Expr | None = None) -> Expr:
+    """What the increment z of the accumulated plastic strain makes zero; dimensionless."""
+    size = j2_plasticity.von_mises(ufl.dev(_trial(u, state, p, mean)), p)
+    return j2_plasticity.consistency(z, size, state[6], p, kinematic=0.0)
+
+
+def residual(
+    u: Expr, v: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Terms:
+    """Virtual work of the internal forces per updated volume, J/m^3: one term, linear in v.
+
+    Args:
+        u: displacement from the updated configuration, m.
+        v: virtual displacement, m.
+        state: history at the step's begin, (7,).
+        p: parameters.
+        z: solution of `local_residual`, where there is one.
+        mean: of `cell_mean` over the cell; without it det f at the point.
+    """
+    f = _stretch(u)
+    cauchy, _ = _returned(u, state, p, z, mean)
+    nominal = ufl.det(f) * cauchy * ufl.inv(f).T
+    return [(ufl.inner(nominal, ufl.grad(v)), rule(u))]
+
+
+def update(
+    u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Expr:
+    """The history at the step's end, (7,)."""
+    cauchy, growth = _returned(u, state, p, z, mean)
+    return ufl.as_vector([*components(cauchy), state[6] + growth])
+
+
+def stress(
+    u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
+) -> Expr:
+    """Cauchy stress, Pa, 3 x 3, at the step's end."""
+    if state is None:
+        return solid_linear.stress(u, None, p)
+    return _returned(u, state, p, z, mean)[0]
+
+
+def energies(
+    u: Expr, state: Expr, p: Parameters, *, mean: Expr | None = None
+) -> dict[str, tuple[Expr, Quadrature]]:
+    """Energies per volume of the mesh, J/m^3, with the history `state` of the same instant (u = 0).
+
+    "elastic" is that of the small elastic strain C^-1 tau; "plastic" the work that the yield stress has done.
+    """
+    cauchy, k = tensor(state), ufl.tr(tensor(state)) / 3
+    elastic = ufl.inner(ufl.dev(cauchy), ufl.dev(cauchy)) / (4 * shear_modulus(p)) + k**2 / (2 * bulk_modulus(p))
+    done = p.yield_stress * state[6] + p.hardening.work(state[6])
+    return {"elastic": (elastic, rule(u)), "plastic": (done, rule(u))}
+
+
+def reference() -> Reference:
+    """A steel below first yield."""
+    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12))
+
+
+def _stretch(u: Expr) -> Expr:
+    return ufl.Identity(3) + ufl.grad(u)
+
+
+def _trial(u: Expr, state: Expr, p: Parameters, mean: Expr | None) -> Expr:
+    """Cauchy stress, Pa, of an elastic step."""
+    f = _stretch(u)
+    strain = linear_strain(u) + nonlinear_strain(u)
+    if mean is not None:
+        factor = (mean / ufl.det(f)) ** (1 / 3)
+        f, strain = factor * f, factor**2 * strain + (factor**2 - 1) / 2 * ufl.Identity(3)
+    return f * (tensor(state) + elasticity(strain, p)) * f.T / ufl.det(f)
+
+
+def _returned(
+    u: Expr, state: Expr, p: Parameters, z: Expr | None, mean: Expr | None
+) -> tuple[Expr, Expr]:
+    """Cauchy stress, Pa, at the step's end, and growth of the accumulated plastic strain."""
+    trial = _trial(u, state, p, mean)
+    deviator = ufl.dev(trial)
+    size = j2_plasticity.von_mises(deviator, p)
+    growth = j2_plasticity.plastic_growth(size, state[6], p, z=z, kinematic=0.0)
+    return trial - 3 * shear_modulus(p) * growth / size * deviator, growth
