@@ -380,7 +380,9 @@ def consistency(z: Expr, trial: Expr, alpha: Expr, p: Parameters, *, kinematic: 
 def plastic_growth(
     trial: Expr, alpha: Expr, p: Parameters, *, z: Expr | None, kinematic: Expr
 ) -> Expr:
-    """The increment of the accumulated plastic strain: closed for linear hardening, else z.
+    """The increment of the accumulated plastic strain: closed for linear hardening, else from z.
+
+    From z by one further Newton step, whose derivative by the displacement is that of the exact solution.
 
     Args:
         trial: von Mises value, Pa, of the elastic trial stress (less the back stress).
@@ -390,7 +392,9 @@ def plastic_growth(
         kinematic: Prager's modulus, Pa.
     """
     if z is not None:
-        return z
+        at = ufl.variable(z)
+        lack = consistency(at, trial, alpha, p, kinematic=kinematic)
+        return z - lack / ufl.diff(lack, at)
     over = trial - p.yield_stress - p.hardening.growth(alpha)
     return ufl.max_value(over, 0.0) / (3 * shear_modulus(p) + p.hardening.growth(1.0) + kinematic)
 

@@ -90,8 +90,9 @@ class Formulation(Protocol):
         local_unknowns(p), local_residual(z, u, state, p)
                                         both or none: what is solved for at a quadrature point, its
                                         initial values, and the equations; of one shape. residual,
-                                        update and stress then take the solution as `z`. None: these
-                                        parameters have none
+                                        update and stress then take the stored solution as `z`, and one
+                                        further Newton step from it, so that their derivatives are
+                                        exact. None: these parameters have none
         cell_mean(u, state, p)          a scalar whose mean over a cell residual, update, stress and
                                         energies take as `mean`, None for the plain form
         energies(u, state, p)           dictionary of terms by name, for accounts: "elastic", "plastic"

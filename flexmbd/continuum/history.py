@@ -68,8 +68,8 @@ class History:
         if cell_mean is not None:
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
             self._averaged = cell_mean(u, self._state, p)
-        self._z, self._refined = self._local_unknowns(u)
-        given = self._given(self._refined)
+        self._z = self._local_unknowns(u)
+        given = self._given(self._z)
         if self._has_state:
             self._initial = np.array([float(value) for value in form.state(group.parameters)])
             work = form.residual(u, v, self._state, p, **given)
@@ -174,25 +174,25 @@ class History:
         form, p = self.group.formulation, self.group.symbols
         if not self._has_state:
             return self.evaluate(form.stress(self._u, None, p))
-        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._refined)))  # type: ignore[call-arg]
+        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._z)))  # type: ignore[call-arg]
 
     def _given(self, z: Any) -> dict[str, Any]:
         given = {} if z is None else {"z": z}
         return given if self.mean is None else {**given, "mean": self.mean}
 
-    def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, Any]:
-        """The stored local unknowns, and one Newton step from them as an expression."""
+    def _local_unknowns(self, u: fem.Function) -> fem.Function | None:
+        """The stored local unknowns; and one Newton step from them as an expression, for `solve`."""
         form, p = self.group.formulation, self.group.symbols
         begin = solved(form, p).get("z")
         if begin is None:
-            return None, None
+            return None
         z = self._function(begin.ufl_shape)
         at = ufl.variable(z)
         lack = form.local_residual(at, u, self._state, p, **self._given(None))  # type: ignore[attr-defined]
         slope = ufl.diff(lack, at)
         refined = z - (ufl.inv(slope) * lack if begin.ufl_shape else lack / slope)
         self._sweep = fem.Expression(refined, self._points)
-        return z, refined
+        return z
 
     def _function(self, shape: int | tuple[int, ...]) -> fem.Function:
         """A function that has its values at the points of the rule."""
