@@ -157,8 +157,6 @@ def stress(
     u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
 ) -> Expr:
     """Cauchy stress, Pa, 3 x 3, at the step's end."""
-    if state is None:
-        return solid_linear.stress(u, None, p)
     _, _, kirchhoff, _ = _return(u, state, p, z)
     volume = (1 + state[8]) * ufl.det(_stretch(u))
     return kirchhoff / volume + _pressure(u, state, p, mean) * ufl.Identity(3)

@@ -24,9 +24,10 @@ References: Simo & Hughes 1998, Computational Inelasticity, box 3.2 (return); Na
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 import ufl
+from ufl.core.expr import Expr as Expr
 
 from flexmbd.forms import solid_linear
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
@@ -42,8 +43,7 @@ ORDER = {1: 2, 2: 3}
 # Gradients and integrals refer to the initial configuration.
 REFERENCE = "INITIAL"
 
-Expr = ufl.core.expr.Expr
-Terms = list[tuple[Expr, Quadrature]]
+Terms: TypeAlias = list[tuple[Expr, Quadrature]]
 
 # A stress below this part of the yield stress has no direction.
 _NO_STRESS = 1e-10
@@ -250,7 +250,7 @@ class Reference:
         parameters: the material.
     """
 
-    parameters: Parameters
+    parameters: Any
 
     def displacement(self, x: Expr) -> Expr:
         """Exact displacement, m, at the point x; prescribed on the whole boundary."""
@@ -317,9 +317,7 @@ def update(
 def stress(
     u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
 ) -> Expr:
-    """Cauchy stress, Pa, 3 x 3, at the step's end; without history that of the elastic solid."""
-    if state is None:
-        return solid_linear.stress(u, None, p)
+    """Cauchy stress, Pa, 3 x 3, at the step's end."""
     deviator, _, _ = _return(u, state, p, z)
     return deviator + bulk_modulus(p) * (ufl.div(u) if mean is None else mean) * ufl.Identity(3)
 
@@ -364,12 +362,12 @@ def components(values: Expr) -> list[Expr]:
     return [values[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
 
 
-def von_mises(deviator: Expr, p: Parameters) -> Expr:
+def von_mises(deviator: Expr, p: Any) -> Expr:
     """sqrt(3/2) |deviator|, Pa; never below a vanishing part of the yield stress, where it has a slope."""
     return ufl.sqrt(ufl.max_value(1.5 * ufl.inner(deviator, deviator), (_NO_STRESS * p.yield_stress) ** 2))
 
 
-def consistency(z: Expr, trial: Expr, alpha: Expr, p: Parameters, *, kinematic: Expr) -> Expr:
+def consistency(z: Expr, trial: Expr, alpha: Expr, p: Any, *, kinematic: Expr) -> Expr:
     """(3 mu + H_k) z + sigma_y(alpha + z) - trial over 3 mu where the trial stress yields, else z."""
     mu = shear_modulus(p)
     held = p.yield_stress + p.hardening.growth(alpha)
@@ -378,7 +376,7 @@ def consistency(z: Expr, trial: Expr, alpha: Expr, p: Parameters, *, kinematic: 
 
 
 def plastic_growth(
-    trial: Expr, alpha: Expr, p: Parameters, *, z: Expr | None, kinematic: Expr
+    trial: Expr, alpha: Expr, p: Any, *, z: Expr | None, kinematic: Expr
 ) -> Expr:
     """The increment of the accumulated plastic strain: closed for linear hardening, else from z.
 
@@ -419,11 +417,11 @@ def _return(
     return 2 * mu * (elastic - growth * flow), flow, growth
 
 
-def shear_modulus(p: Parameters) -> Expr:
+def shear_modulus(p: Any) -> Expr:
     """Shear modulus, Pa."""
     return p.E / (2 * (1 + p.nu))
 
 
-def bulk_modulus(p: Parameters) -> Expr:
+def bulk_modulus(p: Any) -> Expr:
     """Bulk modulus, Pa."""
     return p.E / (3 * (1 - 2 * p.nu))

@@ -120,8 +120,8 @@ def elasticity(strain: Expr, p: Parameters) -> Expr:
 def continuum_tangent(strain: Expr, stress: Expr, p: Parameters) -> Expr:
     """The elasto-plastic tensor of eq. 64 on a strain rate: C : strain less what flows at that stress, Pa.
 
-    The stress yields, and the hardening is linear. This is the tangent of the rate equations; that of a finite step is the derivative
-    of the returned stress.
+    The stress yields, and the hardening is linear. This is the tangent of the rate equations; that of a
+    finite step is the derivative of the returned stress.
     """
     normal = 1.5 / j2_plasticity.von_mises(ufl.dev(stress), p) * ufl.dev(stress)
     driven = elasticity(normal, p)
@@ -171,8 +171,6 @@ def stress(
     u: Expr, state: Expr, p: Parameters, *, z: Expr | None = None, mean: Expr | None = None
 ) -> Expr:
     """Cauchy stress, Pa, 3 x 3, at the step's end."""
-    if state is None:
-        return solid_linear.stress(u, None, p)
     return _returned(u, state, p, z, mean)[0]
 
 

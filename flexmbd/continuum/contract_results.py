@@ -240,7 +240,7 @@ def _energies(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     yield from _term_faults(terms.values(), unknown.cell, lambda integrand: iter(()))
 
 
-def solved(module: ModuleType, p: Any) -> dict[str, Any]:
+def solved(module: Any, p: Any) -> dict[str, Any]:
     """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
     begin = module.local_unknowns(p) if hasattr(module, "local_unknowns") else None
     return {} if begin is None else {"z": ufl.as_ufl(begin)}

@@ -54,7 +54,8 @@ class History:
         """
         self.group, self._u = group, u
         self._mesh = u.function_space.mesh
-        form, p = group.formulation, group.symbols
+        form: Any = group.formulation
+        p = group.symbols
         self._has_state = hasattr(form, "state")
         self._rule = _rule_of_history(group, u, v)
         self._points, self._weights = basix.make_quadrature(
@@ -62,9 +63,11 @@ class History:
             self._rule.degree,
             rule=basix.quadrature.string_to_type(self._rule.scheme),
         )
-        self._state = self._function(int(form.state(p).ufl_shape[0])) if self._has_state else None
+        self._state: Any = None
+        if self._has_state:
+            self._state = self._function(int(form.state(p).ufl_shape[0]))
         cell_mean = getattr(form, "cell_mean", None) if means else None
-        self.mean: fem.Function | None = None
+        self.mean: Any = None
         if cell_mean is not None:
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
             self._averaged = cell_mean(u, self._state, p)
@@ -171,10 +174,11 @@ class History:
 
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
-        form, p = self.group.formulation, self.group.symbols
+        form: Any = self.group.formulation
+        p = self.group.symbols
         if not self._has_state:
             return self.evaluate(form.stress(self._u, None, p))
-        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._z)))  # type: ignore[call-arg]
+        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._z)))
 
     def _given(self, z: Any) -> dict[str, Any]:
         given = {} if z is None else {"z": z}
@@ -182,13 +186,14 @@ class History:
 
     def _local_unknowns(self, u: fem.Function) -> fem.Function | None:
         """The stored local unknowns; and one Newton step from them as an expression, for `solve`."""
-        form, p = self.group.formulation, self.group.symbols
+        form: Any = self.group.formulation
+        p = self.group.symbols
         begin = solved(form, p).get("z")
         if begin is None:
             return None
         z = self._function(begin.ufl_shape)
         at = ufl.variable(z)
-        lack = form.local_residual(at, u, self._state, p, **self._given(None))  # type: ignore[attr-defined]
+        lack = form.local_residual(at, u, self._state, p, **self._given(None))
         slope = ufl.diff(lack, at)
         refined = z - (ufl.inv(slope) * lack if begin.ufl_shape else lack / slope)
         self._sweep = fem.Expression(refined, self._points)
@@ -205,7 +210,7 @@ class History:
         return fem.Function(fem.functionspace(self._mesh, element))
 
     def _energy_forms(self, u: fem.Function, p: Any) -> dict[str, fem.Form]:
-        form = self.group.formulation
+        form: Any = self.group.formulation
         if not self._has_state:
             terms = form.strain_energy(u, p)
             parts = [assembly.integral(term, self.group, self._mesh) for term in terms]
@@ -221,11 +226,12 @@ class History:
 
 def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -> Quadrature:
     """The rule at whose points the history lies: that of all terms."""
-    form, p = group.formulation, group.symbols
+    form: Any = group.formulation
+    p = group.symbols
     if not hasattr(form, "state"):
         terms: list[Term] = list(form.strain_energy(u, p))
         return terms[0][1]
-    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))  # type: ignore[attr-defined]
+    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))
     rules = {(rule.degree, rule.scheme) for _, rule in terms}
     if len(rules) > 1:
         raise FormulationError(

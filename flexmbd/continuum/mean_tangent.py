@@ -110,9 +110,12 @@ def add_products(data, indptr, indices, nodes, left, right, factor):  # type: ig
     """Add factor left (x) right of each cell to a matrix of 3 x 3 blocks.
 
     Args:
-        data, indptr, indices: of the matrix, blocks row by row; columns ascending.
+        data: of the matrix, blocks row by row.
+        indptr: of the matrix.
+        indices: of the matrix, ascending in a row.
         nodes: (k, n) block rows and columns of each cell.
-        left, right: (k, n, 3).
+        left: (k, n, 3).
+        right: (k, n, 3).
         factor: (k,).
     """
     for k in range(nodes.shape[0]):

@@ -135,7 +135,7 @@ def test_all_missing_names_are_listed_at_once(load_text):
 )
 def test_forbidden_imports_are_named(load_text, line, named):
     assert faults(load_text, ("import basix.ufl", f"import basix.ufl\n{line}")) == [
-        f"imports {named!r}; a form file imports only ufl, basix.ufl and dataclasses"
+        f"imports {named!r}; a form file imports only ufl, basix.ufl, dataclasses, typing and other forms"
     ]
 
 
