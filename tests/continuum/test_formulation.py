@@ -214,9 +214,11 @@ def test_energy_that_only_a_mesh_can_evaluate_is_let_through(load_text):
 
 
 # A form with a residual in place of an energy, and a history that nothing changes.
-RESIDUAL = GOOD.replace("def strain_energy(", "def _energy(") + """
+RESIDUAL = GOOD.replace("def strain_energy(", "def _energy(").replace(
+    "state: None, p: Parameters)", "state: None, p: Parameters, z=None)"
+) + """
 
-def residual(u, v, state, p):
+def residual(u, v, state, p, z=None):
     return [(ufl.inner(_small_strain_stress(u, p), ufl.grad(v)), Quadrature(2))]
 
 
@@ -224,7 +226,7 @@ def state(p):
     return ufl.as_vector((0 * p.E, 0.0))
 
 
-def update(u, state, p):
+def update(u, state, p, z=None):
     return state + ufl.as_vector((ufl.div(u), 0.0))
 
 
@@ -248,7 +250,7 @@ def test_names_that_not_every_form_has(load_text):
     ("change", "pattern"),
     [
         (("def update(", "def _update("), "state goes with update, which is missing"),
-        (("def update(u, state, p)", "def update(u, p)"), "update must take 3 positional arguments"),
+        (("def update(u, state, p, z=None)", "def update(u, p)"), "update must take 3 positional arguments"),
         (("def local_unknowns(", "def _unknowns("), "local_residual goes with local_unknowns, which is missing"),
         (("def _energy(", "def strain_energy("), "strain_energy and residual are both there"),
         (("return state + ufl.as_vector((ufl.div(u), 0.0))", "return state[0]"), r"update: .*\(2,\), got \(\)"),
