@@ -6,7 +6,7 @@ import numpy as np
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Push
+from flexmbd.multibody.continuum_body import InterfaceFrame, Push
 
 
 def skew(r):
@@ -20,7 +20,8 @@ class Springs:
     """
 
     def __init__(
-        self, points, bonds, springs, masses, *, stiffness, cubic=0.0, limit=np.inf, hardening=0.0, part=None, R=None,
+        self, points, bonds, springs, masses, *, stiffness, cubic=0.0, limit=np.inf, hardening=0.0,
+        com=(0.01, 0.0, -0.02), R=None,
     ):
         self.points = np.array(points, float)
         self.bonds = np.array(bonds)  # frame of each of the first points
@@ -29,12 +30,11 @@ class Springs:
         self.k, self.cubic, self.limit, self.hardening = stiffness, cubic, limit, hardening
         ends = self.points[self.springs]
         self.lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        mass, inertia = (1.3, np.diag([0.02, 0.03, 0.025])) if part is None else part
         turns = [np.eye(3)] * 2 if R is None else R
         self.frames = tuple(
             InterfaceFrame(
-                f"end {k}", self.points[np.flatnonzero(self.bonds == k)].mean(axis=0), turns[k], mass,
-                np.array([0.01, 0.0, -0.02]), inertia,
+                f"end {k}", self.points[np.flatnonzero(self.bonds == k)].mean(axis=0), turns[k], 1.3,
+                np.array(com), np.diag([0.02, 0.03, 0.025]),
             )
             for k in range(self.bonds.max() + 1)
         )
@@ -246,34 +246,21 @@ def as_continuum(scene, interior):
     return body, [body.frame(frame.name) for frame in interior.frames]
 
 
-def as_rigid_bodies(scene, interior, *, place=(0.0, 0.0, 0.0), R=None, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
-    """The same of rigid bodies and the machine's own springs; call ``lay`` once the frames have their joints.
-
-    Returns the frames, and the markers at the interior points.
-    """
+def as_rigid_bodies(scene, interior, *, spin=(0.0, 0.0, 0.0)):
+    """The same of rigid bodies and the machine's own springs, turning about the origin: the frames."""
     parts = [
         scene.add(fm.RigidBody(f.mass, f.inertia, tuple(f.com)), name=f"twin.{f.name}") for f in interior.frames
     ]
-    turn = np.eye(3) if R is None else np.asarray(R)
     marks = [parts[f].frame(interior.arms[i]) for i, f in enumerate(interior.bonds)]
     for i in range(interior.n, len(interior.points)):
         m = interior.masses[i]
         point = scene.add(fm.RigidBody(m, (m, m, m)), name=f"point {i}")
         free = scene.connect(fm.joint.Free(), scene.ground.frame(), point.frame())
-        arm = turn @ interior.points[i]
-        free.position = [*(place + arm), 1.0, 0.0, 0.0, 0.0]
-        free.velocity = [*(velocity + np.cross(spin, arm)), 0.0, 0.0, 0.0]
+        arm = interior.points[i]
+        free.position = [*arm, 1.0, 0.0, 0.0, 0.0]
+        free.velocity = [*np.cross(spin, arm), 0.0, 0.0, 0.0]
         marks.append(point.frame())
     for s, (i, j) in enumerate(interior.springs):
         scene.add_force(fm.force.SpringDamper(marks[i], marks[j], interior.k, interior.lengths[s]))
-    return [part.frame() for part in parts], marks
+    return [part.frame() for part in parts]
 
-
-def at_rest(interior, motion=None):
-    """The interior begun where the undeformed body is."""
-    k = len(interior.frames)
-    p = np.array([f.p_BI_B for f in interior.frames])
-    R = np.array([f.R_BI for f in interior.frames])
-    still = FrameMotion(p, R, *np.zeros((4, k, 3)))
-    interior.begin(0.0, still if motion is None else motion, np.zeros(3))
-    return still
