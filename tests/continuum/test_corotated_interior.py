@@ -311,6 +311,8 @@ def test_several_steps_in_one_and_back_to_the_bit(rule):
     body.restore(memory)
     h = 0.9 * body.stable_step()
     pushes = [body.advance(h, motion, motion) for _ in range(4)]
+    for one, other in zip(pushes, pushes[1:], strict=False):
+        assert other.mean == pytest.approx((one.end + other.end) / 2, rel=1e-12)
     far = body.snapshot()
     body.restore(memory)
     once = body.advance(4 * h * (1 - 1e-12), motion, motion)
