@@ -1,5 +1,7 @@
 """A linear mesh that turns with its frames: wrenches are derivatives of an energy, bonding needs no multipliers."""
 
+import itertools
+
 from mpi4py import MPI
 
 import numpy as np
@@ -311,7 +313,7 @@ def test_several_steps_in_one_and_back_to_the_bit(rule):
     body.restore(memory)
     h = 0.9 * body.stable_step()
     pushes = [body.advance(h, motion, motion) for _ in range(4)]
-    for one, other in zip(pushes, pushes[1:], strict=False):
+    for one, other in itertools.pairwise(pushes):
         assert other.mean == pytest.approx((one.end + other.end) / 2, rel=1e-12)
     far = body.snapshot()
     body.restore(memory)
