@@ -148,6 +148,19 @@ class UpdatedLagrangian:
         x: FloatArray = self.layout.node_x + self.displacement.reshape(-1, 3)
         return x
 
+    @property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+        return self.layout.displacement_dofs
+
+    def vector(self) -> la.Vector:
+        """A vector of the space with its ghosts, for scattering; not collective."""
+        return fem.Function(self.space).x
+
+    def norm(self, values: FloatArray) -> float:
+        """2-norm of values at owned dofs, or at some of them, over all ranks. Collective."""
+        return float(np.sqrt(self.comm.allreduce(values @ values)))
+
     def force(self, increment: FloatArray) -> FloatArray:
         """Internal forces at a trial displacement. Collective.
 

@@ -1,0 +1,271 @@
+"""Newton's method for a body with history: one step's displacement, from residual and tangent.
+
+The linear systems are solved by a factor of the tangent (MUMPS), or by Krylov iterations that an older
+factor preconditions: a factor costs some twenty times an iteration, and plastic tangents change little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.updated_lagrangian import InvertedCellError, UpdatedLagrangian
+from flexmbd.errors import ConvergenceError
+
+FloatArray = NDArray[np.float64]
+
+# A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
+_SYMMETRIC = 1e-12
+
+# Line search: how much of the work that the residual does on the step may be left, and the tries.
+_WORK_LEFT, _TRIES = 0.8, 6
+
+
+@dataclass(frozen=True)
+class LinearSolver:
+    """How the linear systems of Newton's method are solved.
+
+    Attributes:
+        most_iterations: after a solution that took more Krylov iterations the next tangent is
+            factorised anew; 0: every tangent is.
+        looseness: a system is solved to this part of its right-hand side at first; the closer Newton's
+            method comes, the tighter, so that it stays quadratic.
+    """
+
+    most_iterations: int = 12
+    looseness: float = 1e-2
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """When Newton's method ends.
+
+    Attributes:
+        tolerance: largest residual over the largest force at hand (loads, reactions, inertia), in the
+            2-norm over all dofs.
+        most_steps: it fails after so many.
+    """
+
+    tolerance: float = 1e-9
+    most_steps: int = 25
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The forces at a displacement.
+
+    Attributes:
+        residual: (owned dofs,) N, what is not in balance: internal and inertia forces less loads.
+        size: N, 2-norm of the largest of the forces that balance each other.
+    """
+
+    residual: FloatArray
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A step's displacement.
+
+    Attributes:
+        increment: (local dofs including ghosts,) m, since the last accepted step.
+        residuals: relative residuals of the held body, one more than there were steps.
+        balance: the forces at the end; their residual on held dofs is the reactions.
+    """
+
+    increment: FloatArray
+    residuals: tuple[float, ...]
+    balance: Balance
+
+
+class Newton:
+    """Solves for one step after the other of one body, keeping factors. Constructing one is collective.
+
+    Attributes:
+        factorisations: so far.
+        iterations: of Krylov's method so far.
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        held: NDArray[np.int32],
+        *,
+        solver: LinearSolver = LinearSolver(),
+        convergence: Convergence = Convergence(),
+    ) -> None:
+        """Allocate.
+
+        Args:
+            body: the body.
+            held: owned dofs whose displacement is given.
+            solver: of the linear systems.
+            convergence: when to end.
+        """
+        self._body, self._held = body, np.asarray(held, dtype=np.int32)
+        self._solver, self._convergence = solver, convergence
+        self._free = np.setdiff1d(np.arange(body.n_owned), self._held)
+        self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
+        self._ksp: PETSc.KSP | None = None
+        self._stale = True
+        self._ghosted = body.vector()
+        self.factorisations = self.iterations = 0
+
+    def solve(
+        self,
+        start: FloatArray,
+        target: FloatArray,
+        forces: Callable[[FloatArray], Balance],
+        tangent: Callable[[FloatArray], PETSc.Mat],
+    ) -> Solution:
+        """One step. Collective.
+
+        Args:
+            start: (local dofs including ghosts,) m, first guess.
+            target: (held dofs,) m, their displacement since the last accepted step.
+            forces: at a displacement.
+            tangent: derivative of their residual; the matrix may be changed.
+
+        Raises:
+            ConvergenceError: on all ranks: it did not converge; the message has the residuals.
+        """
+        increment, residuals, rule = start.copy(), [], self._convergence
+        missing = target - increment[self._held]
+        balance = forces(increment)
+        for step in range(rule.most_steps + 1):
+            residuals.append(self._norm(balance.residual[self._free]) / balance.size if balance.size else 0.0)
+            jumps = step == 0 and self._norm(missing) > 0.0
+            if residuals[-1] <= rule.tolerance and not jumps:
+                return Solution(increment, tuple(residuals), balance)
+            if step == rule.most_steps:
+                break
+            change = self._direction(tangent(increment), balance.residual, missing, residuals)
+            missing = np.zeros_like(missing)
+            increment, balance = self._search(increment, change, balance, forces, full=jumps)
+        raise ConvergenceError(
+            f"Newton's method did not converge in {rule.most_steps} steps; the residuals were "
+            + ", ".join(f"{residual:.1e}" for residual in residuals)
+        )
+
+    def factorise_next(self) -> None:
+        """Forget the factor, as at a checkpoint."""
+        self._stale = True
+
+    def _direction(
+        self, matrix: PETSc.Mat, residual: FloatArray, missing: FloatArray, residuals: list[float]
+    ) -> FloatArray:
+        """Newton's step (local dofs including ghosts,). Collective."""
+        right, left = matrix.createVecLeft(), matrix.createVecRight()
+        left.array[:] = 0.0
+        left.array[self._held] = missing
+        matrix.mult(left, right)
+        right.array[:] = -residual - right.array
+        right.array[self._held] = missing
+        symmetric = self._is_symmetric(matrix)
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
+        self._set_up(matrix, symmetric)
+        ksp = self._ksp
+        loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
+        ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
+        ksp.solve(right, left)
+        taken = ksp.getIterationNumber()
+        self.iterations += taken
+        self._stale = taken > self._solver.most_iterations
+        if ksp.getConvergedReason() < 0:
+            self._stale = True
+            raise ConvergenceError(
+                f"the linear system of a Newton step was not solved ({taken} iterations); take a smaller step"
+            )
+        self._ghosted.array[: self._body.n_owned] = left.array
+        self._ghosted.scatter_forward()
+        return self._ghosted.array.copy()
+
+    def _set_up(self, matrix: PETSc.Mat, symmetric: bool) -> None:
+        """A factor of this matrix, or an older one, and Krylov's method on this matrix."""
+        if self._ksp is None or self._stale or self._solver.most_iterations == 0:
+            self._drop()
+            self._factored = matrix.copy()
+            self._factored.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+            ksp = PETSc.KSP().create(matrix.comm)
+            ksp.setType(PETSc.KSP.Type.GMRES)
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)
+            ksp.setGMRESRestart(100)
+            ksp.setOperators(matrix, self._factored)
+            pc = ksp.getPC()
+            pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+            ksp.setUp()
+            pc.setReusePreconditioner(True)
+            self._ksp = ksp
+            self.factorisations += 1
+            self._stale = False
+        else:
+            self._ksp.setOperators(matrix, self._factored)
+
+    def _drop(self) -> None:
+        if self._ksp is not None:
+            self._ksp.destroy()
+            self._factored.destroy()
+
+    def _search(
+        self,
+        increment: FloatArray,
+        change: FloatArray,
+        before: Balance,
+        forces: Callable[[FloatArray], Balance],
+        *,
+        full: bool,
+    ) -> tuple[FloatArray, Balance]:
+        """Go along a step until the residual does no more work on it. Collective.
+
+        A step that turns cells inside out is halved; one that moves held dofs is taken in full.
+        """
+        work = self._work(change, before.residual)
+        share, best = 1.0, None
+        for _ in range(_TRIES):
+            try:
+                balance = forces(increment + share * change)
+            except InvertedCellError:
+                if full:
+                    raise
+                share *= 0.5
+                continue
+            if full:
+                return increment + change, balance
+            left = self._work(change, balance.residual)
+            if best is None or abs(left) < best[0]:
+                best = abs(left), share, balance
+            if abs(left) <= _WORK_LEFT * abs(work):
+                break
+            # where the work would vanish if it were linear in the share
+            guess = share * work / (work - left) if work != left else 0.5 * share
+            share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
+        if best is None:
+            raise InvertedCellError("every part of a Newton step turns cells inside out; take a smaller step")
+        return increment + best[1] * change, best[2]
+
+    def _work(self, change: FloatArray, residual: FloatArray) -> float:
+        mine = change[self._free] @ residual[self._free]
+        return float(self._body.comm.allreduce(mine))
+
+    def _norm(self, values: FloatArray) -> float:
+        return float(np.sqrt(self._body.comm.allreduce(values @ values, op=MPI.SUM)))
+
+    def _is_symmetric(self, matrix: PETSc.Mat) -> bool:
+        x, y = matrix.createVecRight(), matrix.createVecRight()
+        first, last = x.getOwnershipRange()
+        # the same vectors on any number of ranks
+        x.array[:] = np.sin(1.0 + 7.0 * np.arange(first, last))
+        y.array[:] = np.cos(2.0 + 3.0 * np.arange(first, last))
+        ay = matrix.createVecLeft()
+        matrix.mult(y, ay)
+        one, size = x.dot(ay), ay.norm() * x.norm()
+        matrix.mult(x, ay)
+        return bool(abs(one - y.dot(ay)) <= _SYMMETRIC * size)

@@ -1,0 +1,160 @@
+"""Slow loading of a body with history: a sequence of equilibria, with a step that follows Newton's success."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.newton import Balance, Convergence, LinearSolver, Newton
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.errors import ConvergenceError, MeshError
+
+FloatArray = NDArray[np.float64]
+Values = Callable[[float], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An accepted step.
+
+    Attributes:
+        t: its load parameter.
+        residuals: of Newton's method, relative.
+        reactions: (held dofs of this rank,) N, with which the held dofs are held.
+    """
+
+    t: float
+    residuals: tuple[float, ...]
+    reactions: FloatArray
+
+
+@dataclass(eq=False)
+class StaticPath:
+    """What a slow loading has gone through.
+
+    Attributes:
+        steps: the accepted ones.
+        cuts: how often a step was halved.
+        factorisations: of tangents.
+        iterations: of Krylov's method.
+    """
+
+    steps: list[Equilibrium] = field(default_factory=list)
+    cuts: int = 0
+    factorisations: int = 0
+    iterations: int = 0
+
+
+class PathError(ConvergenceError):
+    """A loading that could not be followed to its end; the body stands at the last accepted step.
+
+    Attributes:
+        path: what was gone through.
+    """
+
+    def __init__(self, message: str, path: StaticPath | None = None) -> None:
+        super().__init__(message)
+        self.path = path
+
+
+def held_dofs(body: UpdatedLagrangian, groups: Mapping[str, str]) -> NDArray[np.int32]:
+    """Owned dofs of facet groups that are held. Collective.
+
+    Args:
+        body: the body.
+        groups: by the name of a facet group the axes along which it is held, as "x" or "xyz".
+
+    Raises:
+        MeshError: on all ranks: no such facet group, or other axes.
+    """
+    found = [np.empty(0, dtype=np.int32)]
+    for name, axes in groups.items():
+        wrong = set(axes) - set("xyz")
+        if wrong or not axes:
+            raise MeshError(f"facet group {name!r} is held along {axes!r}; give axes out of 'xyz'")
+        nodes = body.layout.nodes_on(2, body.mesh.facets(name))
+        found += [body.displacement_dofs[nodes, "xyz".index(axis)] for axis in axes]
+    dofs = np.unique(np.concatenate(found)).astype(np.int32)
+    return dofs[dofs < body.n_owned]
+
+
+def follow(
+    body: UpdatedLagrangian,
+    times: Sequence[float],
+    *,
+    held: NDArray[np.int32],
+    displacement: Values | None = None,
+    load: Values | None = None,
+    solver: LinearSolver = LinearSolver(),
+    convergence: Convergence = Convergence(),
+    smallest: float = 1e-4,
+    accepted: Callable[[float], None] | None = None,
+) -> StaticPath:
+    """Load a body slowly. Collective; it starts from the last accepted step.
+
+    Args:
+        body: the body, which stands at the last of `times` afterwards.
+        times: ascending load parameters of the equilibria that are wanted; the first is a step of its own.
+        held: owned dofs whose displacement is given (`held_dofs`).
+        displacement: (held dofs,) m, from the undeformed body, at a load parameter; zero if None.
+        load: (owned dofs,) N, dead loads in body axes; none if None.
+        solver: of the linear systems.
+        convergence: of Newton's method.
+        smallest: the smallest part of a step between two of `times` that is tried.
+        accepted: is called after each of `times`.
+
+    Raises:
+        PathError: on all ranks: Newton's method failed with the smallest step; says where, and why.
+    """
+    newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
+    reached, before, guess = 0.0, 0.0, np.zeros(body.layout.n_local)
+    for wanted in times:
+        whole = wanted - reached
+        step = whole
+        while reached < wanted:
+            t = wanted if step >= wanted - reached else reached + step
+            try:
+                start = guess * ((t - reached) / before) if before else guess
+                solution = _equilibrium(body, newton, t, start, displacement=displacement, load=load, held=held)
+            except ConvergenceError as reason:
+                body.revert()
+                newton.factorise_next()
+                path.cuts += 1
+                guess = np.zeros_like(guess)
+                step = 0.5 * min(step, wanted - reached)
+                if step < smallest * whole:
+                    raise PathError(
+                        f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}: {reason}", path
+                    ) from reason
+                continue
+            before, reached, guess = t - reached, t, solution.increment
+            body.commit(solution.increment)
+            path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
+            if len(solution.residuals) < 6:
+                step = min(1.5 * step, whole)
+        if accepted is not None:
+            accepted(wanted)
+    path.factorisations, path.iterations = newton.factorisations, newton.iterations
+    return path
+
+
+def _equilibrium(body, newton, t, start, *, displacement, load, held):  # type: ignore[no-untyped-def]
+    external = np.zeros(body.n_owned) if load is None else load(t)
+    goal = np.zeros(len(held)) if displacement is None else displacement(t)
+
+    def forces(increment: FloatArray) -> Balance:
+        internal = body.force(increment)
+        residual = internal - external
+        # reactions and loads are what balances; at rest nothing does
+        size = max(body.norm(external), body.norm(residual[held]))
+        return Balance(residual, size if size > 0.0 else body.norm(internal))
+
+    def tangent(increment: FloatArray) -> PETSc.Mat:
+        return body.tangent(increment)
+
+    return newton.solve(start, goal - body.displacement[held], forces, tangent)
