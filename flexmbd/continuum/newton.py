@@ -56,6 +56,9 @@ class Convergence:
     most_steps: int = 25
 
 
+DEFAULT_SOLVER, DEFAULT_CONVERGENCE = LinearSolver(), Convergence()
+
+
 @dataclass(frozen=True, eq=False)
 class Balance:
     """The forces at a displacement.
@@ -97,8 +100,8 @@ class Newton:
         body: UpdatedLagrangian,
         held: NDArray[np.int32],
         *,
-        solver: LinearSolver = LinearSolver(),
-        convergence: Convergence = Convergence(),
+        solver: LinearSolver = DEFAULT_SOLVER,
+        convergence: Convergence = DEFAULT_CONVERGENCE,
     ) -> None:
         """Allocate.
 
@@ -170,8 +173,7 @@ class Newton:
         symmetric = self._is_symmetric(matrix)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
-        self._set_up(matrix, symmetric)
-        ksp = self._ksp
+        ksp = self._krylov(matrix, symmetric)
         loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
         ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
         ksp.solve(right, left)
@@ -187,9 +189,10 @@ class Newton:
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
 
-    def _set_up(self, matrix: PETSc.Mat, symmetric: bool) -> None:
-        """A factor of this matrix, or an older one, and Krylov's method on this matrix."""
-        if self._ksp is None or self._stale or self._solver.most_iterations == 0:
+    def _krylov(self, matrix: PETSc.Mat, symmetric: bool) -> PETSc.KSP:
+        """Krylov's method on this matrix, with a factor of it or an older one."""
+        ksp = self._ksp
+        if ksp is None or self._stale or self._solver.most_iterations == 0:
             self._drop()
             self._factored = matrix.copy()
             self._factored.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
@@ -207,7 +210,8 @@ class Newton:
             self.factorisations += 1
             self._stale = False
         else:
-            self._ksp.setOperators(matrix, self._factored)
+            ksp.setOperators(matrix, self._factored)
+        return ksp
 
     def _drop(self) -> None:
         if self._ksp is not None:

@@ -10,7 +10,15 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.newton import Balance, Convergence, LinearSolver, Newton
+from flexmbd.continuum.newton import (
+    DEFAULT_CONVERGENCE,
+    DEFAULT_SOLVER,
+    Balance,
+    Convergence,
+    LinearSolver,
+    Newton,
+    Solution,
+)
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import ConvergenceError, MeshError
 
@@ -90,8 +98,8 @@ def follow(
     held: NDArray[np.int32],
     displacement: Values | None = None,
     load: Values | None = None,
-    solver: LinearSolver = LinearSolver(),
-    convergence: Convergence = Convergence(),
+    solver: LinearSolver = DEFAULT_SOLVER,
+    convergence: Convergence = DEFAULT_CONVERGENCE,
     smallest: float = 1e-4,
     accepted: Callable[[float], None] | None = None,
 ) -> StaticPath:
@@ -143,7 +151,17 @@ def follow(
     return path
 
 
-def _equilibrium(body, newton, t, start, *, displacement, load, held):  # type: ignore[no-untyped-def]
+def _equilibrium(
+    body: UpdatedLagrangian,
+    newton: Newton,
+    t: float,
+    start: FloatArray,
+    *,
+    displacement: Values | None,
+    load: Values | None,
+    held: NDArray[np.int32],
+) -> Solution:
+    """Newton's solution of one step."""
     external = np.zeros(body.n_owned) if load is None else load(t)
     goal = np.zeros(len(held)) if displacement is None else displacement(t)
 
