@@ -12,7 +12,7 @@ SPIN = np.array([0.0, 3.0, 0.0])
 
 
 class Nothing(Springs):
-    """No interior at all behind one frame: what makes a machine step as those with bodies that have a history do."""
+    """No interior at all behind its frames: what makes a machine step as those with bodies that have a history do."""
 
     def __init__(self):
         self.frames = (InterfaceFrame("alone", np.zeros(3), np.eye(3), 1.0, np.zeros(3), np.eye(3)),)
@@ -20,7 +20,7 @@ class Nothing(Springs):
     mass = 0.0
 
     def begin(self, t, motion, gravity):
-        return np.zeros((1, 6))
+        return np.zeros((len(self.frames), 6))
 
     def snapshot(self):
         return {}
@@ -32,7 +32,8 @@ class Nothing(Springs):
         return {}
 
     def trial(self, t_end, h, scheme, motion):
-        return np.zeros((1, 6)), np.zeros((6, 6))
+        k = 6 * len(self.frames)
+        return np.zeros((k // 6, 6)), np.zeros((k, k))
 
     def commit(self):
         pass

@@ -102,3 +102,28 @@ def test_regular_checkpoints_of_any_machine(tmp_path):
         scene.simulate(0.5, checkpoint_file=file)
     with pytest.raises(SceneError, match="checkpoint_every = 0"):
         scene.simulate(0.5, checkpoint_file=file, checkpoint_every=0.0)
+
+
+@pytest.mark.parametrize(("kind", "method"), WAYS, ids=["explicit", "implicit"])
+def test_events_go_back_and_on(kind, method):
+    """An event is found by repeated steps, which leave no trace."""
+    level = 0.985
+
+    def run(**how):
+        scene, frames, _, body = machine(kind)
+        event = fm.Event(lambda m: m.position(frames[1])[0] - level, name="low", **how)
+        return scene.simulate(0.25, h=2.0**-9, integrator=method, events=[event]), frames[1], body
+
+    passing, tip, body = run(direction=fm.Direction.FALLING)
+    scene, frames, _, plain_body = machine(kind)
+    plain = scene.simulate(0.25, h=2.0**-9, integrator=method)
+    t = passing.events[0].t
+    assert plain.position(frames[1], t=t)[0, 0] == pytest.approx(level, abs=1e-7)
+    # but for the step cut in two at the event the run is the same
+    np.testing.assert_allclose(passing.position(tip)[-1], plain.position(frames[1])[-1], atol=1e-5)
+    plastic, there = passing.energies(body)["plastic"][-1], plain.energies(plain_body)["plastic"][-1]
+    assert there > 0.0
+    assert plastic == pytest.approx(there, rel=1e-3)
+    stopped, tip, _ = run(direction=fm.Direction.FALLING, stop=True)
+    assert stopped.t[-1] == t
+    assert stopped.position(tip)[-1, 0] == pytest.approx(level, abs=1e-12)
