@@ -11,7 +11,7 @@ import pytest
 import flexmbd as fm
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("simulation", "machine", "joints", "forces", "integrators")
+PAGES = ("simulation", "machine", "joints", "forces", "integrators", "bodies_with_history")
 
 
 def blocks(page):
@@ -49,6 +49,15 @@ def test_simulation(tmp_path, monkeypatch):
     np.testing.assert_allclose([t for _, t in found["impacts"]], first + np.cumsum([0.0, *gaps]), rtol=1e-6)
     np.testing.assert_array_equal(found["rest"].x[-1], found["whole"].x[-1])
     assert (tmp_path / "drop.png").exists()
+
+
+def test_bodies_with_history(tmp_path, monkeypatch):
+    """A mass let go below a hook: it pulls by m g (1 - cos w t), and its energy is kept."""
+    found = run("bodies_with_history", tmp_path, monkeypatch)
+    t, rate = found["run"].t, np.sqrt(800.0 / 2.0)
+    want = 0.5 * 9.81 + 2.0 * 9.81 * (1.0 - np.cos(rate * t))
+    np.testing.assert_allclose(found["pull"], want, atol=2.0 * 9.81 * 20.0 / 24.0 * 0.02**2 * 2.0)
+    assert np.ptp(sum(found["spent"].values())) < 1e-3
 
 
 def test_machine(tmp_path, monkeypatch):
