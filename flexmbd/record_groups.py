@@ -140,10 +140,14 @@ class StressModes:
 
     Attributes:
         node: (k,) node numbers, as in `NodalModes`.
+        x: (k, 3) m, node positions in B.
+        interface: (k,) number, in the record's order, of the interface that the node is of; -1 for none.
         sigma: (k, 6, n) Pa, components xx yy zz xy xz yz in B's axes.
     """
 
     node: IntArray
+    x: FloatArray
+    interface: IntArray
     sigma: FloatArray
 
 
@@ -159,7 +163,7 @@ GROUPS: dict[str, type[Group]] = {
     "stress": StressModes,
 }
 
-_WHOLE = ("node", "triangle", "mode")
+_WHOLE = ("node", "triangle", "mode", "interface")
 _NAMES = ("loads", "names")
 
 
@@ -228,4 +232,4 @@ def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}
         case StressModes():
             k = group.node.size
-            return {"node": (k,), "sigma": (k, 6, n)}
+            return {"node": (k,), "x": (k, 3), "interface": (k,), "sigma": (k, 6, n)}

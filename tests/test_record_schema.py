@@ -53,7 +53,9 @@ def full_record():
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
         stretch=ModalStretch(np.array([0, 2, n - 1]), rng.normal(size=(3, n, n))),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
-        stress=StressModes(np.arange(s) + 2**40, rng.normal(size=(s, 6, n))),
+        stress=StressModes(
+            np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
+        ),
     )
 
 
@@ -162,7 +164,7 @@ NAN = np.full((3, 3), np.nan)
         (ModalStretch(np.array([1, 5]), np.zeros((2, 5, 5))), r"modes \[1 5\], expected ascending numbers from 0 to 4"),
         (ModalStretch(np.array([2, 1]), np.zeros((2, 5, 5))), r"modes \[2 1\], expected ascending"),
         (DistributedLoads(("a",), np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 5))), r"moment \(1, 2\)"),
-        (StressModes(np.arange(2), np.zeros((2, 5, 6))), r"sigma \(2, 5, 6\), expected \(2, 6, 5\)"),
+        (StressModes(np.arange(2), np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5, 6))), r"sigma \(2, 5, 6\), expected \(2, 6, 5\)"),
     ],
 )
 def test_groups_that_do_not_fit(group, message):

@@ -203,7 +203,7 @@ GROUPS = {
         DistributedLoads(("gas",), np.array([[7.0, 0, 1e-17]]), np.array([[0, 0.5, 0]]), np.zeros((1, 2))),
         "1 load; ",
     ),
-    "stress": (StressModes(np.arange(3), np.zeros((3, 6, 2))), "3 nodes; "),
+    "stress": (StressModes(np.arange(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 6, 2))), "3 nodes; "),
 }
 
 

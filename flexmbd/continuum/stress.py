@@ -92,6 +92,11 @@ class StressRecovery:
         """(k,) node numbers, ascending, the same on every rank."""
         return self._nodes.number
 
+    @property
+    def x(self) -> FloatArray:
+        """(k, 3) m, their positions in the mesh's axes, the same on every rank."""
+        return self._nodes.x
+
     def nodal(self, u: FloatArray) -> FloatArray:
         """Stress of a displacement at the nodes, averaged over the cells, in the mesh's axes. Collective.
 

@@ -153,7 +153,7 @@ def optional_parts(
     if contents.surface:
         parts["surface"] = surface_group(model, modes, p=p, R=R)
     if contents.stress:
-        parts["stress"] = stress_group(model, modes, R=R)
+        parts["stress"] = stress_group(model, modes, p=p, R=R)
     return parts, provenance
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.nodes import node_numbers
 from flexmbd.continuum.stress import StressRecovery
 from flexmbd.errors import FormulationError
 from flexmbd.reduced import StressModes
@@ -16,12 +18,13 @@ _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
 _LINEAR = 1e-9
 
 
-def stress_group(model: ContinuumModel, modes: FloatArray, *, R: FloatArray) -> StressModes:
+def stress_group(model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> StressModes:
     """The group, as `ContinuumModel.stress_picture` averages each mode. Collective.
 
     Args:
         model: the body.
         modes: (local dofs including ghosts, n), in the mesh's axes.
+        p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
 
     Returns:
@@ -42,7 +45,17 @@ def stress_group(model: ContinuumModel, modes: FloatArray, *, R: FloatArray) -> 
             f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
             "modes; keep the modes (keep_modes=True) and have stresses from the model"
         )
-    return StressModes(recovery.node, sigma)
+    return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node), sigma)
+
+
+def _interface_of(model: ContinuumModel, node: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The interface that each node is of, the first where several share it; -1 for none. Collective."""
+    owner = np.full(len(node), -1, dtype=np.int64)
+    numbers = node_numbers(model)
+    for i, interface in reversed(list(enumerate(model.interfaces))):
+        held = model.comm.allgather(numbers[interface.nodes])
+        owner[np.isin(node, np.concatenate(held))] = i
+    return owner
 
 
 def _components(sigma: FloatArray, R: FloatArray) -> FloatArray:

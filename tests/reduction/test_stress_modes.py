@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from bracket import ALUMINIUM, TURN, bracket, turned
+from bracket import ALUMINIUM, GROUPS, TURN, bracket, turned
 
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import FormulationError
@@ -46,6 +46,7 @@ def test_against_the_model(frame):
     q = np.cos(3.0 * np.arange(body.n_modes)) / np.sqrt(body.stiffness)
     picture = model.stress_picture(body, q)
     assert np.array_equal(body.stress.node, picture.node)
+    assert abs(body.stress.x - picture.x).max() < 1e-15
     expected = np.array([picture.stress[:, a, b] for a, b in SIX]).T
     found = body.stress.sigma @ q
     assert abs(found - expected).max() < 1e-10 * abs(expected).max()
@@ -56,6 +57,19 @@ def test_against_the_model(frame):
     assert np.array_equal(alone.stress.node, body.stress.node)
     off = alone.stress.sigma - body.stress.sigma
     assert abs(off).max(axis=(0, 1)) == pytest.approx(0.0, abs=1e-7 * abs(body.stress.sigma).max())
+
+
+@pytest.mark.mpi
+def test_nodes_of_interfaces():
+    """Those of the two ends of the block, by their places, and no others."""
+    model = bracket("root", "tip", degree=2)
+    body = guyan(model, frame=None, keep_stress=True)
+    in_mesh = body.stress.x @ body.R_MB.T + body.p_MB_M
+    for number, name in enumerate(("root", "tip")):
+        on_end = GROUPS[name](in_mesh.T)
+        assert on_end.sum() > 8
+        assert np.array_equal(body.stress.interface == number, on_end)
+    assert set(body.stress.interface) == {-1, 0, 1}
 
 
 def test_only_where_asked_for(tmp_path):
