@@ -32,5 +32,8 @@ from flexmbd.multibody.time_function import compiled as compiled
 from flexmbd.reduced import ReducedBody as ReducedBody
 from flexmbd.system import System as System
 from flexmbd.trajectory import Trajectory as Trajectory
+from flexmbd.yield_monitor import YieldMonitor as YieldMonitor
+from flexmbd.yielding_region import Slab as Slab
+from flexmbd.yielding_region import yielding_slabs as yielding_slabs
 
 __version__ = "0.1.0"

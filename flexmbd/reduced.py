@@ -201,6 +201,22 @@ class ReducedBody:
         n = self.n_modes
         return np.einsum("iaja->ij", self.gram[4:, 4:].reshape(n, 3, n, 3))
 
+    def strained(self, q: FloatArray) -> FloatArray:
+        """Modal coordinates of the strain, to second order: q + s of `ModalStretch`; without it q itself.
+
+        Args:
+            q: (nt, n).
+
+        Returns:
+            (nt, n): stress is that of these coordinates, displacement that of q.
+        """
+        if self.stretch is None:
+            return q
+        strained = np.array(q)
+        for mode, P in zip(self.stretch.mode, self.stretch.P, strict=True):
+            strained[:, mode] += np.einsum("ti,ti->t", q @ P, q) / (2.0 * self.stiffness[mode])
+        return strained
+
     def frequencies(self, clamped: Iterable[str] | Mapping[str, Iterable[str]] = ()) -> FloatArray:
         """Natural frequencies (Hz) of the free body, or with named interfaces clamped.
 

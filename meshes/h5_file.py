@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +33,11 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.continuum.compat import cell_nodes, geometry_degree
-from flexmbd.continuum.mesh_input import MeshInput, entity_vertices
-from flexmbd.continuum.parallel import gather_rows, raise_collectively
-from flexmbd.continuum.row_exchange import blocks_on_root, send, share_of
+from flexmbd.continuum.compat import geometry_degree
+from flexmbd.continuum.mesh_blocks import BELOW, mesh_blocks, numbered
+from flexmbd.continuum.mesh_input import MeshInput
+from flexmbd.continuum.parallel import raise_collectively
+from flexmbd.continuum.row_exchange import blocks_on_root, share_of
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes.dimension import check_arguments
@@ -45,9 +46,6 @@ from flexmbd.meshes.group_choice import chosen
 IntArray = npt.NDArray[np.int64]
 
 _FORMAT, _VERSION = "flexmbd mesh", 1
-
-# The kinds of groups below the cells, by the datasets of their entities.
-_BELOW = {"facets": "facet", "edges": "edge", "vertices": "vertex"}
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -90,7 +88,7 @@ def write(part: TaggedMesh, path: str | Path) -> None:
 
     try:
         _at_root(part.comm, target, begin)
-        for name, block in _blocks(part):
+        for name, block in mesh_blocks(part):
             _write_block(part.comm, target, file, name, block)
         _at_root(part.comm, target, end)
     finally:
@@ -124,67 +122,12 @@ def _write_head(file: Any, part: TaggedMesh) -> None:
     groups = {
         "cell": part.cell_groups,
         "facet": part.facet_groups,
-        "edge": _numbered(part.edge_groups),
-        "vertex": _numbered(part.vertex_groups),
+        "edge": numbered(part.edge_groups),
+        "vertex": numbered(part.vertex_groups),
     }
     for kind, tags in groups.items():
         file.create_dataset(f"{kind}_group_names", data=list(tags), dtype=h5py.string_dtype())
         file.create_dataset(f"{kind}_group_tags", data=np.array(list(tags.values()), dtype="<i4"))
-
-
-def _numbered(names: Collection[str]) -> dict[str, int]:
-    return {name: tag for tag, name in enumerate(names, start=1)}
-
-
-def _blocks(part: TaggedMesh) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """This rank's block of each array of the file, by its name. Collective."""
-    comm, geometry, topology = part.comm, part.mesh.geometry, part.mesh.topology
-    n_nodes, cells = geometry.index_map().size_local, topology.index_map(part.dim)
-    rows = geometry.input_global_indices
-    total = comm.allreduce(int(rows.max(initial=-1)), op=MPI.MAX) + 1
-    yield "points", _block(comm, rows[:n_nodes], geometry.x[:n_nodes], total=total)
-    original = np.asarray(topology.original_cell_index)[: cells.size_local]
-    nodes = rows[cell_nodes(part.mesh)[: cells.size_local]]
-    yield "cells", _block(comm, original, nodes, total=cells.size_global)
-    tags = np.zeros(cells.size_local + cells.num_ghosts, dtype=np.int32)
-    tags[part.cell_tags.indices] = part.cell_tags.values
-    yield "cell_tags", _block(comm, original, tags[: cells.size_local], total=cells.size_global)
-    facets = [(part.facet_tags.find(tag), tag) for tag in part.facet_groups.values()]
-    edges = [(held, tag) for tag, held in enumerate(part.edge_groups.values(), start=1)]
-    vertices = [(held, tag) for tag, held in enumerate(part.vertex_groups.values(), start=1)]
-    for name, dim, groups in (
-        ("facets", part.dim - 1, facets),
-        ("edges", 1, edges),
-        ("vertices", 0, vertices),
-    ):
-        held, values = _entities(part, dim, groups)
-        yield name, held
-        yield f"{_BELOW[name]}_tags", values
-
-
-def _block(
-    comm: MPI.Comm, keys: IntArray, rows: npt.NDArray[Any], *, total: int
-) -> npt.NDArray[Any]:
-    """This rank's share of rows with unique keys, in their order; zero where there is none. Collective."""
-    mine = share_of(comm.rank, comm.size, total)
-    keys, rows = send(comm, keys.astype(np.int64), rows, total=total)
-    block = np.zeros((mine.stop - mine.start, *rows.shape[1:]), dtype=rows.dtype)
-    block[keys - mine.start] = rows
-    return block
-
-
-def _entities(
-    part: TaggedMesh, dim: int, groups: list[tuple[npt.NDArray[np.int32], int]]
-) -> tuple[IntArray, npt.NDArray[np.int32]]:
-    """On rank 0 the vertices and tags of all entities in groups, on the others none. Collective."""
-    every = entity_vertices(part.mesh, dim)
-    owned = part.mesh.topology.index_map(dim).size_local
-    mine = [(held[held < owned], tag) for held, tag in groups]
-    none = np.empty((0, every.shape[1] + 1), dtype=np.int64)
-    rows = [np.column_stack((np.full(len(held), tag), every[held])) for held, tag in mine]
-    gathered = gather_rows(part.comm, np.concatenate([none, *rows]))
-    found = none if gathered is None else gathered[np.lexsort(gathered.T[::-1])]
-    return np.ascontiguousarray(found[:, 1:]), found[:, 0].astype(np.int32)
 
 
 def _write_block(
@@ -262,10 +205,10 @@ def _share(
                 strict=True,
             )
         )
-        for kind in ("cell", *_BELOW.values())
+        for kind in ("cell", *BELOW.values())
     }
     mine = {}
-    for name, tags in (("cells", "cell_tags"), *((a, f"{b}_tags") for a, b in _BELOW.items())):
+    for name, tags in (("cells", "cell_tags"), *((a, f"{b}_tags") for a, b in BELOW.items())):
         here = share_of(comm.rank, comm.size, len(file[name]))
         mine[name], mine[tags] = file[name][here].astype(np.int64), file[tags][here].astype(np.int32)
         top = int(mine[name].max(initial=-1))

@@ -164,7 +164,10 @@ NAN = np.full((3, 3), np.nan)
         (ModalStretch(np.array([1, 5]), np.zeros((2, 5, 5))), r"modes \[1 5\], expected ascending numbers from 0 to 4"),
         (ModalStretch(np.array([2, 1]), np.zeros((2, 5, 5))), r"modes \[2 1\], expected ascending"),
         (DistributedLoads(("a",), np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 5))), r"moment \(1, 2\)"),
-        (StressModes(np.arange(2), np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5, 6))), r"sigma \(2, 5, 6\), expected \(2, 6, 5\)"),
+        (
+            StressModes(np.arange(2), np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5, 6))),
+            r"sigma \(2, 5, 6\), expected \(2, 6, 5\)",
+        ),
     ],
 )
 def test_groups_that_do_not_fit(group, message):

@@ -1,5 +1,7 @@
 """The continuum side: everything that needs DOLFINx, PETSc, SLEPc or mpi4py."""
 
+from flexmbd.continuum.cut_mesh import CutMesh as CutMesh
+from flexmbd.continuum.cut_mesh import cut_mesh as cut_mesh
 from flexmbd.continuum.interface import Interface as Interface
 from flexmbd.continuum.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam

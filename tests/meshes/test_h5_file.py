@@ -10,13 +10,14 @@ from measures import area, n_owned, volume
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import geometry_degree
+from flexmbd.continuum.mesh_blocks import mesh_blocks
 from flexmbd.continuum.mesh_input import create_mesh, untagged
 from flexmbd.continuum.row_exchange import blocks_on_root, fetch, send, share_of
 from flexmbd.continuum.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.coupling import Coupling
 from flexmbd.errors import MeshError
 from flexmbd.forms import solid_linear
-from flexmbd.meshes import h5_file, mesh_file
+from flexmbd.meshes import mesh_file
 from flexmbd.reduction import craig_bampton
 
 pytestmark = pytest.mark.mpi
@@ -142,7 +143,7 @@ def test_no_rank_reads_more_than_its_share(shared_path, monkeypatch):
     assert len(share.cells) <= topology.index_map(3).size_global // COMM.size + 1
     assert len(share.points) <= geometry.index_map().size_global // COMM.size + 1
     assert COMM.allreduce(len(share.cells)) == topology.index_map(3).size_global
-    for name, block in h5_file._blocks(part):
+    for name, block in mesh_blocks(part):
         if name in ("points", "cells", "cell_tags"):
             assert len(block) <= COMM.allreduce(len(block)) // COMM.size + 1
 
