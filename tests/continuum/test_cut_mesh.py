@@ -167,7 +167,7 @@ def test_several_regions_that_touch():
 
 
 def test_loose_cells_go_to_the_neighbour_they_share_most_with():
-    """A row of 200 cells with one on the wrong side, and with seven, which two bricks' tetrahedra would be more than."""
+    """A row of 200 cells with one on the wrong side, and with seven, which tetrahedra of two bricks are more."""
     n = 200
     pairs = cell_graph.Neighbours(np.arange(n - 1), np.arange(1, n), np.zeros((n - 1, 4), dtype=np.int64))
     labels = np.where(np.arange(n) < 100, 1, 0)
