@@ -1,0 +1,37 @@
+"""The code of docs/yielding_parts.md runs as it stands, block after block, and does what the page says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).parents[1] / "docs" / "yielding_parts.md"
+MODULUS = 0.02**3 / 6.0
+
+
+def test_the_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text(encoding="utf-8")
+    found: dict = {}
+    for match in re.finditer(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        block = "\n" * text[: match.start(1)].count("\n") + match.group(1)
+        exec(compile(block, str(PAGE), "exec"), found)
+    history, stopped = found["history"], found["stopped"]
+    # 6000 N/s times the arm to the first nodes that are watched, 5 mm from the clamped end
+    assert history.first.t == pytest.approx(250e6 * MODULUS / (0.395 * 6000.0), rel=0.05)
+    assert stopped.t[-1] == pytest.approx(history.first.t, rel=1e-6)
+    (slab,) = found["slabs"]
+    reach = 0.4 - 0.9 * 250e6 * MODULUS / 1200.0
+    assert slab.cuts == pytest.approx((reach + 0.02 * 2**0.5,), abs=0.01)
+    assert list(found["cut"].pieces) == ["hinge", "rest 1"]
+    printed = capsys.readouterr().out
+    assert "hinge         may yield" in printed
+    assert "first yields      1.000 at t = " in printed
+    assert printed.rstrip().endswith("yields            nowhere")
+    tips = [
+        run.position(body.frame("x_max"))[-1]
+        for run, body in ((found["run"], found["arm"]), (found["again"], found["pieces"]["rest 1"]))
+    ]
+    assert tips[1] == pytest.approx(tips[0], abs=1e-5)
