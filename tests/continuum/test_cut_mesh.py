@@ -68,6 +68,7 @@ def test_layers():
         assert one.p == pytest.approx((0.01, 0.0, z), abs=1e-15)
         low, high = (face(cut.pieces[name], one.name) for name in one.pieces)
         assert low == high
+        assert len(low) == one.facets
         assert len(low) == 1
     for name, piece in cut.pieces.items():
         outer = sorted(facet for group in sides & set(piece.facet_groups) for facet in face(piece, group))
@@ -98,6 +99,7 @@ def test_free_tetrahedra():
     for one in cut.cuts:
         low, high = (face(cut.pieces[name], one.name) for name in one.pieces)
         assert low == high
+        assert len(low) == one.facets
         assert one.area > SIDE**2
     # and each is a body with a frame at its cuts
     model = ContinuumModel(cut.pieces["hinge"], solid_linear, STEEL, degree=1, interfaces=cut.interfaces("hinge"))
@@ -131,6 +133,7 @@ def test_two_cuts_between_two_pieces():
         assert one.area == pytest.approx(0.1 * 0.01, rel=1e-6)
         low, high = (face(cut.pieces[name], one.name) for name in one.pieces)
         assert low == high
+        assert len(low) == one.facets
 
 
 def test_edges_and_vertices_go_with_their_pieces():
