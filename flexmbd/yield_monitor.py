@@ -82,7 +82,8 @@ class YieldMonitor:
         """Largest von Mises stress of the nodes watched over the yield stress.
 
         Args:
-            q: (n,) or (nt, n) modal coordinates.
+            q: (n,) or (nt, n) modal coordinates of a motion. With `ModalStretch` these hold the shortening of a bent
+                body; those of linear statics do not, and its lack would be taken for a tension.
 
         Returns:
             A number, or (nt,).
