@@ -274,7 +274,12 @@ class _Condensed:
         self._solver.setType(PETSc.KSP.Type.PREONLY)
         pc = self._solver.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
-        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        if model.comm.size > 1:
+            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        else:
+            # one right side at a time goes twice as fast through PETSc's own factor
+            pc.setFactorSolverType(PETSc.Mat.SolverType.PETSC)
+            pc.setFactorOrdering(PETSc.Mat.OrderingType.ND)
         self._solver.setUp()
         sound = pc.getFailedReason() == PETSc.PC.FailedReason.NOERROR and self._gives_back(stiffness)
         if not sound:

@@ -66,9 +66,10 @@ def deformed(body, motion, *, size=1e-3):
     memory = dict(body.snapshot())
     rng = np.random.default_rng(5)
     memory["x"] = memory["x"] + size * rng.standard_normal(memory["x"].shape)
-    if len(memory["L"]):
-        turns = Rotation.from_rotvec(0.05 * rng.standard_normal((len(memory["L"]), 3)))
-        memory["L"] = turns.as_matrix() @ memory["L"]
+    if len(memory["e"]):
+        turns = Rotation.from_rotvec(0.05 * rng.standard_normal((len(memory["e"]), 3)))
+        found = turns * Rotation.from_quat(memory["e"], scalar_first=True)
+        memory["e"] = found.as_quat(scalar_first=True)
     return {**memory, "a": 0 * memory["a"]}
 
 
