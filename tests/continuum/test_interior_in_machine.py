@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
 from flexmbd.continuum.corotated_interior import CorotatedInterior
 from flexmbd.continuum.rotational_dofs import condensed_rotations, lumped_rotations
 from flexmbd.forms import beam_timoshenko as beam
@@ -24,9 +24,9 @@ TIP = (0.1, np.diag([1e-4, 2e-4, 2e-4]))
 T_END = 0.06
 
 
-def rod(cells, degree=1):
+def rod(cells, degree=1, comm=MPI.COMM_SELF):
     ends = [Interface("start"), Interface("end")]
-    mesh = meshes.line(1.0, divisions=cells, comm=MPI.COMM_SELF)
+    mesh = meshes.line(1.0, divisions=cells, comm=comm)
     return ContinuumModel(mesh, beam, SOFT, degree=degree, interfaces=ends)
 
 
@@ -70,6 +70,20 @@ def test_a_rod_on_a_hinge_goes_to_the_reduced_one_with_the_square_of_the_cells(r
     assert bent > 0.01
     assert errors[1] < 4e-3 * bent
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rod_spread_over_all_ranks_moves_as_on_one(rule):
+    found = []
+    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
+        team = {} if comm.size == 1 else {"team": MpiTeam(comm)}
+        scene = fm.System(gravity=(0.0, 0.0, -20.0), **team)
+        body = scene.add(fm.ContinuumBody(CorotatedInterior(rule(rod(6, comm=comm)), rigid_parts=parts())), name="rod")
+        joint = hinged(scene, body.frame("start"))
+        run = scene.simulate(t_end=200 * 2e-5, h=2e-5, integrator=fm.CentralDifference())
+        found.append(np.append(run.position(body.frame("end"))[-1], [run.beta(joint)[-1], run.beta_rate(joint)[-1]]))
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("rule", RULES)
