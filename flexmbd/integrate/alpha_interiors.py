@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.interface_frames import N_MOTION, store_motions
 from flexmbd.multibody.kernels.layout import Plan, Work
 
 _MAX_ITERATIONS = 20
+_STALLED = 1e-10  # a correction below which an iteration may stall: interiors are solved to a tolerance of their own
 
 
 @entry_kernel
@@ -126,7 +127,7 @@ class ImplicitInteriors:
                 self._interiors.failure.append(reason)
                 return st.INTERIOR_FAILED
             size = float(iterate(plan, work, state, s, h))
-            if size <= aim or (size <= st.ROUND_OFF and size > 0.5 * before):
+            if size <= aim or (size <= _STALLED and size > 0.5 * before):
                 return None
             if not np.isfinite(size):
                 break

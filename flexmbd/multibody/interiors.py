@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,12 +91,12 @@ class Interiors:
         """The bodies."""
         return tuple(one.body for one in self.laid)
 
-    @property
+    @cached_property
     def rows(self) -> NDArray[np.int64]:
         """(k,) rows of ``Plan.frames``."""
         return np.array([row for one in self.laid for row in one.rows], np.int64)
 
-    @property
+    @cached_property
     def places(self) -> NDArray[np.int64]:
         """(k, 6) where ``Plan.data`` holds the wrenches: force and moment in inertial axes."""
         first = np.array([place for one in self.laid for place in one.places], np.int64)
