@@ -157,7 +157,7 @@ class Interior(Protocol):
     def energies(self) -> Mapping[str, float]:
         """Energies (J) by name at the present state: kinetic, elastic, plastic (work done), damping, contact, ...
 
-        Always the same names.  ``gravitational`` is that of the interior's weight; what is dissipated counts as
+        Asked after each step, so it had better be cheap.  Always the same names.  ``gravitational`` is that of the interior's weight; what is dissipated counts as
         positive, so that the sum is constant where no force from outside works.
         """
 
