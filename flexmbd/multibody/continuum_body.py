@@ -157,8 +157,9 @@ class Interior(Protocol):
     def energies(self) -> Mapping[str, float]:
         """Energies (J) by name at the present state: kinetic, elastic, plastic (work done), damping, contact, ...
 
-        Asked after each step, so it had better be cheap.  Always the same names.  ``gravitational`` is that of the interior's weight; what is dissipated counts as
-        positive, so that the sum is constant where no force from outside works.
+        Asked after each step, so it had better be cheap.  Always the same names.  ``gravitational`` is that of the
+        interior's weight; what is dissipated counts as positive, so that the sum is constant where no force from
+        outside works.
         """
 
 
