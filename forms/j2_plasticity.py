@@ -172,7 +172,7 @@ class Table:
 
     def _bends(self) -> list[tuple[Expr, Expr]]:
         """Where the curve bends, and by how much its slope changes there."""
-        strain, stress, n = self.plastic_strain, self.stress, ufl.as_ufl(self.stress).ufl_shape[0]
+        strain, stress, n = self.plastic_strain, self.stress, len(self.stress)
         slopes = [(stress[k + 1] - stress[k]) / (strain[k + 1] - strain[k]) for k in range(n - 1)]
         changes = [slopes[0], *(slopes[k] - slopes[k - 1] for k in range(1, n - 1)), -slopes[-1]]
         return [(strain[k], changes[k]) for k in range(n)]

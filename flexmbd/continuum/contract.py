@@ -38,6 +38,12 @@ _TOGETHER = (
 )
 """Optional: of each group all or none."""
 
+_KEYWORDS = {
+    "local_unknowns": ("z", ("residual", "update", "stress")),
+    "cell_mean": ("mean", ("residual", "update", "stress", "local_residual", "energies")),
+}
+"""What a form with the first name hands to the others, by keyword."""
+
 _IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses", "typing", "flexmbd.forms")
 
 
@@ -155,6 +161,11 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         if len(present) == 1:
             (missing,) = group.keys() - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
+    for name, (keyword, takers) in _KEYWORDS.items():
+        for taker in takers if hasattr(module, name) else ():
+            function = getattr(module, taker, None)
+            if callable(function) and not _takes_keyword(function, keyword):
+                yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"
     if hasattr(module, "state") and there == ["strain_energy"]:
         yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
     parameters = getattr(module, "Parameters", None)
@@ -182,6 +193,14 @@ def _takes(function: Callable[..., Any], arguments: int) -> bool:
     except (TypeError, ValueError):  # ValueError: a function of C without a signature
         return False
     return True
+
+
+def _takes_keyword(function: Callable[..., Any], keyword: str) -> bool:
+    try:
+        found = inspect.signature(function).parameters
+    except ValueError:  # a function of C without a signature
+        return False
+    return keyword in found or any(item.kind is inspect.Parameter.VAR_KEYWORD for item in found.values())
 
 
 def _reference_faults(module: ModuleType) -> Iterator[str]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+from typing import cast
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -13,6 +16,8 @@ from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
 from flexmbd.continuum.formulation import Formulation
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 
 _DIVISIONS = 3
 
@@ -42,16 +47,34 @@ def _spectra(
     form: Formulation, cell: str, degree: int, *, comm: MPI.Comm
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Eigenvalues of the scaled K and M, and the (6, 6) mass of rigid motions. Collective."""
-    mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
-    model = ContinuumModel(mesh, form, form.reference().parameters, degree=degree)  # type: ignore[arg-type]
-    rigid = model.rigid_motions(np.zeros(3), np.eye(3))
-    parts = [parallel.gather_rows(comm, rows) for rows in (_rows(model.K), _rows(model.M), rigid)]
+    parts = [parallel.gather_rows(comm, rows) for rows in _matrices(form, cell, degree, comm)]
 
     def compute() -> tuple[FloatArray, FloatArray, FloatArray]:
         stiffness, mass, motions = (part for part in parts if part is not None)
         return _eigenvalues(stiffness), _eigenvalues(mass), motions.T @ mass @ motions
 
     return parallel.on_root(comm, compute)
+
+
+def _matrices(
+    form: Formulation, cell: str, degree: int, comm: MPI.Comm
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """This rank's rows of stiffness, mass and rigid motions, of the body that has such a form. Collective."""
+    source, parameters = cast(ModuleType, form), form.reference().parameters
+    if hasattr(form, "strain_energy"):
+        mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
+        model = ContinuumModel(mesh, source, parameters, degree=degree)
+        return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))
+    body = UpdatedLagrangian(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    stiffness, layout = body.tangent(np.zeros(body.layout.n_local)), body.layout
+    rigid = layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
+    return _rows(stiffness), _rows(body.mass()), rigid
+
+
+def history_mesh(form: Formulation, cell: str, degree: int, *, comm: MPI.Comm) -> TaggedMesh:
+    """A distorted mesh of the degree that a form with history needs. Collective."""
+    nodes = degree if form.REFERENCE == "UPDATED" else 1
+    return tagged(distorted_mesh(cell, n=_DIVISIONS, degree=nodes, comm=comm))
 
 
 def _eigenvalues(matrix: FloatArray) -> FloatArray:

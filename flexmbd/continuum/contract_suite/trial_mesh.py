@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.tagged_mesh import TaggedMesh
@@ -29,10 +31,20 @@ def even_mesh(cell: str, *, n: int) -> dolfinx.mesh.Mesh:
     return _make(MPI.COMM_SELF, *_even(cell, n), cell=cell)
 
 
-def distorted_mesh(cell: str, *, n: int, comm: MPI.Comm = MPI.COMM_SELF) -> dolfinx.mesh.Mesh:
-    """The same moved by a smooth map: straight edges, no two cells alike. Collective over `comm`."""
+def distorted_mesh(
+    cell: str, *, n: int, degree: int = 1, comm: MPI.Comm = MPI.COMM_SELF
+) -> dolfinx.mesh.Mesh:
+    """The same moved by a smooth map: straight edges, no two cells alike. Collective over `comm`.
+
+    Of degree 2 it has nodes in the middle of its edges (and faces and cells), and is the same mesh.
+    """
     points, cells = _even(cell, n)
-    return _make(comm, _moved(points, DIMENSION[cell]), cells, cell=cell)
+    points = _moved(points, DIMENSION[cell])
+    if degree > 1:
+        straight = _make(MPI.COMM_SELF, points, cells, cell=cell)
+        nodes = fem.functionspace(straight, _nodes(cell, degree))
+        points, cells = nodes.tabulate_dof_coordinates(), nodes.dofmap.list.astype(np.int64)
+    return _make(comm, points, cells, cell=cell, degree=degree)
 
 
 def tagged(mesh: dolfinx.mesh.Mesh) -> TaggedMesh:
@@ -70,9 +82,13 @@ def _moved(x: FloatArray, dim: int) -> FloatArray:
 
 
 def _make(
-    comm: MPI.Comm, points: FloatArray, cells: npt.NDArray[np.int64], *, cell: str
+    comm: MPI.Comm, points: FloatArray, cells: npt.NDArray[np.int64], *, cell: str, degree: int = 1
 ) -> dolfinx.mesh.Mesh:
     if comm.rank > 0:
         points, cells = points[:0], cells[:0]
-    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-    return dolfinx.mesh.create_mesh(comm=comm, cells=cells, x=points, e=element)
+    return dolfinx.mesh.create_mesh(comm=comm, cells=cells, x=points, e=_nodes(cell, degree))
+
+
+def _nodes(cell: str, degree: int) -> basix.ufl._ElementBase:
+    variant = basix.LagrangeVariant.equispaced
+    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant, shape=(3,))
