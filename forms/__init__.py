@@ -7,9 +7,11 @@ live here: any module that satisfies the contract can be handed to the continuum
 from flexmbd.forms import beam_timoshenko as beam_timoshenko
 from flexmbd.forms import hencky_plasticity as hencky_plasticity
 from flexmbd.forms import j2_plasticity as j2_plasticity
+from flexmbd.forms import neo_hookean as neo_hookean
 from flexmbd.forms import plate_mitc as plate_mitc
 from flexmbd.forms import solid_linear as solid_linear
 from flexmbd.forms import solid_mixed as solid_mixed
 from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible
 from flexmbd.forms import solid_orthotropic as solid_orthotropic
+from flexmbd.forms import st_venant_kirchhoff as st_venant_kirchhoff
 from flexmbd.forms import updated_lagrangian as updated_lagrangian

@@ -19,8 +19,9 @@ flow, which keeps the volume, and the virtual work is still the derivative of an
 
 The logarithm is 4 ln of the fourth root: roots of a 3 x 3 tensor from its invariants, whose first is one
 Newton iteration of a scalar, and Gauss quadrature of ln(1 + a) = integral of a / (1 + t a) with four points.
-All of it is smooth at b = 1, as eigenvalues are not. Relative error below 1e-13 for stretches up to 2,
-5e-6 for 8.
+All of it is smooth at b = 1, as eigenvalues are not. Its relative error at an elastic stretch of exp h is
+4 pi tanh(h/8)^9 / h: round-off up to 1.1, 5e-9 for 2, 3e-5 for 8. The exponential of a plastic step is
+Pade's of order (3, 3): z^7 / 800 off where the step's plastic strain is z, 1e-10 for a tenth.
 
 References: Simo 1992, doi:10.1016/0045-7825(92)90123-2 (exponential map); Simo, Taylor & Pister 1985,
 doi:10.1016/0045-7825(85)90033-7 (mean dilatation); Hoger & Carlson 1984, doi:10.1090/qam/736511 (roots).

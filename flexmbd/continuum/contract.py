@@ -139,6 +139,12 @@ def _maps_degrees(order: Any) -> bool:
 
 
 def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
+    """By name; of two about one name the later is the graver."""
+    for name, (keyword, takers) in _KEYWORDS.items():
+        for taker in takers if hasattr(module, name) else ():
+            function = getattr(module, taker, None)
+            if callable(function) and not _takes_keyword(function, keyword):
+                yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"
     for name, arguments in _REQUIRED.items():
         if not hasattr(module, name):
             yield name, f"{name} is missing"
@@ -161,11 +167,6 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         if len(present) == 1:
             (missing,) = group.keys() - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
-    for name, (keyword, takers) in _KEYWORDS.items():
-        for taker in takers if hasattr(module, name) else ():
-            function = getattr(module, taker, None)
-            if callable(function) and not _takes_keyword(function, keyword):
-                yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"
     if hasattr(module, "state") and there == ["strain_energy"]:
         yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
     parameters = getattr(module, "Parameters", None)

@@ -12,6 +12,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -25,6 +26,10 @@ import flexmbd.forms
 from flexmbd.continuum.contract import import_violations, orders_by_cell, violations
 from flexmbd.continuum.contract_results import solved
 from flexmbd.errors import FormulationError
+
+
+_SOUND: weakref.WeakSet[ModuleType] = weakref.WeakSet()
+"""Modules that were found sound: looking at a long form takes seconds."""
 
 
 class Quadrature(Protocol):
@@ -173,7 +178,7 @@ def internal_work(
 def load(source: str | Path | ModuleType) -> Formulation:
     """Find a formulation and check it against the contract; the same on every rank, not collective.
 
-    A file that has not changed is the same module at each call.
+    A file that has not changed is the same module at each call, and is looked at once.
 
     Args:
         source: a name in `flexmbd.forms`, the path of a form file, or an imported module.
@@ -198,9 +203,11 @@ def load(source: str | Path | ModuleType) -> Formulation:
         spec = importlib.util.find_spec(name)
         faults = import_violations(spec.origin if spec is not None else None)
         module = _import(name, path=None, faults=faults)
-    faults = [*faults, *violations(module)]
+    if module not in _SOUND:
+        faults = [*faults, *violations(module)]
     if faults:
         raise FormulationError(_listed(module.__name__, faults))
+    _SOUND.add(module)
     return cast(Formulation, module)
 
 

@@ -85,6 +85,7 @@ class History:
             work = [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
         self.terms = [assembly.integral(term, group, self._mesh) for term in work]
         self._energies = self._energy_forms(u, p)
+        self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
 
     @property
     def accepted(self) -> FloatArray:
@@ -168,8 +169,9 @@ class History:
 
     def evaluate(self, expression: ufl.core.expr.Expr) -> FloatArray:
         """Values of an expression at the points of the group's cells, (cells, points, ...)."""
-        compiled = fem.Expression(expression, self._points)
-        values: FloatArray = compiled.eval(self._mesh, self.group.cells)
+        if expression not in self._compiled:
+            self._compiled[expression] = fem.Expression(expression, self._points)
+        values: FloatArray = self._compiled[expression].eval(self._mesh, self.group.cells)
         return values.reshape(len(self.group.cells), len(self._points), *expression.ufl_shape)
 
     def stress(self) -> FloatArray:

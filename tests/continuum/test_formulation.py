@@ -251,6 +251,7 @@ def test_names_that_not_every_form_has(load_text):
     [
         (("def update(", "def _update("), "state goes with update, which is missing"),
         (("def update(u, state, p, z=None)", "def update(u, p)"), "update must take 3 positional arguments"),
+        (("def update(u, state, p, z=None)", "def update(u, state, p)"), "update must take 'z' as a keyword argument"),
         (("def local_unknowns(", "def _unknowns("), "local_residual goes with local_unknowns, which is missing"),
         (("def _energy(", "def strain_energy("), "strain_energy and residual are both there"),
         (("return state + ufl.as_vector((ufl.div(u), 0.0))", "return state[0]"), r"update: .*\(2,\), got \(\)"),
@@ -269,6 +270,14 @@ def test_each_violation_of_such_a_name_is_reported_alone(load_text, change, patt
         load_text(RESIDUAL.replace(*change))
     (fault,) = str(caught.value).split("\n  - ")[1:]
     assert re.search(pattern, fault, flags=re.DOTALL)
+
+
+def test_what_cell_means_are_handed_to_must_take_them(load_text):
+    mean = "def cell_mean(u, state, p):\n    return ufl.div(u)\n"
+    with pytest.raises(FormulationError) as caught:
+        load_text(f"{RESIDUAL}\n\n{mean}")
+    found = [fault.split(" ")[0] for fault in str(caught.value).split("\n  - ")[1:] if "'mean' as a keyword" in fault]
+    assert found == ["residual", "update", "stress", "local_residual"]
 
 
 @pytest.mark.parametrize(
