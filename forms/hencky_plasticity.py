@@ -68,7 +68,7 @@ _GAUSS = (
 )
 
 # Of the first invariant of a root: enough for stretches of 8.
-_NEWTON = 5
+_NEWTON = 6
 
 
 @dataclass(frozen=True)
