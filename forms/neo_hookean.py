@@ -18,6 +18,7 @@ from __future__ import annotations
 import ufl
 
 from flexmbd.forms import solid_linear
+from flexmbd.forms.j2_plasticity import Expr, Terms
 from flexmbd.forms.solid_linear import Parameters as Parameters
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import Reference as Reference
@@ -34,10 +35,8 @@ ORDER = {1: 2, 2: 3}
 # Gradients and integrals refer to the initial configuration.
 REFERENCE = "INITIAL"
 
-Expr = ufl.core.expr.Expr
 
-
-def strain_energy(u: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
+def strain_energy(u: Expr, p: Parameters) -> Terms:
     """Energy per initial volume, J/m^3, by the rule of the linear solid."""
     h = ufl.grad(u)
     mu, lam = _lame(p)

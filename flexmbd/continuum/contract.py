@@ -140,11 +140,7 @@ def _maps_degrees(order: Any) -> bool:
 
 def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
     """By name; of two about one name the later is the graver."""
-    for name, (keyword, takers) in _KEYWORDS.items():
-        for taker in takers if hasattr(module, name) else ():
-            function = getattr(module, taker, None)
-            if callable(function) and not _takes_keyword(function, keyword):
-                yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"
+    yield from _keyword_faults(module)
     for name, arguments in _REQUIRED.items():
         if not hasattr(module, name):
             yield name, f"{name} is missing"
@@ -194,6 +190,14 @@ def _takes(function: Callable[..., Any], arguments: int) -> bool:
     except (TypeError, ValueError):  # ValueError: a function of C without a signature
         return False
     return True
+
+
+def _keyword_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
+    for name, (keyword, takers) in _KEYWORDS.items():
+        for taker in takers if hasattr(module, name) else ():
+            function = getattr(module, taker, None)
+            if callable(function) and not _takes_keyword(function, keyword):
+                yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"
 
 
 def _takes_keyword(function: Callable[..., Any], keyword: str) -> bool:

@@ -27,7 +27,6 @@ from flexmbd.continuum.contract import import_violations, orders_by_cell, violat
 from flexmbd.continuum.contract_results import solved
 from flexmbd.errors import FormulationError
 
-
 _SOUND: weakref.WeakSet[ModuleType] = weakref.WeakSet()
 """Modules that were found sound: looking at a long form takes seconds."""
 

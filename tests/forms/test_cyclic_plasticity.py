@@ -86,6 +86,10 @@ CURVES = {
 }
 
 
+def consistency(z, trial, alpha, growth):
+    return 3 * E / (2 * (1 + NU)) * z + YIELD + growth(alpha + z) - trial
+
+
 @pytest.mark.parametrize("law", CURVES)
 @pytest.mark.parametrize("form", [j2_plasticity, hencky_plasticity], ids=lambda form: form.__name__.split(".")[-1])
 def test_curved_hardening_against_the_root_of_a_scalar(form, law):
@@ -103,7 +107,7 @@ def test_curved_hardening_against_the_root_of_a_scalar(form, law):
         over = abs(trial) - YIELD - growth(alpha)
         z = 0.0
         if over > 0:
-            z = brentq(lambda z, a=alpha, t=abs(trial): 3 * mu * z + YIELD + growth(a + z) - t, 0.0, 1.0, xtol=1e-16)
+            z = brentq(consistency, 0.0, 1.0, args=(abs(trial), alpha, growth), xtol=1e-16)
         plastic, alpha = plastic + np.sign(trial) * z, alpha + z
         # what the exponential of the plastic step is off by, in its own formula of Pade
         off += (2 * z) ** 7 / 100800 if large else 0.0

@@ -1,5 +1,7 @@
 """Each stress update follows the rate it names: simple shear, turns, closed cycles, on one driven brick."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from driven import Driven, turn
@@ -138,7 +140,7 @@ def cycle_work(form, steps):
     corners = [(0.0, 1.0), (0.8, 1.0), (0.8, 1.5), (0.0, 1.5), (0.0, 1.0)]
     zero = np.zeros(24)
     force = brick.body.force(zero)
-    for begin, end in zip(corners[:-1], corners[1:], strict=True):
+    for begin, end in pairwise(corners):
         for k in range(1, steps + 1):
             gamma, stretch = np.array(begin) + (np.array(end) - begin) * k / steps
             increment = brick.increment(shear(gamma) @ np.diag([1.0, stretch, 1.0]))
