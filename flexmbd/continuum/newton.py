@@ -23,6 +23,9 @@ FloatArray = NDArray[np.float64]
 # A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
 _SYMMETRIC = 1e-12
 
+# Columns are solved for to this part of each.
+_COLUMNS = 1e-10
+
 # Line search: how much of the work that the residual does on the step may be left, and the tries.
 _WORK_LEFT, _TRIES = 0.8, 6
 
@@ -156,6 +159,33 @@ class Newton:
             + ", ".join(f"{residual:.1e}" for residual in residuals)
         )
 
+    def solve_columns(self, matrix: PETSc.Mat, block: FloatArray) -> FloatArray:
+        """The inverse of a tangent with held dofs, times columns. Collective.
+
+        Args:
+            matrix: the tangent, which is changed.
+            block: (owned dofs, k); rows of held dofs are not read.
+
+        Returns:
+            (owned dofs, k), zero at held dofs.
+        """
+        symmetric = self._is_symmetric(matrix)
+        self._hold(matrix)
+        ksp = self._krylov(matrix, symmetric)
+        ksp.setTolerances(rtol=_COLUMNS, atol=0.0, max_it=200)
+        right, left = matrix.createVecLeft(), matrix.createVecRight()
+        solution = np.zeros_like(block)
+        for k in range(block.shape[1]):
+            right.array[:] = block[:, k]
+            right.array[self._held] = 0.0
+            ksp.solve(right, left)
+            self.iterations += ksp.getIterationNumber()
+            if ksp.getConvergedReason() < 0:
+                self._stale = True
+                raise ConvergenceError("the condensed tangent was not solved for; take a smaller step")
+            solution[:, k] = left.array
+        return solution
+
     def factorise_next(self) -> None:
         """Forget the factor, as at a checkpoint."""
         self._stale = True
@@ -171,8 +201,7 @@ class Newton:
         right.array[:] = -residual - right.array
         right.array[self._held] = missing
         symmetric = self._is_symmetric(matrix)
-        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
+        self._hold(matrix)
         ksp = self._krylov(matrix, symmetric)
         loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
         ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
@@ -212,6 +241,11 @@ class Newton:
         else:
             ksp.setOperators(matrix, self._factored)
         return ksp
+
+    def _hold(self, matrix: PETSc.Mat) -> None:
+        """Make rows and columns of held dofs those of the unit matrix."""
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
 
     def _drop(self) -> None:
         if self._ksp is not None:

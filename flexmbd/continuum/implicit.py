@@ -1,0 +1,381 @@
+"""A body with history that solves for its own nodes at a step's end: generalized-alpha, with consistent mass.
+
+Nodes have absolute positions, velocities and accelerations in inertial axes, so that the mass matrix is constant and
+there are no gyroscopic terms (Ambrosio & Nikravesh 1992, eq. 43-46); internal forces are those of the body's
+axes, which the first interface frame carries.  Seen from the machine what is left of the body at a step's end is
+a wrench on each frame, and its derivative with all other nodes condensed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.body_memory import BodyMemory
+from flexmbd.continuum.bonded_nodes import BondedNodes
+from flexmbd.continuum.lumping import lumped_mass
+from flexmbd.continuum.newton import (
+    DEFAULT_SOLVER,
+    Balance,
+    Convergence,
+    LinearSolver,
+    Newton,
+    Solution,
+)
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import RigidBody
+from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
+
+FloatArray = NDArray[np.float64]
+
+#: Far below what a machine asks of its own iteration.
+_TIGHT = Convergence(tolerance=1e-11)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Nodes at an instant: (local nodes including ghosts, 3) each, in inertial axes.
+
+    Attributes:
+        t: s.
+        x, v, a: m, m/s, m/s^2.
+        auxiliary: m/s^2, of the scheme.
+        h: s, of the step before; zero at the start.
+        a_before: m/s^2, at its begin.
+    """
+
+    t: float
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    auxiliary: FloatArray
+    h: float
+    a_before: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A step's end that was solved for."""
+
+    motion: _Motion
+    increment: FloatArray
+
+
+class ImplicitContinuum:
+    """An `ImplicitInterior` of the machine on a body with history.
+
+    Attributes:
+        body: what is between the frames.
+        frames: of its interfaces.
+        mass: kg, of the nodes that are not bonded (lumped).
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        rigid_parts: Mapping[str, RigidBody] | None = None,
+        solver: LinearSolver = DEFAULT_SOLVER,
+    ) -> None:
+        """Assemble the mass. Collective.
+
+        Args:
+            body: undeformed, with rigid interfaces, not used elsewhere.
+            rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
+                interface's origin, in the interface's axes.
+            solver: of the linear systems.
+
+        Raises:
+            InterfaceError: on all ranks: as `BondedNodes`.
+        """
+        self.body = body
+        self._M = body.mass()
+        lumped = body.vector()
+        lumped.array[: body.n_owned] = lumped_mass(body)
+        lumped.scatter_forward()
+        masses = lumped.array.reshape(-1, 3)[:, 0].copy()
+        self._bonds = BondedNodes(body, masses, rigid_parts=rigid_parts)
+        self.frames: tuple[InterfaceFrame, ...] = self._bonds.frames
+        own = np.zeros(len(masses), dtype=bool)
+        own[: body.layout.n_owned_nodes] = True
+        own[self._bonds.nodes] = False
+        self.mass = float(self._bonds.total(np.array(masses[own].sum())))
+        dofs = body.displacement_dofs[self._bonds.nodes[self._bonds.own]]
+        self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
+        self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
+        self._memory = BodyMemory(body)
+        self._rest = body.snapshot()
+        self._least = self._round_off() / _TIGHT.tolerance
+        self._gravity = np.zeros(3)
+        self._state: _Motion | None = None
+        self._pose = (np.zeros(3), np.eye(3))
+        self._trial: _Trial | None = None
+
+    def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
+        """See `Interior.begin`. Collective."""
+        body, bonds = self.body, self._bonds
+        body.restore(self._rest)
+        self._newton.factorise_next()
+        self._gravity, self._pose, self._trial = np.asarray(gravity, dtype=float), bonds.pose(motion), None
+        p, R = self._pose
+        x = p + body.layout.node_x @ R.T
+        v = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
+        a = np.zeros_like(x)
+        a[bonds.nodes] = bonds.accelerations(motion)
+        a = self._rest_of_accelerations(a)
+        self._state = _Motion(t, x, v, a, a.copy(), 0.0, a.copy())
+        return self._wrenches(motion, self._inertia(a), a)
+
+    def trial(
+        self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `ImplicitInterior.trial`. Collective."""
+        now, body, bonds = self._started(), self.body, self._bonds
+        auxiliary = now.auxiliary
+        if now.h > 0.0:
+            auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
+        pose = bonds.pose(motion)
+        at_bonds, a_bonds = bonds.positions(motion), bonds.accelerations(motion)
+        per_x, _ = scheme.slopes(h)
+
+        def motion_of(increment: FloatArray) -> _Motion:
+            shape = (body.layout.node_x.reshape(-1) + body.displacement + increment).reshape(-1, 3)
+            x = pose[0] + shape @ pose[1].T
+            a = (x - self._foretold(now, auxiliary, h, scheme)) / per_x
+            a[bonds.nodes] = a_bonds
+            return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
+
+        def forces(increment: FloatArray) -> Balance:
+            internal = body.force(increment)
+            inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
+            return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._least))
+
+        def tangent(increment: FloatArray) -> PETSc.Mat:
+            matrix = body.tangent(increment)
+            matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            return matrix
+
+        guess = self._guess(now, auxiliary, h, scheme, pose=pose, at_bonds=at_bonds)
+        solution = self._newton.solve(guess, guess[self._held], forces, tangent)
+        end = motion_of(solution.increment)
+        move, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
+        v[bonds.nodes] = bonds.velocities(motion)
+        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
+        return self._condense(solution, scheme, h, motion, end, tangent)
+
+    def commit(self) -> None:
+        """See `ImplicitInterior.commit`. Collective."""
+        if self._trial is None:
+            raise SceneError("a continuum body is to accept a step that was not tried")
+        self.body.commit(self._trial.increment)
+        before, self._state = self._started(), self._trial.motion
+        self._state = replace(self._state, h=self._state.t - before.t)
+        self._trial = None
+
+    def revert(self) -> None:
+        """See `ImplicitInterior.revert`."""
+        self.body.revert()
+        self._trial = None
+        self._newton.factorise_next()
+
+    def snapshot(self) -> Memory:
+        """See `Interior.snapshot`. Collective."""
+        now, memory = self._started(), self._memory
+        arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
+        numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
+        return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
+
+    def restore(self, memory: Memory) -> None:
+        """See `Interior.restore`. Collective."""
+        arrays = {name: np.asarray(values, dtype=float) for name, values in memory.items()}
+        self.body.restore(self._memory.scatter(arrays))
+        nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
+        t, h = (float(value) for value in arrays["times"])
+        self._gravity = arrays["gravity"].copy()
+        self._state = _Motion(t=t, h=h, **nodal)
+        self._trial = None
+        self._newton.factorise_next()
+
+    def energies(self) -> Mapping[str, float]:
+        """See `Interior.energies`. Collective."""
+        now, bonds = self._started(), self._bonds
+        n = self.body.layout.n_owned_nodes
+        bonded, mass = bonds.nodes[bonds.own], bonds.mass[bonds.own]
+        momentum = self._product(now.v).reshape(-1, 3)
+        kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
+        weight = self._product(np.broadcast_to(self._gravity, now.x.shape)).reshape(-1, 3)
+        potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
+        kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
+        return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
+
+    def _started(self) -> _Motion:
+        if self._state is None:
+            raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
+        return self._state
+
+    def _foretold(self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
+        """Positions at the step's end if no node had a true acceleration there."""
+        return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
+
+    def _guess(
+        self,
+        now: _Motion,
+        auxiliary: FloatArray,
+        h: float,
+        scheme: Scheme,
+        *,
+        pose: tuple[FloatArray, FloatArray],
+        at_bonds: FloatArray,
+    ) -> FloatArray:
+        """Displacement in body axes to begin with: the last trial's, or with unchanged accelerations."""
+        body, (p, R) = self.body, pose
+        x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
+        x[self._bonds.nodes] = at_bonds
+        shape = (x - p) @ R - body.layout.node_x - body.displacement.reshape(-1, 3)
+        if self._trial is not None:
+            at = shape[self._bonds.nodes].copy()
+            shape = self._trial.increment.reshape(-1, 3).copy()
+            shape[self._bonds.nodes] = at
+        return np.ascontiguousarray(shape).reshape(-1)
+
+    def _product(self, nodal: FloatArray) -> FloatArray:
+        """(owned dofs,) mass matrix times (local nodes, 3). Collective."""
+        right, left = self._M.createVecRight(), self._M.createVecLeft()
+        right.array[:] = np.ascontiguousarray(nodal).reshape(-1)[: self.body.n_owned]
+        self._M.mult(right, left)
+        return np.asarray(left.array.copy())
+
+    def _inertia(self, a: FloatArray) -> FloatArray:
+        """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
+        return self._product(a - self._gravity)
+
+    def _in_body(self, forces: FloatArray, R: FloatArray) -> FloatArray:
+        return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
+
+    def _round_off(self) -> float:
+        """N, what rounding does to the internal forces. Collective."""
+        matrix = self.body.tangent(np.zeros(self.body.layout.n_local))
+        largest = abs(self.body.layout.node_x).max(initial=0.0)
+        extent = float(max(self.body.comm.allgather(largest)))
+        return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
+
+    def _rest_of_accelerations(self, a: FloatArray) -> FloatArray:
+        """Accelerations of the nodes that are not bonded, without internal forces. Collective."""
+        matrix = self._M.copy()
+        forces = -self._inertia(a).reshape(-1, 1)
+        found = self._newton.solve_columns(matrix, forces)[:, 0]
+        self._newton.factorise_next()
+        matrix.destroy()
+        vector = self.body.vector()
+        vector.array[: self.body.n_owned] = found
+        vector.scatter_forward()
+        return np.asarray(a + vector.array.reshape(-1, 3))
+
+    def _wrenches(self, motion: FrameMotion, residual: FloatArray, a: FloatArray) -> FloatArray:
+        """(k, 6) on the frames: what the bonded nodes are held with, but for their lumped mass. Collective."""
+        return self._bonds.wrenches(self._pushes(residual, a), motion)
+
+    def _pushes(self, residual: FloatArray, a: FloatArray) -> FloatArray:
+        """(bonded nodes, 3) N, on the frames, from the residual (owned dofs,) in inertial axes."""
+        bonds = self._bonds
+        forces = np.zeros((len(bonds.nodes), 3))
+        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
+        return np.asarray(forces + bonds.mass[:, None] * (a[bonds.nodes] - self._gravity))
+
+    def _condense(
+        self,
+        solution: Solution,
+        scheme: Scheme,
+        h: float,
+        motion: FrameMotion,
+        end: _Motion,
+        tangent: Callable[[FloatArray], PETSc.Mat],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Wrenches on the frames and their derivative with the other nodes condensed. Collective."""
+        body, bonds = self.body, self._bonds
+        p, R = bonds.pose(motion)
+        nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, scheme.slopes(h)
+        residual = (solution.balance.residual.reshape(-1, 3) @ R.T).reshape(-1)
+        internal = residual - self._inertia(end.a)
+        pushes = self._pushes(residual, end.a)
+        matrix = tangent(solution.increment)
+        whole = matrix.copy()
+        columns = range(6 * len(self.frames))
+        arms = bonds.arms(motion)
+        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
+        left = np.zeros((body.n_owned, len(columns)))
+        for j, (dx, da, turn, shift) in enumerate(moves):
+            # what the nodes move against the body's axes, which the first frame carries
+            against = np.zeros_like(end.x)
+            against[nodes] = dx
+            if j < 6:
+                against -= shift + np.cross(turn, end.x - motion.p[0])
+            accelerations = -against / per_x
+            accelerations[nodes] += da
+            turned = np.cross(turn, internal.reshape(-1, 3)) if j < 6 else 0.0
+            change = _times(whole, against @ R, n) @ R.T + self._product(accelerations).reshape(-1, 3) + turned
+            left[:, j] = (change @ R).reshape(-1)
+        moved = self._newton.solve_columns(matrix, -left)
+        derivative = np.zeros((len(columns), len(columns)))
+        for j, (_, da, _, _) in enumerate(moves):
+            change = left[:, j] + _times(whole, moved[:, j].reshape(-1, 3), n).reshape(-1)
+            forces = np.zeros((len(nodes), 3))
+            forces[bonds.own] = -(change.reshape(-1, 3) @ R.T)[nodes[bonds.own]]
+            forces += bonds.mass[:, None] * da
+            wrench = bonds.wrenches(forces, motion)
+            # the arms turn with their frame
+            k, axis = divmod(j, 6)
+            if axis >= 3:
+                mine = bonds.own & (bonds.frame_of == k)
+                turned_arms = np.cross(np.eye(3)[axis - 3], arms[mine])
+                wrench[k, 3:] += bonds.total(np.cross(turned_arms, pushes[mine]).sum(axis=0))
+            derivative[:, j] = wrench.reshape(-1)
+        whole.destroy()
+        return bonds.wrenches(pushes, motion), derivative
+
+
+_NODAL = ("x", "v", "a", "auxiliary", "a_before")
+
+
+def _times(matrix: PETSc.Mat, nodal: FloatArray, n: int) -> FloatArray:
+    """(owned nodes, 3) a matrix times nodal values. Collective."""
+    right, left = matrix.createVecRight(), matrix.createVecLeft()
+    right.array[:] = np.ascontiguousarray(nodal[:n]).reshape(-1)
+    matrix.mult(right, left)
+    return np.asarray(left.array.reshape(-1, 3).copy())
+
+
+def _unit_motion(
+    bonds: BondedNodes, arms: FloatArray, motion: FrameMotion, j: int, per_x: float, per_v: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What a unit displacement or rotation of a frame does to the bonded nodes.
+
+    Returns:
+        (bonded nodes, 3) their displacement and acceleration; (3,) the frame's rotation and shift.
+    """
+    k, axis = divmod(j, 6)
+    mine = bonds.frame_of == k
+    dx, da = np.zeros((2, len(arms), 3))
+    shift, turn = np.zeros((2, 3))
+    if axis < 3:
+        shift[axis] = 1.0
+        dx[mine], da[mine] = shift, shift / per_x
+        return dx, da, turn, shift
+    turn[axis - 3] = 1.0
+    arm, w, alpha = arms[mine], motion.w[k], motion.alpha[k]
+    moved, dw = np.cross(turn, arm), per_v / per_x * turn
+    dx[mine] = moved
+    da[mine] = (
+        np.cross(turn / per_x, arm)
+        + np.cross(alpha, moved)
+        + np.cross(dw, np.cross(w, arm))
+        + np.cross(w, np.cross(dw, arm))
+        + np.cross(w, np.cross(w, moved))
+    )
+    return dx, da, turn, shift
