@@ -35,7 +35,7 @@ from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory
 FloatArray = NDArray[np.float64]
 
 #: Far below what a machine asks of its own iteration.
-_TIGHT = Convergence(tolerance=1e-11)
+_TIGHT = Convergence(tolerance=1e-11, round_off=1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class ImplicitContinuum:
         self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
         self._memory = BodyMemory(body)
         self._rest = body.snapshot()
-        self._least = self._round_off() / _TIGHT.tolerance
+        self._least = self._round_off()
         self._gravity = np.zeros(3)
         self._state: _Motion | None = None
         self._pose = (np.zeros(3), np.eye(3))

@@ -53,10 +53,12 @@ class Convergence:
         tolerance: largest residual over the largest force at hand (loads, reactions, inertia), in the
             2-norm over all dofs.
         most_steps: it fails after so many.
+        round_off: a residual below this that a step no longer halves is taken for round-off, and good.
     """
 
     tolerance: float = 1e-9
     most_steps: int = 25
+    round_off: float = 1e-10
 
 
 DEFAULT_SOLVER, DEFAULT_CONVERGENCE = LinearSolver(), Convergence()
@@ -147,7 +149,8 @@ class Newton:
         for step in range(rule.most_steps + 1):
             residuals.append(self._norm(balance.residual[self._free]) / balance.size if balance.size else 0.0)
             jumps = step == 0 and self._norm(missing) > 0.0
-            if residuals[-1] <= rule.tolerance and not jumps:
+            stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= rule.round_off
+            if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
                 return Solution(increment, tuple(residuals), balance)
             if step == rule.most_steps:
                 break
