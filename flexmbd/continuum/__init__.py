@@ -2,6 +2,8 @@
 
 from flexmbd.continuum.cut_mesh import CutMesh as CutMesh
 from flexmbd.continuum.cut_mesh import cut_mesh as cut_mesh
+from flexmbd.continuum.implicit import ImplicitContinuum as ImplicitContinuum
 from flexmbd.continuum.interface import Interface as Interface
 from flexmbd.continuum.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian as UpdatedLagrangian

@@ -1,0 +1,175 @@
+"""A body with history that the machine steps implicitly: its condensed tangent, and its motion."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import flexmbd as fm
+from flexmbd import forms, meshes
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
+from flexmbd.errors import InterfaceError, SceneError
+from flexmbd.multibody.continuum_body import FrameMotion, Scheme
+from flexmbd.reduction import craig_bampton
+
+J2, HENCKY, ELASTIC = forms.j2_plasticity, forms.hencky_plasticity, forms.solid_linear
+STEEL = {"E": 2.0e9, "nu": 0.3, "rho": 7800.0}
+ENDS = (Interface("x_min"), Interface("x_max"))
+H = 2e-3
+GRAVITY = np.array([0.0, 1.0, -9.81])
+
+
+def bar(form, parameters, *, interfaces=ENDS):
+    mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1))
+    return UpdatedLagrangian(mesh, form, parameters, degree=1, interfaces=list(interfaces))
+
+
+def scheme(rho=0.8):
+    alpha_m, alpha_f = (2 * rho - 1) / (1 + rho), rho / (1 + rho)
+    return Scheme(alpha_m, alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f)
+
+
+def spinning(interior):
+    """Frames of a body that stands askew, turns and is just let go."""
+    R = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
+    w, alpha = np.array([0.5, -1.0, 2.0]), np.zeros(3)
+    p = np.array([frame.p_BI_B for frame in interior.frames]) @ R.T
+    turning = np.cross(w, np.cross(w, p))
+    return FrameMotion(
+        p,
+        np.array([R @ frame.R_BI for frame in interior.frames]),
+        np.cross(w, p),
+        np.tile(w, (2, 1)),
+        turning,
+        np.tile(alpha, (2, 1)),
+    )
+
+
+class TrialMotion:
+    """Motions of the frames near a trial one at the end of a step, as the scheme moves them."""
+
+    def __init__(self, start, *, size):
+        rng = np.random.default_rng(1)
+        self._per_x, self._per_v = scheme().slopes(H)
+        turn = [Rotation.from_rotvec(H * w + 20 * size * rng.normal(size=3)).as_matrix() for w in start.w]
+        self._base = FrameMotion(
+            start.p + H * start.v + size * rng.normal(size=(2, 3)),
+            np.einsum("kab,kbc->kac", turn, start.R),
+            *(part + rng.normal(size=(2, 3)) for part in (start.v, start.w, start.a, start.alpha)),
+        )
+
+    def at(self, y):
+        base, (move, turn) = self._base, np.split(y.reshape(2, 6), 2, axis=1)
+        R = np.einsum("kab,kbc->kac", Rotation.from_rotvec(turn).as_matrix(), base.R)
+        speed = self._per_v / self._per_x
+        return FrameMotion(
+            base.p + move, R, base.v + speed * move, base.w + speed * turn,
+            base.a + move / self._per_x, base.alpha + turn / self._per_x,
+        )  # fmt: skip
+
+
+CASES = {
+    "elastic": (ELASTIC, ELASTIC.Parameters(**STEEL), 5e-4),
+    "small strain": (J2, J2.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 2e-3),
+    "logarithmic": (HENCKY, HENCKY.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 2e-3),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_condensed_tangent_is_the_derivative_of_the_wrenches(name):
+    form, parameters, size = CASES[name]
+    interior = ImplicitContinuum(bar(form, parameters))
+    start = spinning(interior)
+    interior.begin(0.0, start, GRAVITY)
+    motion = TrialMotion(start, size=size)
+    _, slopes = interior.trial(H, H, scheme(), motion.at(np.zeros(12)))
+    step, found = 1e-7, np.zeros((12, 12))
+    for j, unit in enumerate(np.eye(12)):
+        there, back = (interior.trial(H, H, scheme(), motion.at(sign * step * unit))[0] for sign in (1.0, -1.0))
+        found[:, j] = (there - back).reshape(-1) / (2 * step)
+    assert abs(found - slopes).max(axis=0) == pytest.approx(0.0, abs=2e-6 * abs(slopes).max())
+    interior.trial(H, H, scheme(), motion.at(np.zeros(12)))
+    interior.commit()
+    if name != "elastic":
+        assert interior.energies()["plastic"] > 0.1 * interior.energies()["elastic"] > 0.0
+
+
+def test_free_start_has_the_weight_of_the_body():
+    form, parameters, _ = CASES["elastic"]
+    interior = ImplicitContinuum(bar(form, parameters))
+    rest = spinning(interior)
+    rest = rest._replace(**{name: np.zeros((2, 3)) for name in ("v", "w", "a", "alpha")})
+    wrenches = interior.begin(0.0, rest, GRAVITY)
+    # held frames, with the interior let go: what falls freely is not felt but for its coupling by the mass matrix
+    falling = rest._replace(a=np.tile(GRAVITY, (2, 1)))
+    assert interior.begin(0.0, falling, GRAVITY) == pytest.approx(np.zeros((2, 6)), abs=1e-10)
+    assert abs(wrenches[:, :3]).max() > 1.0
+    assert interior.mass + sum(frame.mass for frame in interior.frames) == pytest.approx(78.0, rel=1e-12)
+
+
+def swing(body, *, gravity, t_end=0.1):
+    scene = fm.System(gravity=(0.0, 0.0, -gravity))
+    scene.add(body, name="bar")
+    scene.connect(fm.joint.Revolute(axis="y"), scene.ground.frame(), body.frame("x_min"))
+    run = scene.simulate(t_end, h=1e-3, integrator=fm.GeneralizedAlpha(), rtol=1e-8)
+    return run.position(body.frame("x_max")), run
+
+
+def test_small_strains_are_those_of_the_reduced_body():
+    """The difference falls with the square of the amplitude: ten times the load, a hundred times and more."""
+    parameters = ELASTIC.Parameters(**STEEL)
+    body = bar(ELASTIC, parameters)
+    model = ContinuumModel(body.mesh, ELASTIC, parameters, degree=1, interfaces=list(ENDS))
+    # all modes that there are, so that nothing but the strain measure differs
+    record = craig_bampton(model, modes=36, frame="x_min")
+    off = []
+    for gravity in (9.81, 98.1):
+        reference, _ = swing(fm.FlexibleBody(record), gravity=gravity)
+        tip, _ = swing(fm.ContinuumBody(ImplicitContinuum(bar(ELASTIC, parameters))), gravity=gravity)
+        off.append(abs(tip - reference).max())
+    assert off[0] < 1e-6
+    assert off[1] > 100 * off[0]
+    assert off[1] < 1e-3
+
+
+def test_account_of_a_swing_that_yields():
+    form, _, _ = CASES["logarithmic"]
+    parameters = form.Parameters(**STEEL, yield_stress=0.5e6, hardening=J2.Linear(1.0e8))
+    body = fm.ContinuumBody(ImplicitContinuum(bar(form, parameters)))
+    _, run = swing(body, gravity=98.1)
+    parts = run.energies(body)
+    assert parts["plastic"][-1] > 1.0
+    frames = run.energy()
+    total = sum(parts.values()) + frames.kinetic + frames.gravitational
+    largest = max(abs(parts["kinetic"]).max(), abs(parts["gravitational"]).max())
+    assert abs(total - total[0]).max() < 0.01 * largest
+
+
+@pytest.mark.mpi
+def test_restored_on_any_number_of_ranks_it_goes_on_as_before():
+    form, parameters, size = CASES["logarithmic"]
+    interior = ImplicitContinuum(bar(form, parameters))
+    start = spinning(interior)
+    interior.begin(0.0, start, GRAVITY)
+    interior.trial(H, H, scheme(), TrialMotion(start, size=size).at(np.zeros(12)))
+    interior.commit()
+    kept = interior.snapshot()
+    other = ImplicitContinuum(bar(form, parameters))
+    other.restore({name: part.copy() for name, part in kept.items()})
+    end = TrialMotion(start, size=0.5 * size).at(np.full(12, 1e-4))
+    answers = [one.trial(2 * H, H, scheme(), end) for one in (interior, other)]
+    assert answers[1][0] == pytest.approx(answers[0][0], rel=1e-9, abs=1e-9 * abs(answers[0][0]).max())
+    # what one rank alone finds, from the whole body's arrays
+    assert kept["x"].shape == (20, 3)
+
+
+def test_what_cannot_be_bonded_is_refused():
+    form, parameters, _ = CASES["elastic"]
+    with pytest.raises(InterfaceError, match="needs rigid interfaces"):
+        ImplicitContinuum(bar(form, parameters, interfaces=()))
+    averaged = Interface("x_max", coupling=fm.Coupling.AVERAGED)
+    with pytest.raises(InterfaceError, match=r"\['x_max'\] are averaged"):
+        ImplicitContinuum(bar(form, parameters, interfaces=(averaged,)))
+    with pytest.raises(InterfaceError, match="a rigid part the name of one"):
+        ImplicitContinuum(bar(form, parameters), rigid_parts={"nose": fm.RigidBody(1.0, (1.0, 1.0, 1.0))})
+    with pytest.raises(SceneError, match="before it has begun"):
+        ImplicitContinuum(bar(form, parameters)).energies()
