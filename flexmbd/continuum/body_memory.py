@@ -17,7 +17,7 @@ class BodyMemory:
     def __init__(self, body: UpdatedLagrangian) -> None:
         """Number nodes and cells."""
         self._body, self._comm = body, body.comm
-        self._node = node_numbers(body)
+        self._node = node_numbers(body)  # type: ignore[arg-type]
         self._owned = body.layout.n_owned_nodes
         topology = body.mesh.mesh.topology
         self._cells = topology.index_map(topology.dim).size_local

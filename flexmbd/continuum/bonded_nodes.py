@@ -109,7 +109,7 @@ class BondedNodes:
     def _frame(self, k: int, name: str, part: RigidBody | None) -> InterfaceFrame:
         mine = self.own & (self.frame_of == k)
         arms, mass = self._arms[mine], self.mass[mine]
-        sums = np.zeros((4, 4))
+        sums: FloatArray = np.zeros((4, 4))
         sums[0, 0], sums[0, 1:], sums[1:, 1:] = mass.sum(), mass @ arms, (mass[:, None] * arms).T @ arms
         if part is not None and self._comm.rank == 0:
             first, second = part.moments()

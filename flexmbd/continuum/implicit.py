@@ -97,7 +97,7 @@ class ImplicitContinuum:
         self.body = body
         self._M = body.mass()
         lumped = body.vector()
-        lumped.array[: body.n_owned] = lumped_mass(body)
+        lumped.array[: body.n_owned] = lumped_mass(body)  # type: ignore[arg-type]
         lumped.scatter_forward()
         masses = lumped.array.reshape(-1, 3)[:, 0].copy()
         self._bonds = BondedNodes(body, masses, rigid_parts=rigid_parts)
@@ -112,9 +112,9 @@ class ImplicitContinuum:
         self._memory = BodyMemory(body)
         self._rest = body.snapshot()
         self._least = self._round_off()
-        self._gravity = np.zeros(3)
+        self._gravity: FloatArray = np.zeros(3)
         self._state: _Motion | None = None
-        self._pose = (np.zeros(3), np.eye(3))
+        self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
         self._trial: _Trial | None = None
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
@@ -124,8 +124,8 @@ class ImplicitContinuum:
         self._newton.factorise_next()
         self._gravity, self._pose, self._trial = np.asarray(gravity, dtype=float), bonds.pose(motion), None
         p, R = self._pose
-        x = p + body.layout.node_x @ R.T
-        v = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
+        x: FloatArray = p + body.layout.node_x @ R.T
+        v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         a = np.zeros_like(x)
         a[bonds.nodes] = bonds.accelerations(motion)
         a = self._rest_of_accelerations(a)
@@ -146,8 +146,8 @@ class ImplicitContinuum:
 
         def motion_of(increment: FloatArray) -> _Motion:
             shape = (body.layout.node_x.reshape(-1) + body.displacement + increment).reshape(-1, 3)
-            x = pose[0] + shape @ pose[1].T
-            a = (x - self._foretold(now, auxiliary, h, scheme)) / per_x
+            x: FloatArray = pose[0] + shape @ pose[1].T
+            a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
             a[bonds.nodes] = a_bonds
             return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
 
@@ -209,7 +209,7 @@ class ImplicitContinuum:
         bonded, mass = bonds.nodes[bonds.own], bonds.mass[bonds.own]
         momentum = self._product(now.v).reshape(-1, 3)
         kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
-        weight = self._product(np.broadcast_to(self._gravity, now.x.shape)).reshape(-1, 3)
+        weight = self._product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
         potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
         kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
         return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
@@ -316,7 +316,7 @@ class ImplicitContinuum:
             against[nodes] = dx
             if j < 6:
                 against -= shift + np.cross(turn, end.x - motion.p[0])
-            accelerations = -against / per_x
+            accelerations: FloatArray = (-1.0 / per_x) * against
             accelerations[nodes] += da
             turned = np.cross(turn, internal.reshape(-1, 3)) if j < 6 else 0.0
             change = _times(whole, against @ R, n) @ R.T + self._product(accelerations).reshape(-1, 3) + turned

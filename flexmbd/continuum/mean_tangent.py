@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from petsc4py import PETSc
 
 import basix.ufl
-import numba
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import assembly
 from flexmbd.continuum.cell_group import CellGroup
 from flexmbd.continuum.history import History
+from flexmbd.multibody.kernels.compiling import entry_kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -87,8 +87,8 @@ class MeanTangent:
         fem.assemble_vector(left, coupling.forces)
         fem.assemble_vector(right, coupling.means)
         blocks, rows = self._blocks, self._space.dofmap.list[cells]
-        values = (vector.reshape(-1, 3)[nodes] for vector in (left, right))
-        add_products(blocks.data, blocks.indptr, blocks.indices, rows, *values, 1.0 / measure[cells])
+        first, second = (vector.reshape(-1, 3)[nodes] for vector in (left, right))
+        add_products(blocks.data, blocks.indptr, blocks.indices, rows, first, second, 1.0 / measure[cells])
 
 
 def _coupling(history: History, u: fem.Function, v: ufl.Argument) -> _Coupling:
@@ -105,7 +105,7 @@ def _coupling(history: History, u: fem.Function, v: ufl.Argument) -> _Coupling:
     return _Coupling(fem.form(forces), means, fem.form(measure), broken.dofmap.list, history.group.cells)
 
 
-@numba.njit(cache=True)  # type: ignore[misc]
+@entry_kernel
 def add_products(data, indptr, indices, nodes, left, right, factor):  # type: ignore[no-untyped-def]
     """Add factor left (x) right of each cell to a matrix of 3 x 3 blocks.
 

@@ -120,7 +120,8 @@ def follow(
         PathError: on all ranks: Newton's method failed with the smallest step; says where, and why.
     """
     newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
-    reached, before, guess = 0.0, 0.0, np.zeros(body.layout.n_local)
+    reached = before = 0.0
+    guess: FloatArray = np.zeros(body.layout.n_local)
     for wanted in times:
         whole = wanted - reached
         step = whole
@@ -140,7 +141,8 @@ def follow(
                         f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}: {reason}", path
                     ) from reason
                 continue
-            before, reached, guess = t - reached, t, solution.increment
+            before, reached = t - reached, t
+            guess = solution.increment
             body.commit(solution.increment)
             path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
             if len(solution.residuals) < 6:
