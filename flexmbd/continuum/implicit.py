@@ -164,7 +164,7 @@ class ImplicitContinuum:
         guess = self._guess(now, auxiliary, h, scheme, pose=pose, at_bonds=at_bonds)
         solution = self._newton.solve(guess, guess[self._held], forces, tangent)
         end = motion_of(solution.increment)
-        move, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
+        _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[bonds.nodes] = bonds.velocities(motion)
         self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
         return self._condense(solution, scheme, h, motion, end, tangent)
@@ -299,7 +299,7 @@ class ImplicitContinuum:
     ) -> tuple[FloatArray, FloatArray]:
         """Wrenches on the frames and their derivative with the other nodes condensed. Collective."""
         body, bonds = self.body, self._bonds
-        p, R = bonds.pose(motion)
+        R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, scheme.slopes(h)
         residual = (solution.balance.residual.reshape(-1, 3) @ R.T).reshape(-1)
         internal = residual - self._inertia(end.a)
