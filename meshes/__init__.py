@@ -13,6 +13,7 @@ from flexmbd.meshes.line import line as line
 from flexmbd.meshes.mesh_file import read as read
 from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
+from flexmbd.meshes.round_bar import round_bar as round_bar
 from flexmbd.meshes.sheet import sheet as sheet
 from flexmbd.meshes.step_file import BRACKET as BRACKET
 from flexmbd.meshes.step_file import StepFace as StepFace

@@ -21,10 +21,11 @@ from flexmbd.continuum.cell_group import CellGroup
 from flexmbd.continuum.dof_layout import Field, shaped
 from flexmbd.continuum.formulation import Quadrature
 from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import FormulationError
 
 
-def lumped_mass(model: ContinuumModel) -> FloatArray:
+def lumped_mass(model: ContinuumModel | UpdatedLagrangian) -> FloatArray:
     """The diagonal of the lumped mass matrix. Collective, may compile.
 
     Each component of the unknown is lumped by itself, with the density that the kinetic energy gives
@@ -75,7 +76,7 @@ class _Term:
     masses: FloatArray
 
 
-def _terms(model: ContinuumModel, group: CellGroup) -> list[_Term]:
+def _terms(model: ContinuumModel | UpdatedLagrangian, group: CellGroup) -> list[_Term]:
     """The terms of a group that have inertia. Collective, may compile."""
     mesh, u = model.mesh.mesh, fem.Function(model.space)
     measure = abs(ufl.JacobianDeterminant(mesh))

@@ -12,7 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -237,6 +237,41 @@ class UpdatedLagrangian:
         self.displacement += increment
         self._set_trial(np.zeros_like(increment))
 
+    def step(self, increment: FloatArray) -> FloatArray:
+        """Internal forces at a displacement that is accepted at once, as explicit steps do. Collective.
+
+        The same as `force` and `commit`, in one pass.
+
+        Args:
+            increment: as for `force`.
+
+        Returns:
+            (owned dofs,) N.
+
+        Raises:
+            ConvergenceError: as `force` and `commit`; nothing is accepted.
+        """
+        self._set_trial(increment)
+        with self._updated_mesh():
+            self._solve_points()
+            self._sum.array[:] = 0.0
+            for form in self._forces:
+                fem.assemble_vector(self._sum.array, form)
+            for history in self._histories:
+                history.update()
+        self._sum.scatter_reverse(la.InsertMode.add)
+        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            self.revert()
+            self.check_cells()
+            raise ConvergenceError("the internal forces are not finite; take a smaller step")
+        for history in self._histories:
+            history.commit()
+        self.displacement += increment
+        self._set_trial(np.zeros_like(increment))
+        return force
+
     def revert(self) -> None:
         """Forget every trial since the last accepted step."""
         for history in self._histories:
@@ -345,6 +380,10 @@ class UpdatedLagrangian:
         blocks = self.space.dofmap.list[: len(nodes)]
         dofs[nodes.ravel()] = 3 * blocks.reshape(-1, 1) + np.arange(3)
         return dofs
+
+    def present_mesh(self) -> AbstractContextManager[None]:
+        """The mesh in the configuration that the formulations refer to, within a `with` block."""
+        return self._updated_mesh()
 
     @contextmanager
     def _updated_mesh(self) -> Iterator[None]:

@@ -1,0 +1,244 @@
+"""Nodes of a body with history, stepped by central differences (velocity Verlet), with nothing solved.
+
+    x_n+1 = x_n + h v_n + h^2/2 a_n,   m a_n+1 = f(x_n+1) + m g + contact,   v_n+1 = v_n + h/2 (a_n + a_n+1)
+
+(Ambrosio & Nikravesh 1992, eq. 46.)  The account of energies takes m/2 (v^2 - (h a / 2)^2) for the kinetic energy,
+which is m/2 times the velocities half a step before and after: with it and the works of forces by the trapezoidal
+rule the balance of these formulas is exact, and what is left of it tells of the material alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.carried_mesh import CarriedMesh
+from flexmbd.continuum.contact_plane import RigidPlane
+from flexmbd.continuum.lumping import lumped_mass
+from flexmbd.continuum.stable_step import StableStep
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+
+# Works that are summed up, by name; the account counts what is stored or lost as positive.
+_WORKS = ("internal", "contact", "friction")
+
+
+@dataclass(frozen=True)
+class Support:
+    """Nodes of a facet group whose velocity components are held at zero, as on a plane of symmetry.
+
+    Attributes:
+        group: of facets.
+        x, y, z: which components, in inertial axes, are held.
+
+    Raises:
+        SceneError: none is held.
+    """
+
+    group: str
+    x: bool = False
+    y: bool = False
+    z: bool = False
+
+    def __post_init__(self) -> None:
+        if not (self.x or self.y or self.z):
+            raise SceneError(f"support on {self.group!r} holds no component: say x=True, y=True or z=True")
+
+
+class NodalMotion:
+    """Places and velocities of a body's nodes. Constructing one is collective.
+
+    Attributes:
+        body: with its history.
+        mesh: the body under the nodes.
+        masses: (owned nodes,) kg.
+        x, v, a: (owned nodes, 3) m, m/s, m/s^2, inertial.
+        force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        supports: Sequence[Support] = (),
+        planes: Sequence[RigidPlane] = (),
+        bonded: NDArray[np.int32] | None = None,
+    ) -> None:
+        """Find masses and the stable step.
+
+        Args:
+            body: at rest and undeformed.
+            supports: components held at zero.
+            planes: what nodes may meet.
+            bonded: owned nodes that somebody else moves.
+
+        Raises:
+            MeshError: a support is on no facet group of the mesh.
+            FormulationError: the mass cannot be lumped.
+            SceneError: the ranks were given different supports or planes.
+        """
+        planes_told = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
+        parallel.check_same(body.comm, SceneError, supports=list(supports), planes=planes_told)
+        self.body, self.planes = body, tuple(planes)
+        masses = lumped_mass(body)
+        self.masses: FloatArray = masses[::3].copy()
+        self.mesh = CarriedMesh(body, self.masses)
+        n = len(self.masses)
+        self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
+        self._moves: FloatArray = np.ones((n, 3))
+        for support in supports:
+            nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(support.group))
+            held = np.array([support.x, support.y, support.z])
+            self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
+        self._moves[self.bonded] = 0.0
+        self._weights: FloatArray = self.masses.copy()
+        self._weights[self.bonded] = 0.0
+        self._stable = StableStep(body, masses)
+        self._factor = min([plane.step_factor for plane in planes], default=1.0)
+        self._limit = self._factor * self._stable.at_rest
+        self.x, self.v, self.a, self.force, self._met, self._rubbed = np.zeros((6, n, 3))
+        self._g: FloatArray = np.zeros(3)
+        self._h = 0.0
+        self._works: FloatArray = np.zeros(3)
+        self._lost = 0.0
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg, of the nodes that are not bonded. Collective."""
+        return float(self.mesh.sum(self._weights.sum()))
+
+    @property
+    def limit(self) -> float:
+        """The longest stable step, s, as last found."""
+        return self._limit
+
+    def renew_limit(self) -> float:
+        """Find the longest stable step, s, of the present shape. Collective."""
+        self._limit = self._factor * self._stable.present()
+        return self._limit
+
+    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray) -> None:
+        """Undeformed, at p (m) turned by R, at rest; the velocities are to be set, and `start` called. Collective.
+
+        Raises:
+            SceneError: the body begins behind a plane.
+        """
+        self.x = self.mesh.begin(p, R)
+        self.v, self.a, self.force, self._met, self._rubbed = np.zeros((5, *self.x.shape))
+        self._g = np.array(gravity, dtype=float)
+        self._works[:] = 0.0
+        self._h = self._lost = 0.0
+        for plane in self.planes:
+            told = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
+            size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
+            plane.check_start(max(told), size)
+
+    def start(self, h: float) -> None:
+        """Forces at the start, before a first step h (s). Not collective."""
+        self.v *= np.where(self._moves.any(axis=1)[:, None], self._moves, 1.0)
+        self._h = h
+        free = self._accelerate(self.v, h, h**2 / 2)
+        self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
+
+    def advance(self, h: float, bonded: FloatArray | None = None) -> None:
+        """Step by h (s). Collective.
+
+        Args:
+            h: s.
+            bonded: (bonded nodes, 3) m, where they are at the end.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out.
+        """
+        if self._h == 0.0:
+            self.start(h)
+        move = h * self.v + h**2 / 2 * self.a
+        if bonded is not None:
+            move[self.bonded] = bonded - self.x[self.bonded]
+        before = self.force, self._met, self._rubbed
+        self.x += move
+        self.force = self.mesh.pull(self.x)
+        middle = self.v + h / 2 * self.a
+        self._h = h
+        self._accelerate(middle, h, h**2)
+        self.v = middle + h / 2 * self.a
+        for i, (first, last) in enumerate(zip(before, (self.force, self._met, self._rubbed), strict=True)):
+            self._works[i] += np.vdot(move, first + last) / 2
+
+    def energies(self) -> dict[str, float]:
+        """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
+
+        "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
+        impacts), "friction" (lost), "gravitational".
+        """
+        told = self.body.energies()
+        square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
+        kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
+        _, contact, friction = self._works
+        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction]))
+        return {
+            "kinetic": float(sums[0]),
+            "elastic": told.get("elastic", 0.0),
+            "plastic": told.get("plastic", 0.0),
+            "contact": float(sums[2]),
+            "friction": float(sums[3]),
+            "gravitational": float(sums[1]),
+        }
+
+    def internal_work(self) -> float:
+        """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""
+        return -float(self.mesh.sum(self._works[:1])[0])
+
+    def momentum(self, about: FloatArray) -> FloatArray:
+        """(6,) linear momentum, N s, and angular momentum about a point (m), N m s. Collective."""
+        linear = self._weights[:, None] * self.v
+        return self.mesh.sum(np.append(linear.sum(axis=0), np.cross(self.x - about, linear).sum(axis=0)))
+
+    def snapshot(self) -> dict[str, FloatArray]:
+        """Copies of all that tells how it goes on, of all ranks. Collective."""
+        kept = self.body.snapshot()
+        parts = {name: getattr(self, name) for name in ("x", "v", "a", "force")}
+        parts |= {"met": self._met, "rubbed": self._rubbed, "displacement": kept.displacement}
+        parts |= {f"history {k}": part for k, part in enumerate(kept.history)}
+        parts["works"] = np.array([*self._works, self._lost])
+        own = [self._h, self._limit]
+        memory = {name: np.concatenate(self.body.comm.allgather(part)) for name, part in parts.items()}
+        return memory | {"axes": np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])}
+
+    def restore(self, memory: dict[str, FloatArray]) -> None:
+        """Go back to a snapshot, on as many ranks. Collective."""
+        kept = self.body.snapshot()
+
+        def mine(name: str, count: int) -> FloatArray:
+            first = sum(self.body.comm.allgather(count)[: self.body.comm.rank])
+            return np.array(memory[name][first : first + count], dtype=float)
+
+        for name in ("x", "v", "a", "force"):
+            setattr(self, name, mine(name, len(self.masses)))
+        self._met, self._rubbed = (mine(name, len(self.masses)) for name in ("met", "rubbed"))
+        history = tuple(mine(f"history {k}", len(part)) for k, part in enumerate(kept.history))
+        self.body.restore(type(kept)(mine("displacement", len(kept.displacement)), history))
+        *self._works[:], self._lost = mine("works", 4)
+        axes = np.array(memory["axes"], dtype=float)
+        self.mesh.place(axes[:3], axes[3:12].reshape(3, 3))
+        self._g = axes[12:15]
+        self._h, self._limit = float(axes[15]), float(axes[16])
+
+    def _accelerate(self, v: FloatArray, h: float, reach: float) -> FloatArray:
+        """Set accelerations and contact forces; returns the accelerations without contact."""
+        free = (self.force / self.masses[:, None] + self._g) * self._moves
+        self.a = free
+        m = self._weights[:, None]
+        self._met, self._rubbed = np.zeros((2, *self.x.shape))
+        for plane in self.planes:
+            met, rubbed = plane.push(self.x, v, self.a, h=h, reach=reach)
+            self._met += m * met
+            self._rubbed += m * rubbed
+            self.a = self.a + (met + rubbed) * self._moves
+        return free
