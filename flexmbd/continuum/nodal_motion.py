@@ -141,7 +141,7 @@ class NodalMotion:
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Not collective."""
-        self.v *= np.where(self._moves.any(axis=1)[:, None], self._moves, 1.0)
+        self.v *= self._moves
         self._h = h
         free = self._accelerate(self.v, h, h**2 / 2)
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8

@@ -1,0 +1,203 @@
+"""Free bodies with history by central differences: waves, limits, momentum, energy, contact, bad input."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from flexmbd import meshes
+from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.errors import MeshError, SceneError, SimulationError
+from flexmbd.forms import hencky_plasticity, j2_plasticity
+
+WALL = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+
+
+def rod(n, comm=MPI.COMM_WORLD):
+    """Length 1 and wave speed 1, waves along x alone: nu = 0, and cells ten times as wide as long."""
+    mesh = meshes.block(1.0, 10.0 / n, 10.0 / n, divisions=(n, 1, 1), comm=comm)
+    material = j2_plasticity.Parameters(E=1.0, nu=0.0, rho=1.0, yield_stress=1e6)
+    return UpdatedLagrangian(mesh, j2_plasticity, material, degree=1)
+
+
+def soft_block(form=hencky_plasticity, *, yield_stress=2e4, comm=MPI.COMM_WORLD, **options):
+    mesh = meshes.block(1.0, 0.3, 0.4, divisions=(4, 2, 2), comm=comm)
+    hardening = j2_plasticity.Linear(1e5)
+    material = form.Parameters(E=1e6, nu=0.3, rho=1000.0, yield_stress=yield_stress, hardening=hardening)
+    return UpdatedLagrangian(mesh, form, material, degree=1, **options)
+
+
+def tumbling(x):
+    return np.array([0.3, -0.2, 0.1]) + np.cross([1.0, -2.0, 3.0], x) + 2.0 * x * [1.0, -1.0, 0.5]
+
+
+def rebound(n, penalty, share):
+    """Duration of contact over 2 L / c, and speed of the centre of mass after it over that before."""
+    run = ExplicitRun(rod(n), velocity=(-1e-3, 0.0, 0.0), planes=[RigidPlane(*WALL, penalty=penalty)])
+    h, pushed = share * run.stable_step, []
+    while run.t < 2.4:
+        run.simulate(run.t + h, h=h, outputs=1)
+        if abs(run.motion.a[run.motion.x[:, 0] < 0.5 / n, 0]).max() > 0.0 and run.motion._met.any():
+            pushed.append(run.t)
+    return pushed[-1], run.motion.momentum(np.zeros(3))[0] / run.motion.mass / 1e-3
+
+
+def test_a_rod_stays_at_the_wall_while_the_wave_runs_there_and_back():
+    errors = []
+    for n in (20, 40):
+        duration, speed = rebound(n, None, 1.0)
+        errors.append(1.0 - speed)
+        assert abs(duration - 2.0) < 1.5 / n
+    # the first cell's layer arrives with half a cell's mass and stops there
+    assert 0.0 < errors[1] < 0.6 * errors[0] < 0.03
+    # a penalty gives way, and lets go a few steps later; it keeps the energy
+    for n in (20, 40):
+        duration, speed = rebound(n, 0.5, 0.95)
+        assert 0.0 < duration - 2.0 < 6.0 / n
+        assert abs(speed - 1.0) < 0.2 / n
+
+
+def test_the_wave_is_the_exact_one_at_the_longest_step():
+    """At h = dx / c central differences on the chain have no dispersion: d'Alembert's jump stays one cell wide."""
+    run = ExplicitRun(rod(40), velocity=(-1e-3, 0.0, 0.0), planes=[RigidPlane(*WALL, penalty=None)])
+    for _ in range(20):
+        run.motion.advance(1.0 / 40)
+    x, v = run.motion.mesh.X, run.motion.v[:, 0]
+    middle = abs(x[:, 0] - 0.5) < 0.01 / 40
+    assert abs(v[(x[:, 0] < 0.5) & ~middle]).max() < 1e-9
+    assert abs(v[(x[:, 0] > 0.5) & ~middle] + 1e-3).max() < 1e-9
+    assert abs(v[middle] + 0.5e-3).max() < 1e-9
+
+
+def test_stable_below_the_critical_step_and_not_above():
+    """The chain's largest frequency is 2 c / dx."""
+    run = ExplicitRun(rod(20))
+    assert run.stable_step == pytest.approx(1.0 / 20, rel=1e-3)
+    for share, grows in ((0.99, False), (1.01, True)):
+        motion = ExplicitRun(rod(20)).motion
+        rng = np.random.default_rng(1)
+        motion.v[:, 0] = 1e-12 * rng.choice([-1.0, 1.0], 21)[np.rint(20 * motion.x[:, 0]).astype(int)]
+        for _ in range(400):
+            motion.advance(share / 20)
+        assert (abs(motion.v).max() > 1e-8) == grows, share
+    with pytest.raises(SceneError, match=r"not above the stable step, 0\.0499"):
+        run.simulate(1.0, h=1.01 / 20)
+
+
+@pytest.mark.parametrize("form", [hencky_plasticity, j2_plasticity])
+def test_a_free_body_keeps_its_momentum_and_energy(form):
+    run = ExplicitRun(soft_block(form), velocity=tumbling)
+    begun = run.motion.momentum(np.zeros(3))
+    account = run.simulate(150 * run.stable_step, h=0.5 * run.stable_step, outputs=5)
+    assert account["plastic"][-1] > 0.03 * account["kinetic"][0]
+    assert abs(run.motion.momentum(np.zeros(3)) - begun).max() < 1e-12 * abs(begun).max()
+    # of the formulas the balance is exact, and of the material it is one of the second order
+    kept = account["kinetic"] + account.internal
+    assert abs(kept - kept[0]).max() < 1e-12 * kept[0]
+    assert account.error < 1e-2
+    assert "closes within" in str(account)
+
+
+@pytest.mark.parametrize("form", [hencky_plasticity, j2_plasticity])
+def test_rigid_rotation_strains_nothing(form):
+    """Nodes driven through a thousand turns, sixty degrees a step."""
+    mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
+    body = UpdatedLagrangian(mesh, form, form.Parameters(1.0, 0.3, 1.0, 1e-3), degree=1)
+    motion = ExplicitRun(body).motion
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    for k in range(1, 6001):
+        motion.mesh.pull(motion.mesh.X @ Rotation.from_rotvec(np.pi / 3 * (k % 6) * axis).as_matrix().T)
+    assert max(abs(stress).max() for stress in body.stress()) < 1e-10
+    assert max(abs(history).max() for history in body.history()) < 1e-10
+    turned = motion.mesh.pull(motion.mesh.X @ Rotation.from_rotvec(1.0 * axis).as_matrix().T)
+    assert abs(turned).max() < 1e-10
+
+
+def test_friction_slows_a_sliding_block_and_the_account_closes():
+    """v = v0 - mu g t, its energy turned into that of friction."""
+    body = soft_block(yield_stress=1e9)
+    floor = RigidPlane((0.0, 0.0, -0.2), (0.0, 0.0, 2.0), friction=0.3, name="floor")
+    run = ExplicitRun(body, velocity=(2.0, 0.0, 0.0), planes=[floor], gravity=(0.0, 0.0, -9.81))
+    account = run.simulate(0.4, outputs=8)
+    momentum = run.motion.momentum(np.zeros(3))[0] / run.motion.mass
+    assert momentum == pytest.approx(2.0 - 0.3 * 9.81 * 0.4, abs=0.05)
+    assert account["friction"][-1] == pytest.approx((2.0**2 - momentum**2) / 2 * 120.0, rel=0.05)
+    assert account.error < 5e-3
+    last = run.simulate(1.2, outputs=1)
+    assert abs(run.motion.momentum(np.zeros(3))[0] / run.motion.mass) < 0.05
+    assert last.t[-1] == 1.2
+
+
+def test_held_components_stay():
+    run = ExplicitRun(soft_block(), velocity=tumbling, supports=[Support("x_min", x=True), Support("y_min", y=True, z=True)])
+    X = run.motion.x.copy()
+    run.simulate(20 * run.stable_step, outputs=1)
+    move = abs(run.motion.x - X)
+    assert move[X[:, 0] < 1e-9, 0].max() == 0.0
+    assert move[X[:, 1] < -0.15 + 1e-9][:, 1:].max() == 0.0
+    assert move.max() > 1e-3
+
+
+def test_a_snapshot_goes_on_to_the_bit():
+    run = ExplicitRun(soft_block(), velocity=tumbling, planes=[RigidPlane((-0.01, 0.0, 0.0), (1.0, 0.0, 0.0))])
+    h = 0.5 * run.stable_step
+    for _ in range(20):
+        run.motion.advance(h)
+    kept = run.motion.snapshot()
+    for _ in range(20):
+        run.motion.advance(h)
+    places, energies = run.motion.x.copy(), run.motion.energies()
+    other = ExplicitRun(soft_block()).motion
+    other.planes = run.motion.planes
+    for motion in (run.motion, other):
+        motion.restore(kept)
+        for _ in range(20):
+            motion.advance(h)
+        assert np.array_equal(motion.x, places)
+        assert motion.energies() == energies
+
+
+def test_bad_input():
+    with pytest.raises(SceneError, match=r"wall: the body begins 0\.01 m behind it"):
+        ExplicitRun(soft_block(), planes=[RigidPlane((0.01, 0.0, 0.0), (1.0, 0.0, 0.0), name="wall")])
+    with pytest.raises(SceneError, match="normal is zero"):
+        RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    with pytest.raises(SceneError, match="penalty"):
+        RigidPlane(*WALL, penalty=4.0)
+    with pytest.raises(SceneError, match="friction"):
+        RigidPlane(*WALL, friction=-0.1)
+    with pytest.raises(SceneError, match="holds no component"):
+        Support("x_min")
+    with pytest.raises(MeshError, match="no facet group 'left'"):
+        ExplicitRun(soft_block(), supports=[Support("left", x=True)])
+    with pytest.raises(SceneError, match="velocity"):
+        ExplicitRun(soft_block(), velocity=(1.0, 2.0))
+
+
+def test_a_crushed_cell_is_named_and_what_was_noted_is_kept():
+    run = ExplicitRun(soft_block(), velocity=(-300.0, 0.0, 0.0), planes=[RigidPlane(*WALL)])
+    with pytest.raises(SimulationError, match=r"at t = .* cell \d+, at .* is turned inside out|has fallen to"):
+        run.simulate(0.01, h=0.9 * run.stable_step, outputs=100)
+    assert len(run.account.t) == len(run.places) >= 1
+    assert run.account.t[-1] <= run.t
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("form", [hencky_plasticity, j2_plasticity])
+def test_all_ranks_together_do_what_one_does(form):
+    if MPI.COMM_WORLD.size == 1 and form is j2_plasticity:
+        return  # the same twice
+    told = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        floor = RigidPlane((0.0, 0.0, -0.2), (0.0, 0.0, 1.0), friction=0.2)
+        run = ExplicitRun(soft_block(form, comm=comm), velocity=tumbling, planes=[floor], gravity=(0.0, 0.0, -9.81))
+        account = run.simulate(0.05, h=1.2e-3, outputs=2)
+        last = run.motion.x[np.argsort(np.round(run.motion.mesh.X, 6) @ [1.0, 1e2, 1e4])]
+        middle = run.motion.mesh.sum((run.motion.masses @ run.motion.x**2))
+        told.append((np.array([*account.rows[-1].values()]), middle, run.stable_step))
+        assert np.isfinite(last).all()
+    (first, places, limit), (second, others, single) = told
+    assert abs(first - second).max() < 1e-9 * abs(second).max()
+    assert places == pytest.approx(others, rel=1e-12)
+    assert limit == pytest.approx(single, rel=1e-3)
