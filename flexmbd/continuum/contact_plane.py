@@ -47,10 +47,10 @@ class RigidPlane:
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise SceneError(f"{self.name}: {item} must be three finite numbers, got {getattr(self, item)!r}")
             object.__setattr__(self, item, value)
-        length = float(np.linalg.norm(self.normal))
-        if length == 0.0:
+        normal = np.asarray(self.normal)
+        if not normal.any():
             raise SceneError(f"{self.name}: its normal is zero; give the direction towards the body")
-        object.__setattr__(self, "normal", self.normal / length)
+        object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
         if not 0.0 <= self.friction < float("inf"):
             raise SceneError(f"{self.name}: friction must be finite and at least 0, got {self.friction!r}")
         if self.penalty is not None and not 0.0 < self.penalty < 3.0:

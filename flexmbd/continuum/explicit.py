@@ -17,7 +17,7 @@ from flexmbd.continuum.contact_plane import RigidPlane
 from flexmbd.continuum.interface import RigidInterface
 from flexmbd.continuum.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
-from flexmbd.errors import ConvergenceError, InterfaceError, SceneError
+from flexmbd.errors import InterfaceError
 from flexmbd.multibody.body import RigidBody
 from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Push
 
@@ -154,9 +154,9 @@ class ExplicitContinuum:
         if part is not None:
             own_first, own_square = part.moments()
             mass, first, square = mass + part.mass, first + own_first, square + own_square
-        com = first / mass
+        com: FloatArray = first / mass
         square = square - mass * np.outer(com, com)
-        inertia = np.trace(square) * np.eye(3) - square
+        inertia: FloatArray = np.asarray(np.trace(square) * np.eye(3) - square)
         return InterfaceFrame(name, self._P[k], self._Q[k], mass, com, (inertia + inertia.T) / 2)
 
 

@@ -132,7 +132,7 @@ class ExplicitRun:
         if h is not None and not 0.0 < h <= limit * (1.0 + _ESTIMATE):
             raise SceneError(f"the step h = {h!r} s must be positive and not above the stable step, {limit:.6g} s")
         if not t_end > self.t or outputs < 1:
-            raise SceneError(f"t_end = {t_end!r} s must be after t = {self.t:.6g} s, and outputs at least 1: {outputs!r}")
+            raise SceneError(f"t_end = {t_end!r} s must be after {self.t:.6g} s, and outputs at least 1: {outputs!r}")
         instants = [float(instant) for instant in np.linspace(self.t, t_end, outputs + 1)[1:]]
         if not self.account.t:
             self.motion.start(self._step(instants[0], h))

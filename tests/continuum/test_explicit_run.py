@@ -130,7 +130,8 @@ def test_friction_slows_a_sliding_block_and_the_account_closes():
 
 
 def test_held_components_stay():
-    run = ExplicitRun(soft_block(), velocity=tumbling, supports=[Support("x_min", x=True), Support("y_min", y=True, z=True)])
+    supports = [Support("x_min", x=True), Support("y_min", y=True, z=True)]
+    run = ExplicitRun(soft_block(), velocity=tumbling, supports=supports)
     X = run.motion.x.copy()
     run.simulate(20 * run.stable_step, outputs=1)
     move = abs(run.motion.x - X)
@@ -193,10 +194,8 @@ def test_all_ranks_together_do_what_one_does(form):
         floor = RigidPlane((0.0, 0.0, -0.2), (0.0, 0.0, 1.0), friction=0.2)
         run = ExplicitRun(soft_block(form, comm=comm), velocity=tumbling, planes=[floor], gravity=(0.0, 0.0, -9.81))
         account = run.simulate(0.05, h=1.2e-3, outputs=2)
-        last = run.motion.x[np.argsort(np.round(run.motion.mesh.X, 6) @ [1.0, 1e2, 1e4])]
-        middle = run.motion.mesh.sum((run.motion.masses @ run.motion.x**2))
+        middle = run.motion.mesh.sum(run.motion.masses @ run.motion.x**2)
         told.append((np.array([*account.rows[-1].values()]), middle, run.stable_step))
-        assert np.isfinite(last).all()
     (first, places, limit), (second, others, single) = told
     assert abs(first - second).max() < 1e-9 * abs(second).max()
     assert places == pytest.approx(others, rel=1e-12)
