@@ -73,7 +73,8 @@ say()
 say(str(account))
 say()
 say(f"final length {1e3 * length:.3f} mm (21.4 to 21.7), foot radius {1e3 * foot:.3f} mm (6.97 to 7.24)")
-say(f"plastic strain up to {strain:.2f}; of the kinetic energy {account['kinetic'][-1] / account['kinetic'][0]:.2%} is left")
+left = account["kinetic"][-1] / account["kinetic"][0]
+say(f"plastic strain up to {strain:.2f}; of the kinetic energy {left:.2%} is left")
 
 # ## Picture
 #

@@ -73,7 +73,7 @@ class CarriedMesh:
         """
         if self.body.is_updated:
             return -self._step((x - self.p) @ self.R - self.X) @ self.R.T
-        centre: FloatArray = self.sum(self.masses @ x) / self._mass
+        centre = np.asarray(self.sum(self.masses @ x) / self._mass, dtype=float)
         left, s, right = np.linalg.svd(self.sum((self.masses[:, None] * (x - centre)).T @ self._arms))
         proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
         self.R = left @ proper @ right

@@ -74,7 +74,7 @@ class RigidPlane:
         """
         if deepest > _TOUCHING * size:
             raise SceneError(
-                f"{self.name}: the body begins {deepest:.4g} m behind it; move the plane or the body, or turn the normal"
+                f"{self.name}: the body begins {deepest:.4g} m behind it; move one of them, or turn the normal"
             )
 
     def push(

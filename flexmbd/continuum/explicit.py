@@ -54,8 +54,7 @@ class ExplicitContinuum:
             supports: components of nodes that are not bonded held at zero.
 
         Raises:
-            InterfaceError: no interface, an averaged one, two with a node in common, or none of the name of a
-                rigid part.
+            InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
             FormulationError: the mass cannot be lumped.
         """
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
@@ -68,7 +67,6 @@ class ExplicitContinuum:
         owned = body.n_owned // 3
         self._bonds = [np.sort(found.nodes[found.nodes < owned]) for found in body.interfaces]
         self._nodes: NDArray[np.int32] = np.concatenate(self._bonds)
-        self._check_apart(body)
         self.motion = NodalMotion(body, supports=supports, planes=planes, bonded=self._nodes)
         self._P = np.array([found.p for found in body.interfaces])
         self._Q = np.array([found.R for found in body.interfaces])
@@ -140,12 +138,6 @@ class ExplicitContinuum:
             sums[k, 3:] = np.cross(self.motion.x[bond] - p[k], force).sum(axis=0)
         return self.motion.mesh.sum(sums)
 
-    def _check_apart(self, body: UpdatedLagrangian) -> None:
-        """Refuse nodes on two frames. Collective."""
-        twice = len(self._nodes) - len(np.unique(self._nodes))
-        if sum(body.comm.allgather(twice)):
-            raise InterfaceError("two interfaces have nodes in common; a node can be bonded to one frame alone")
-
     def _frame(self, k: int, name: str, part: RigidBody | None) -> InterfaceFrame:
         """The frame with its constant mass, about the centre of mass (eq. 51). Collective."""
         m, r = self.motion.masses[self._bonds[k]], self._arms[k]
@@ -154,7 +146,7 @@ class ExplicitContinuum:
         if part is not None:
             own_first, own_square = part.moments()
             mass, first, square = mass + part.mass, first + own_first, square + own_square
-        com: FloatArray = first / mass
+        com = np.asarray(first / mass, dtype=float)
         square = square - mass * np.outer(com, com)
         inertia: FloatArray = np.asarray(np.trace(square) * np.eye(3) - square)
         return InterfaceFrame(name, self._P[k], self._Q[k], mass, com, (inertia + inertia.T) / 2)
