@@ -269,14 +269,14 @@ class Newton:
         A step that turns cells inside out is halved; one that moves held dofs is taken in full.
         """
         work = self._work(change, before.residual)
-        share, best = 1.0, None
+        share, best, inverted = 1.0, None, InvertedCellError()
         for _ in range(_TRIES):
             try:
                 balance = forces(increment + share * change)
-            except InvertedCellError:
+            except InvertedCellError as error:
                 if full:
                     raise
-                share *= 0.5
+                share, inverted = 0.5 * share, error
                 continue
             if full:
                 return increment + change, balance
@@ -289,7 +289,7 @@ class Newton:
             guess = share * work / (work - left) if work != left else 0.5 * share
             share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
         if best is None:
-            raise InvertedCellError("every part of a Newton step turns cells inside out; take a smaller step")
+            raise inverted
         return increment + best[1] * change, best[2]
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:

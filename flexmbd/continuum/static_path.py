@@ -117,11 +117,14 @@ def follow(
         accepted: is called after each of `times`.
 
     Raises:
-        PathError: on all ranks: Newton's method failed with the smallest step; says where, and why.
+        PathError: on all ranks: Newton's method failed with the smallest step; says where, and why. Or
+            `times` do not ascend from above zero.
     """
     newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
     reached = before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
+    if not all(np.diff([reached, *times]) > 0.0):
+        raise PathError(f"times must be positive and ascending, got {list(times)}", path)
     for wanted in times:
         whole = wanted - reached
         step = whole
@@ -130,20 +133,23 @@ def follow(
             try:
                 start = guess * ((t - reached) / before) if before else guess
                 solution = _equilibrium(body, newton, t, start, displacement=displacement, load=load, held=held)
+                body.commit(solution.increment)
             except ConvergenceError as reason:
                 body.revert()
                 newton.factorise_next()
                 path.cuts += 1
+                path.factorisations, path.iterations = newton.factorisations, newton.iterations
                 guess = np.zeros_like(guess)
                 step = 0.5 * min(step, wanted - reached)
                 if step < smallest * whole:
                     raise PathError(
-                        f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}: {reason}", path
+                        f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}, where the body stands: "
+                        f"{reason}",
+                        path,
                     ) from reason
                 continue
             before, reached = t - reached, t
             guess = solution.increment
-            body.commit(solution.increment)
             path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
             if len(solution.residuals) < 6:
                 step = min(1.5 * step, whole)
@@ -169,6 +175,9 @@ def _equilibrium(
 
     def forces(increment: FloatArray) -> Balance:
         internal = body.force(increment)
+        if body.is_updated:
+            # a cell that is inside out may have finite forces
+            body.check_cells()
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
         size = max(body.norm(external), body.norm(residual[held]))

@@ -185,7 +185,7 @@ class UpdatedLagrangian:
         force: FloatArray = self._sum.array[: self.n_owned].copy()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
-            raise ConvergenceError("the internal forces are not finite; take a smaller step")
+            self._refuse(force)
         return force
 
     def tangent(self, increment: FloatArray) -> PETSc.Mat:
@@ -344,6 +344,18 @@ class UpdatedLagrangian:
                     f"cell {number}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body, "
                     "is turned inside out; take a smaller step, or a finer mesh there"
                 )
+        parallel.raise_collectively(self.comm, error)
+
+    def _refuse(self, force: FloatArray) -> None:
+        """Say where forces are not finite. Collective."""
+        bad = np.isin(self.displacement_dofs, np.flatnonzero(~np.isfinite(force))).any(axis=1)
+        error = None
+        if bad.any():
+            x = self.layout.node_x[bad][0]
+            error = ConvergenceError(
+                f"the internal forces at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body are not "
+                "finite; take a smaller step"
+            )
         parallel.raise_collectively(self.comm, error)
 
     def _set_trial(self, increment: FloatArray) -> None:
