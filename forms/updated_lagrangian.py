@@ -203,7 +203,9 @@ def _trial(u: Expr, state: Expr, p: Parameters, mean: Expr | None) -> Expr:
     if mean is not None:
         factor = (mean / ufl.det(f)) ** (1 / 3)
         f, strain = factor * f, factor**2 * strain + (factor**2 - 1) / 2 * ufl.Identity(3)
-    return f * (tensor(state) + elasticity(strain, p)) * f.T / ufl.det(f)
+    # a root, which has no value where a cell is inside out
+    volume = ufl.sqrt(ufl.det(f)) ** 2
+    return f * (tensor(state) + elasticity(strain, p)) * f.T / volume
 
 
 def _returned(

@@ -52,7 +52,7 @@ def test_the_example_makes_a_body(example):
 
 
 def test_every_name_of_the_contract_is_explained():
-    groups = [contract._REQUIRED, contract._ENERGIES, *contract._TOGETHER]
+    groups = [contract._REQUIRED, contract._ENERGIES, contract._OPTIONAL, *contract._TOGETHER]
     names = [name for group in groups for name in group] + ["Parameters", "CELLS", "ORDER", "REFERENCE"]
     listed = [line.split(" | ")[0] for line in TEXT.splitlines() if line.startswith("| `")]
     assert [name for name in names if not re.search(rf"`{name}[`(]", " ".join(listed))] == []
