@@ -123,6 +123,7 @@ class UpdatedLagrangian:
             if history.mean is not None
         ]
         self._undeformed: FloatArray = mesh.mesh.geometry.x.copy()
+        self._undeformed_sizes: dict[fem.Form, FloatArray] = {}
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
         self.check_cells()
@@ -375,9 +376,14 @@ class UpdatedLagrangian:
 
     def _average(self) -> None:
         for mean, averaged, measure in self._means:
-            values, sizes = np.zeros((2, len(mean.x.array)))
+            values = np.zeros(len(mean.x.array))
             fem.assemble_vector(values, averaged)
-            fem.assemble_vector(sizes, measure)
+            sizes = self._undeformed_sizes.get(measure)
+            if sizes is None:
+                sizes = np.zeros(len(values))
+                fem.assemble_vector(sizes, measure)
+                if not self.is_updated:
+                    self._undeformed_sizes[measure] = sizes
             np.divide(values, sizes, out=mean.x.array, where=sizes != 0.0)
 
     @cached_property

@@ -184,6 +184,27 @@ def test_a_crushed_cell_is_named_and_what_was_noted_is_kept():
     assert run.account.t[-1] <= run.t
 
 
+@pytest.mark.parametrize("stretch", [(0.5, 1.0, 1.0), (0.4, 1.6, 1.6), (1.5, 1.0, 0.8)])
+def test_the_stable_step_follows_the_shape(stretch):
+    """Against that of a new body of that shape, of the same mass."""
+    run = ExplicitRun(soft_block(yield_stress=1.0))
+    motion = run.motion
+    for share in np.linspace(0.0, 1.0, 11)[1:]:
+        motion.mesh.pull(motion.mesh.X * (1.0 + share * (np.array(stretch) - 1.0)))
+        motion.renew_limit()
+    mesh = meshes.block(*np.array(stretch) * [1.0, 0.3, 0.4], divisions=(4, 2, 2))
+    material = hencky_plasticity.Parameters(1e6, 0.3, 1000.0 / np.prod(stretch), 1e9)
+    fresh = ExplicitRun(UpdatedLagrangian(mesh, hencky_plasticity, material, degree=1))
+    assert 0.85 < run.stable_step / fresh.stable_step < 1.08
+
+
+def test_an_inverted_cell_is_named():
+    run = ExplicitRun(soft_block(), velocity=lambda x: np.where(x > 0.9, [-300.0, 0.0, 0.0], 0.0))
+    with pytest.raises(SimulationError, match=r"at t = .* s, step 1: cell \d+, at .* is turned inside out"):
+        run.simulate(0.01, outputs=3)
+    assert run.account.t == [0.0]
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("form", [hencky_plasticity, j2_plasticity])
 def test_all_ranks_together_do_what_one_does(form):
