@@ -19,7 +19,7 @@ SUPPORTS = [
 
 def shape(x, weights):
     """The mode at points (n, 3) of the cube [0, 1] x [-1/2, 1/2]^2."""
-    s, c = (function(np.pi / 2 * (x + [0.0, 0.5, 0.5])) for function in (np.sin, np.cos))
+    s, c = (function(np.pi / 2 * (x + np.array([0.0, 0.5, 0.5]))) for function in (np.sin, np.cos))
     parts = [s[:, i] * c[:, (i + 1) % 3] * c[:, (i + 2) % 3] for i in range(3)]
     return SIZE * np.column_stack(parts) * weights
 
