@@ -23,6 +23,9 @@ from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory
 
 FloatArray = NDArray[np.float64]
 
+# Steps after which the stable one is found anew.
+_RENEWAL = 5
+
 # A step that is the stable one but for the accuracy of the estimate is taken whole.
 _ESTIMATE = 1e-4
 
@@ -75,6 +78,7 @@ class ExplicitContinuum:
         self.frames = tuple(self._frame(k, name, parts.get(name)) for k, name in enumerate(names))
         self.mass = self.motion.mass
         self._wrenches: FloatArray = np.zeros((len(names), 6))
+        self._calls = 0
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
@@ -84,6 +88,7 @@ class ExplicitContinuum:
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
         nodes.v[self._nodes] = 0.0
         self._wrenches[:] = 0.0
+        self._calls = 0
         return self._wrenches.copy()
 
     def stable_step(self) -> float:
@@ -92,7 +97,9 @@ class ExplicitContinuum:
 
     def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
         """See `ExplicitInterior`. Collective."""
-        limit = self.motion.limit
+        # a body that is crushed may need shorter steps before the machine asks again
+        limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
+        self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
         d = h / steps
         mean = np.zeros_like(self._wrenches)
@@ -114,12 +121,13 @@ class ExplicitContinuum:
 
     def snapshot(self) -> Memory:
         """See `Interior`. Of all ranks. Collective."""
-        return {**self.motion.snapshot(), "wrenches": self._wrenches.copy()}
+        return {**self.motion.snapshot(), "wrenches": self._wrenches.copy(), "calls": np.array(self._calls)}
 
     def restore(self, memory: Memory) -> None:
         """See `Interior`; on as many ranks as the snapshot. Collective."""
         self.motion.restore({name: np.asarray(part, dtype=float) for name, part in memory.items()})
         self._wrenches = np.array(memory["wrenches"], dtype=float)
+        self._calls = int(memory["calls"])
 
     def energies(self) -> Mapping[str, float]:
         """Energies, J, of the nodes that are not bonded and of the deformation (`NodalMotion.energies`). Collective."""

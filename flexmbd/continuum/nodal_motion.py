@@ -102,6 +102,7 @@ class NodalMotion:
         self._stable = StableStep(body, masses)
         self._factor = min([plane.step_factor for plane in planes], default=1.0)
         self._limit = self._factor * self._stable.at_rest
+        self._fresh = self._stable.memory
         self.x, self.v, self.a, self.force, self._met, self._rubbed = np.zeros((6, n, 3))
         self._g: FloatArray = np.zeros(3)
         self._h = 0.0
@@ -134,6 +135,8 @@ class NodalMotion:
         self._g = np.array(gravity, dtype=float)
         self._works[:] = 0.0
         self._h = self._lost = 0.0
+        self._stable.memory = self._fresh
+        self._limit = self._factor * self._stable.at_rest
         for plane in self.planes:
             told = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
             size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
@@ -207,7 +210,7 @@ class NodalMotion:
         parts |= {"met": self._met, "rubbed": self._rubbed, "displacement": kept.displacement}
         parts |= {f"history {k}": part for k, part in enumerate(kept.history)}
         parts["works"] = np.array([*self._works, self._lost])
-        own = [self._h, self._limit]
+        own = [self._h, self._limit, *self._stable.memory]
         memory = {name: np.concatenate(self.body.comm.allgather(part)) for name, part in parts.items()}
         return memory | {"axes": np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])}
 
@@ -229,6 +232,7 @@ class NodalMotion:
         self.mesh.place(axes[:3], axes[3:12].reshape(3, 3))
         self._g = axes[12:15]
         self._h, self._limit = float(axes[15]), float(axes[16])
+        self._stable.memory = float(axes[17]), float(axes[18])
 
     def _accelerate(self, v: FloatArray, h: float, reach: float) -> FloatArray:
         """Set accelerations and contact forces; returns the accelerations without contact."""

@@ -68,9 +68,14 @@ class StableStep:
             self._found = self._at_rest * float(np.sqrt(self._first / self._of_shapes()))
         return self._found * min(1.0, size / self._size)
 
-    def forget(self) -> None:
-        """The body is undeformed again, or another one. Not collective."""
-        self._size = np.inf
+    @property
+    def memory(self) -> tuple[float, float]:
+        """What `present` goes on from; to be set anew with the body's history."""
+        return self._size, self._found
+
+    @memory.setter
+    def memory(self, values: tuple[float, float]) -> None:
+        self._size, self._found = values
 
     def _smallest(self) -> float:
         """Size of the smallest cell, in some unit. Collective."""

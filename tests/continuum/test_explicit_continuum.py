@@ -7,7 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam, RigidPlane, Support, UpdatedLagrangian
 from flexmbd.continuum.lumping import lumped_mass
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
@@ -23,8 +23,8 @@ def body(form=hencky_plasticity, names=("x_max",), *, E=1e6, yield_stress=2e4, c
     return UpdatedLagrangian(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
 
 
-def machine(interior, *, velocity, at, gravity=(0.0, 0.0, 0.0)):
-    scene = fm.System(gravity=gravity)
+def machine(interior, *, velocity, at, gravity=(0.0, 0.0, 0.0), comm=MPI.COMM_SELF):
+    scene = fm.System(gravity=gravity, team=MpiTeam(comm))
     part = scene.add(fm.ContinuumBody(interior), name="part")
     frame = part.frame(interior.frames[0].name)
     free = scene.connect(fm.joint.Free(), scene.ground.frame(p=at), frame)
@@ -157,6 +157,25 @@ def test_a_snapshot_goes_on_to_the_bit():
         assert all(np.array_equal(part, told[0][2][name]) for name, part in memory.items())
     assert told[0][1]["plastic"] > 0.0
     assert told[0][1]["contact"] != 0.0
+
+
+@pytest.mark.mpi
+def test_all_ranks_together_do_what_one_does():
+    """From a checkpoint on as well."""
+    told = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        interior = ExplicitContinuum(body(comm=comm), rigid_parts={"x_max": PART})
+        at, velocity = interior.frames[0].p_BI_B, [0.3, 0.1, 0.5, 1.0, -6.0, 8.0]
+        scene, frame = machine(interior, velocity=velocity, at=at, comm=comm)
+        run = scene.simulate(0.2, h=1e-3, integrator=EXPLICIT, checkpoints=[0.1])
+        again = scene.simulate(0.2, h=1e-3, integrator=EXPLICIT, restart=run.checkpoints[0])
+        energies = np.array([*interior.energies().values()])
+        told.append((run.position(frame)[-1], again.position(frame)[-1], energies))
+    (p, p_again, energies), (q, _, alone) = told
+    assert abs(p - q).max() < 1e-10
+    assert abs(p_again - p).max() < 1e-12
+    assert abs(energies - alone).max() < 1e-9 * abs(alone).max()
+    assert alone[2] > 0.0
 
 
 def test_bad_input():

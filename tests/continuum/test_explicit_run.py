@@ -141,7 +141,8 @@ def test_held_components_stay():
 
 
 def test_a_snapshot_goes_on_to_the_bit():
-    run = ExplicitRun(soft_block(), velocity=tumbling, planes=[RigidPlane((-0.01, 0.0, 0.0), (1.0, 0.0, 0.0))])
+    planes = [RigidPlane((-0.01, 0.0, 0.0), (1.0, 0.0, 0.0))]
+    run = ExplicitRun(soft_block(), velocity=tumbling, planes=planes)
     h = 0.5 * run.stable_step
     for _ in range(20):
         run.motion.advance(h)
@@ -149,14 +150,15 @@ def test_a_snapshot_goes_on_to_the_bit():
     for _ in range(20):
         run.motion.advance(h)
     places, energies = run.motion.x.copy(), run.motion.energies()
-    other = ExplicitRun(soft_block()).motion
-    other.planes = run.motion.planes
+    other = ExplicitRun(soft_block(), planes=planes).motion
+    fresh = other.limit
     for motion in (run.motion, other):
         motion.restore(kept)
         for _ in range(20):
             motion.advance(h)
         assert np.array_equal(motion.x, places)
         assert motion.energies() == energies
+    assert other.renew_limit() == run.motion.renew_limit() != fresh
 
 
 def test_bad_input():
