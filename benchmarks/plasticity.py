@@ -1,0 +1,196 @@
+"""Plasticity: assembly by the cell, and a thick cylinder loaded to its limit, against Kratos and CalculiX.
+
+    ./run python benchmarks/plasticity.py --small          # a few seconds
+    ./run python benchmarks/plasticity.py                  # 20 000 bricks, about two minutes
+    ./run python benchmarks/plasticity.py --kratos PYTHON  # and by a python that has Kratos, some minutes more
+    ./run python benchmarks/plasticity.py --calculix CCX   # and CalculiX, a folder with its `ccx`, ten minutes more
+
+Kratos: KratosMultiphysics, KratosStructuralMechanicsApplication, KratosConstitutiveLawsApplication,
+KratosLinearSolversApplication and numpy of PyPI in an environment of its own; CalculiX: Debian's `calculix-ccx`. Both
+must be seen from where this runs, or are run apart by plasticity_peers.py. All times are processor time of one thread.
+
+The cylinder: a quarter, inner radius 1 m, outer 2 m, plane strain, 8-node bricks with mean dilatation, perfectly
+plastic and with a hardening of 700 MPa; 20 equal steps to 0.98 of the perfectly plastic limit, Newton's method to 1e-9.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import plasticity_peers as case
+
+from flexmbd import meshes
+from flexmbd.continuum.loads import Pressure, load_vectors
+from flexmbd.continuum.newton import Newton
+from flexmbd.continuum.static_path import StaticPath, follow, held_dofs
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.forms import j2_plasticity as j2
+from flexmbd.forms import solid_linear
+
+FULL, SMALL = (40, 50, 10), (10, 12, 3)
+# of the steps at which a body yields all over, and the times each thing is measured
+STRAIN, REPEATS = 3e-3, 7
+TOLERANCE = 0.01
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--small", action="store_true", help="a small mesh")
+    parser.add_argument("--kratos", metavar="PYTHON", help="a python that has Kratos")
+    parser.add_argument("--calculix", metavar="FOLDER", help="the folder of ccx")
+    arguments = parser.parse_args()
+    divisions = SMALL if arguments.small else FULL
+    print(per_cell(divisions))
+    ours = {hardening: cylinder(divisions, hardening) for hardening in (700e6, 0.0)}
+    for peer, where, hardening in (("kratos", arguments.kratos, 0.0), ("calculix", arguments.calculix, 700e6)):
+        if where is None:
+            print(f"{peer}: left out; see --{peer}")
+            continue
+        found = run_peer(peer, where, divisions, hardening)
+        times = found["seconds"] / ours[hardening]["seconds"]
+        print(f"{peer}, hardening {hardening:.0e}: {found}, {times:.1f} times flexmbd's time")
+        for name in ("u_a", "u_b"):
+            if abs(found[name] / ours[hardening][name] - 1.0) > TOLERANCE:
+                print(f"{name} of {peer} differs by more than {TOLERANCE}")
+    return 0
+
+
+def per_cell(divisions: tuple[int, int, int]) -> str:
+    """A table of us a cell, of a body that yields all over, and of an elastic one."""
+    rows = {}
+    for name, form, means in (
+        ("linear elastic", solid_linear, False),
+        ("J2", j2, False),
+        ("J2, mean dilatation", j2, True),
+    ):
+        body = ring(divisions, form=form, hardening=700e6, means=means)
+        n = body.mesh.mesh.topology.index_map(3).size_local
+        stretched = STRAIN * body.layout.node_x * [1.0, -0.5, -0.3]
+        u = np.zeros(body.layout.n_local)
+        u[body.displacement_dofs] = stretched
+        body.tangent(u)
+        (history,) = body._histories
+        rows[name] = [
+            1e6 / n * least(task)
+            for task in (partial(body.force, u), partial(body.tangent, u), history.update)
+        ]
+        body.revert()
+    head = f"{'us a cell':22} {'residual':>9} {'tangent':>9} {'update':>9}"
+    lines = [f"{name:22}" + "".join(f" {value:9.2f}" for value in values) for name, values in rows.items()]
+    elastic, plain, means_ = rows.values()
+    claims = (
+        f"tangent, J2 / elastic: {plain[1] / elastic[1]:.2f}, with mean dilatation {means_[1] / elastic[1]:.2f}; "
+        f"update / residual: {plain[2] / plain[0]:.2f}, with mean dilatation {means_[2] / means_[0]:.2f}"
+    )
+    return "\n".join([head, *lines, claims, ""])
+
+
+def least(task: Callable[[], object]) -> float:
+    """The least processor time of several runs, s."""
+    spent = []
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        task()
+        spent.append(time.process_time() - begin)
+    return min(spent)
+
+
+def ring(divisions, *, form, hardening, means=True):
+    """The body of the cylinder."""
+    mesh = meshes.quarter_ring(case.HEIGHT, case.OUTER, case.INNER, divisions=divisions)
+    elastic = {"E": case.YOUNG, "nu": case.POISSON, "rho": 2700.0}
+    if form is solid_linear:
+        p = form.Parameters(**elastic)
+    else:
+        p = form.Parameters(**elastic, yield_stress=case.YIELD, hardening=j2.Linear(hardening))
+    return UpdatedLagrangian(mesh, form, p, degree=1, cell_means=means)
+
+
+class Split:
+    """Processor time by what it is spent on, for methods that are wrapped while a block runs."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._kept: list[tuple[type, str, Callable]] = []
+
+    def wrap(self, owner: type, name: str, part: str) -> None:
+        """Count a method's time as a part's."""
+        method = getattr(owner, name)
+        self._kept.append((owner, name, method))
+
+        def timed(*arguments, **named):
+            begin = time.process_time()
+            try:
+                return method(*arguments, **named)
+            finally:
+                self.seconds[part] = self.seconds.get(part, 0.0) + time.process_time() - begin
+
+        setattr(owner, name, timed)
+
+    def unwrap(self) -> None:
+        """Put the methods back."""
+        for owner, name, method in self._kept:
+            setattr(owner, name, method)
+
+
+def cylinder(divisions, hardening) -> dict[str, float]:
+    """The steps of the cylinder, printed."""
+    body = ring(divisions, form=j2, hardening=hardening)
+    held = held_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"})
+    force = case.LIMIT * load_vectors(body, [Pressure("p", "inner")])[:, 0]
+    # compiled before the clock starts
+    body.tangent(np.zeros(body.layout.n_local))
+    split = Split()
+    for owner, name, part in (
+        (UpdatedLagrangian, "tangent", "tangent"), (UpdatedLagrangian, "force", "residual"),
+        (UpdatedLagrangian, "commit", "update"), (Newton, "_krylov", "factor"), (Newton, "_direction", "solve"),
+    ):
+        split.wrap(owner, name, part)
+    begin, wall = time.process_time(), time.perf_counter()
+    steps = np.linspace(0.0, case.SHARE, case.STEPS + 1)[1:]
+    try:
+        path: StaticPath = follow(body, list(steps), held=held, load=lambda t: t * force)
+    finally:
+        split.unwrap()
+    seconds, wall = time.process_time() - begin, time.perf_counter() - wall
+    split.seconds["solve"] -= split.seconds["factor"]
+    found = {"seconds": seconds}
+    for name, group in (("u_a", "inner"), ("u_b", "outer")):
+        nodes = body.layout.nodes_on(2, body.mesh.facets(group))
+        found[name] = float(np.linalg.norm(body.displacement[body.displacement_dofs[nodes, :2]], axis=1).mean())
+    tangents = sum(len(step.residuals) - 1 for step in path.steps)
+    print(
+        f"flexmbd, hardening {hardening:.0e} Pa, {len(body.layout.node_x) * 3} dofs: {seconds:.1f} s ({wall:.1f} s by "
+        f"the clock), {len(path.steps)} steps, {tangents} tangents, {path.factorisations} factorisations, "
+        f"{path.iterations} iterations, u_a {found['u_a']:.7e}, u_b {found['u_b']:.7e} m"
+    )
+    print("  " + ", ".join(f"{part} {value:.2f} s" for part, value in split.seconds.items()))
+    print("  last step: " + " ".join(f"{value:.0e}" for value in path.steps[-1].residuals) + "\n", flush=True)
+    return found
+
+
+def run_peer(peer: str, where: str, divisions: tuple[int, ...], hardening: float) -> dict[str, float]:
+    """Times of another program in a process of its own."""
+    python = where if peer == "kratos" else sys.executable
+    path = os.environ["PATH"] if peer == "kratos" else f"{where}:{os.environ['PATH']}"
+    called = [python, case.__file__, peer, ",".join(map(str, divisions)), str(hardening / 1e6)]
+    run = subprocess.run(
+        called, capture_output=True, text=True, check=True, env=os.environ | {"OMP_NUM_THREADS": "1", "PATH": path},
+        cwd=Path(__file__).parent,
+    )
+    line = next(line for line in reversed(run.stdout.splitlines()) if line.startswith("{"))
+    return json.loads(line)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    sys.exit(main())
