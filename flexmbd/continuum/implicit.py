@@ -20,7 +20,6 @@ from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
 from flexmbd.continuum.lumping import lumped_mass
 from flexmbd.continuum.newton import (
-    DEFAULT_SOLVER,
     Balance,
     Convergence,
     LinearSolver,
@@ -36,6 +35,9 @@ FloatArray = NDArray[np.float64]
 
 #: Far below what a machine asks of its own iteration.
 _TIGHT = Convergence(tolerance=1e-11, round_off=1e-6)
+
+#: A tangent costs some ten times the forces, and a step of a motion is short.
+_SOLVER = LinearSolver(keeps_below=0.03)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ class ImplicitContinuum:
         body: UpdatedLagrangian,
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
-        solver: LinearSolver = DEFAULT_SOLVER,
+        solver: LinearSolver = _SOLVER,
     ) -> None:
         """Assemble the mass. Collective.
 
@@ -161,8 +163,11 @@ class ImplicitContinuum:
             matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             return matrix
 
-        guess = self._guess(now, auxiliary, h, scheme, pose=pose, at_bonds=at_bonds)
-        solution = self._newton.solve(guess, guess[self._held], forces, tangent)
+        guess = self._guess(now, auxiliary, h, scheme, pose=pose)
+        # the first step moves the bonded nodes, and the others with them
+        moved = guess.reshape(-1, 3).copy()
+        moved[bonds.nodes] = self._increment(at_bonds, bonds.nodes, pose)
+        solution = self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[bonds.nodes] = bonds.velocities(motion)
@@ -224,25 +229,20 @@ class ImplicitContinuum:
         return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
 
     def _guess(
-        self,
-        now: _Motion,
-        auxiliary: FloatArray,
-        h: float,
-        scheme: Scheme,
-        *,
-        pose: tuple[FloatArray, FloatArray],
-        at_bonds: FloatArray,
+        self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """Displacement in body axes to begin with: the last trial's, or with unchanged accelerations."""
-        body, (p, R) = self.body, pose
-        x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
-        x[self._bonds.nodes] = at_bonds
-        shape = (x - p) @ R - body.layout.node_x - body.displacement.reshape(-1, 3)
         if self._trial is not None:
-            at = shape[self._bonds.nodes].copy()
-            shape = self._trial.increment.reshape(-1, 3).copy()
-            shape[self._bonds.nodes] = at
-        return np.ascontiguousarray(shape).reshape(-1)
+            return self._trial.increment
+        x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
+        return self._increment(x, np.arange(len(x)), pose).reshape(-1)
+
+    def _increment(
+        self, x: FloatArray, nodes: NDArray[np.integer], pose: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
+        """(n, 3) m, displacement in body axes since the last accepted step of nodes at inertial positions x."""
+        before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
+        return np.ascontiguousarray((x - pose[0]) @ pose[1] - before)
 
     def _product(self, nodal: FloatArray) -> FloatArray:
         """(owned dofs,) mass matrix times (local nodes, 3). Collective."""

@@ -37,11 +37,14 @@ class LinearSolver:
     Attributes:
         most_iterations: after a solution that took more Krylov iterations the next tangent is
             factorised anew; 0: every tangent is.
+        keeps_below: a tangent is kept for the next step where the last one left less than this part of
+            the residual; 0: every step has its own, and Newton's method is quadratic.
         looseness: a system is solved to this part of its right-hand side at first; the closer Newton's
             method comes, the tighter, so that it stays quadratic.
     """
 
     most_iterations: int = 12
+    keeps_below: float = 0.0
     looseness: float = 1e-2
 
 
@@ -154,7 +157,10 @@ class Newton:
                 return Solution(increment, tuple(residuals), balance)
             if step == rule.most_steps:
                 break
-            change = self._direction(tangent(increment), balance.residual, missing, residuals)
+            if step < 2 or residuals[-1] > self._solver.keeps_below * residuals[-2]:
+                matrix, held = tangent(increment), False
+            change = self._direction(matrix, balance.residual, missing, residuals, held=held)
+            held = True
             missing = np.zeros_like(missing)
             increment, balance = self._search(increment, change, balance, forces, full=jumps)
         raise ConvergenceError(
@@ -194,17 +200,24 @@ class Newton:
         self._stale = True
 
     def _direction(
-        self, matrix: PETSc.Mat, residual: FloatArray, missing: FloatArray, residuals: list[float]
+        self,
+        matrix: PETSc.Mat,
+        residual: FloatArray,
+        missing: FloatArray,
+        residuals: list[float],
+        *,
+        held: bool,
     ) -> FloatArray:
-        """Newton's step (local dofs including ghosts,). Collective."""
+        """Newton's step (local dofs including ghosts,); ``held``: of a matrix that was used before. Collective."""
         right, left = matrix.createVecLeft(), matrix.createVecRight()
         left.array[:] = 0.0
         left.array[self._held] = missing
         matrix.mult(left, right)
-        right.array[:] = -residual - right.array
+        right.array[:] = -residual if held else -residual - right.array
         right.array[self._held] = missing
         symmetric = self._is_symmetric(matrix)
-        self._hold(matrix)
+        if not held:
+            self._hold(matrix)
         ksp = self._krylov(matrix, symmetric)
         loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
         ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
@@ -217,6 +230,7 @@ class Newton:
             raise ConvergenceError(
                 f"the linear system of a Newton step was not solved ({taken} iterations); take a smaller step"
             )
+        left.array[self._held] = missing  # exact, whatever Krylov's method left
         self._ghosted.array[: self._body.n_owned] = left.array
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
