@@ -65,7 +65,7 @@ say()
 
 # ## The swing
 
-run = scene.simulate(END, integrator=fm.GeneralizedAlpha(rho=0.9), rtol=1e-2)
+run = scene.simulate(END, integrator=fm.GeneralizedAlpha(rho=0.9), rtol=5e-3)
 say(f"{run.stats.steps} steps, {run.stats.iterations} iterations, {run.stats.seconds:.1f} s")
 say()
 
@@ -97,13 +97,14 @@ bend = np.array([np.arctan2(-(a.T @ b)[2, 0], (a.T @ b)[0, 0]) for a, b in zip(R
 moment = YIELD * SIDE**3 / 4
 bound = TIP * SPEED**2 / (2 * moment)
 per_angle = parts["plastic"][-1] / moment
-say(f"plastic moment {moment:.0f} N m; bend {np.degrees(bend.max()):.1f} degrees at most, {np.degrees(bend[-1]):.1f} at the end")
-say(f"Parkes' bound for the tip alone {np.degrees(bound):.1f} degrees; dissipated over plastic moment {np.degrees(per_angle):.1f}")
+most, last = np.degrees(bend.max()), np.degrees(bend[-1])
+say(f"plastic moment {moment:.0f} N m; bend {most:.1f} degrees at most, {last:.1f} at the end")
+say(f"Parkes for the tip alone {np.degrees(bound):.1f} degrees; dissipated over plastic moment {np.degrees(per_angle):.1f}")
 
 assert lost < 0.01
-assert 0.8 * parts["plastic"][-1] < kinetic[0] + weight[0] - weight[-1]
-# the hinge hardens a little and spreads, the elastic parts keep some: near the bound of the energy that it met
-assert 0.9 < parts["plastic"][-1] / (moment * bend[-1]) < 1.15
+assert parts["plastic"][-1] < kinetic[0] + weight[0] - weight[-1] + 0.01 * kinetic[0]
+# the hinge hardens, its end is clamped, and bricks of this size are too stiff in bending by some 10 %
+assert 1.0 < parts["plastic"][-1] / (moment * bend[-1]) < 1.2
 
 if root:
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
