@@ -99,7 +99,8 @@ bound = TIP * SPEED**2 / (2 * moment)
 per_angle = parts["plastic"][-1] / moment
 most, last = np.degrees(bend.max()), np.degrees(bend[-1])
 say(f"plastic moment {moment:.0f} N m; bend {most:.1f} degrees at most, {last:.1f} at the end")
-say(f"Parkes for the tip alone {np.degrees(bound):.1f} degrees; dissipated over plastic moment {np.degrees(per_angle):.1f}")
+alone, spent = np.degrees(bound), np.degrees(per_angle)
+say(f"Parkes for the tip alone {alone:.1f} degrees; dissipated over plastic moment {spent:.1f}")
 
 assert lost < 0.01
 assert parts["plastic"][-1] < kinetic[0] + weight[0] - weight[-1] + 0.01 * kinetic[0]

@@ -1,5 +1,8 @@
 """A body with history that the machine steps implicitly: its condensed tangent, and its motion."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -173,3 +176,12 @@ def test_what_cannot_be_bonded_is_refused():
         ImplicitContinuum(bar(form, parameters), rigid_parts={"nose": fm.RigidBody(1.0, (1.0, 1.0, 1.0))})
     with pytest.raises(SceneError, match="before it has begun"):
         ImplicitContinuum(bar(form, parameters)).energies()
+
+
+def test_the_code_of_the_page_runs(capsys):
+    text = (Path(__file__).parents[2] / "docs" / "implicit.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names = {}
+    exec(code, names)
+    assert set(names["run"].energies(names["rod"])) == {"kinetic", "gravitational", "elastic", "plastic"}
+    assert "plastic" in capsys.readouterr().out
