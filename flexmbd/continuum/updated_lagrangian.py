@@ -76,7 +76,7 @@ class UpdatedLagrangian:
         *,
         degree: int,
         interfaces: Sequence[Interface] = (),
-        cell_means: bool = True,
+        cell_means: bool | None = None,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -88,7 +88,8 @@ class UpdatedLagrangian:
             degree: of the elements, at least that of the mesh's geometry, and the same with a
                 formulation whose reference is the updated configuration.
             interfaces: groups of the mesh that carry frames.
-            cell_means: whether formulations with `cell_mean` use it against volumetric locking.
+            cell_means: whether formulations with `cell_mean` use it against volumetric locking; by default
+                with elements of degree 1. One mean a cell is too few for those of degree 2.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
@@ -115,7 +116,8 @@ class UpdatedLagrangian:
         )
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)
-        self._histories = [History(group, self._u, v, means=cell_means) for group in self.groups]
+        means = degree == 1 if cell_means is None else cell_means
+        self._histories = [History(group, self._u, v, means=means) for group in self.groups]
         self._forces = [fem.form(term) for history in self._histories for term in history.terms]
         self._means = [
             (history.mean, *map(fem.form, history.mean_forms()))
