@@ -8,6 +8,7 @@ from flexmbd.meshes.beam import beam as beam
 from flexmbd.meshes.block import block as block
 from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
 from flexmbd.meshes.crank import crank as crank
+from flexmbd.meshes.crash_tube import crash_tube as crash_tube
 from flexmbd.meshes.h5_file import write as write
 from flexmbd.meshes.line import line as line
 from flexmbd.meshes.mesh_file import read as read

@@ -27,7 +27,9 @@ SIZE = (1.0, 0.3, 0.2)
 AXES = np.linalg.qr(np.array([[1.0, 0.3, -0.2], [-0.4, 1.0, 0.5], [0.1, -0.3, 1.0]]))[0]
 AXES *= np.linalg.det(AXES)
 
-FORMS = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+# what has no energy has a history, and is not reduced
+NAMES = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+FORMS = [name for name in NAMES if hasattr(formulation.load(name), "strain_energy")]
 CASES = [
     pytest.param((name, cell), id=f"{name}-{cell}") for name in FORMS for cell in formulation.load(name).CELLS
 ]
@@ -144,7 +146,9 @@ class Full:
         n = len(k) - self.pressures
         assert not m[n:].any()
         k = k[:n, :n] - k[:n, n:] @ np.linalg.solve(k[n:, n:], k[n:, :n])
-        return np.sqrt(scipy.linalg.eigh(k, m[:n, :n], eigvals_only=True, subset_by_index=(0, 3))) / (2 * np.pi)
+        # the other way round, for a shell's rotations about its normal have no mass
+        periods = scipy.linalg.eigh(m[:n, :n], k, eigvals_only=True, subset_by_index=(n - 4, n - 1))
+        return 1 / np.sqrt(periods[::-1]) / (2 * np.pi)
 
 
 @functools.cache
@@ -205,6 +209,8 @@ def material_points(model):
     p = model.groups[0].parameters
     if not model.has_sections:
         return [None], p.rho
+    if hasattr(p, "t"):
+        return [(side * p.t / np.sqrt(12),) for side in (-1, 1)], p.rho * p.t / 2
     # four points with the second moments of a beam's section
     reach = np.sqrt([p.Iz / p.A, p.Iy / p.A])
     return [reach * signs for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))], p.rho * p.A / 4
@@ -216,7 +222,7 @@ def by_quadrature(model, body):
     points, weights = basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], 8)
     cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     x = ufl.SpatialCoordinate(mesh)
-    xi = fem.Constant(mesh, np.zeros(2))
+    xi = fem.Constant(mesh, np.zeros(3 - mesh.topology.dim if model.has_sections else 2))
     moved = ufl.as_vector([u[i] for i in range(3)])
     if model.has_sections:
         moved = model.formulation.motion(u, xi, model.groups[0].symbols)
@@ -232,6 +238,10 @@ def by_quadrature(model, body):
         place = at
         if offset is not None:
             xi.value[:] = offset
+        if offset is not None and len(offset) == 1:
+            normals = fem.Expression(ufl.CellNormal(mesh), points).eval(mesh, cells).reshape(-1, 3)
+            place = at + offset[0] * normals
+        elif offset is not None:
             y = np.array([0.0, *model.groups[0].parameters.orientation[1:]])
             y /= np.linalg.norm(y)
             place = at + offset[0] * y + offset[1] * np.cross([1.0, 0.0, 0.0], y)
@@ -242,6 +252,10 @@ def by_quadrature(model, body):
         fields = np.hstack(values)
         gram += density * (fields * by[:, None]).T @ fields
     return model.comm.allreduce(gram)
+
+
+def mesh_dimension(case):
+    return reduced(case).model.mesh.mesh.topology.dim
 
 
 def relative_to_fields(found, gram):
@@ -255,7 +269,9 @@ def relative_to_fields(found, gram):
 @pytest.mark.parametrize("case", CASES)
 def test_inertia_integrals_by_quadrature_and_by_point_masses(case):
     body = reduced(case).body()
-    assert relative_to_fields(by_quadrature(reduced(case).model, body), body.gram) < 1e-12
+    # a thin shell bends so much more easily than it stretches that its modes carry more round-off
+    limit = 1e-12 if mesh_dimension(case) != 2 else 1e-10
+    assert relative_to_fields(by_quadrature(reduced(case).model, body), body.gram) < limit
     found = point_masses(body)
     assert len(found.mass) <= 4 + 3 * body.n_modes
     phi = found.phi.swapaxes(1, 2).reshape(len(found.mass), -1)
