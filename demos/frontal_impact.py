@@ -110,8 +110,8 @@ say(f"plastic strain up to {strain:.2f}")
 
 assert lost < 0.01
 assert parts["plastic"][-1] > 0.8 * spent
-# it folds: the force falls below what squashes the straight tube, and the walls leave their planes
-assert mean < squash < 1.5 * force.max()
+# it folds: the force that first squashed the tube's section has fallen below that, and the walls leave their planes
+assert force[-10:].max() < squash < force[:20].max()
 numbers = comm.gather(node_numbers(solid)[: solid.layout.n_owned_nodes])
 corners = comm.gather(node_numbers(solid)[solid.space.dofmap.list[: len(solid.groups[0].cells)]])
 last = comm.gather(interior.motion.x)

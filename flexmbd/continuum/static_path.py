@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from petsc4py import PETSc
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -183,7 +181,4 @@ def _equilibrium(
         size = max(body.norm(external), body.norm(residual[held]))
         return Balance(residual, size if size > 0.0 else body.norm(internal))
 
-    def tangent(increment: FloatArray) -> PETSc.Mat:
-        return body.tangent(increment)
-
-    return newton.solve(start, goal - body.displacement[held], forces, tangent)
+    return newton.solve(start, goal - body.displacement[held], forces, body.tangent)

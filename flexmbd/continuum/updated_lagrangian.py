@@ -12,7 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -179,13 +179,10 @@ class UpdatedLagrangian:
                 names one), or the equations at a point have no solution.
         """
         self._set_trial(increment)
-        with self._updated_mesh():
+        with self.present_mesh():
             self._solve_points()
-            self._sum.array[:] = 0.0
-            for form in self._forces:
-                fem.assemble_vector(self._sum.array, form)
-        self._sum.scatter_reverse(la.InsertMode.add)
-        force: FloatArray = self._sum.array[: self.n_owned].copy()
+            self._assemble()
+        force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
             self._refuse(force)
@@ -203,7 +200,7 @@ class UpdatedLagrangian:
             ConvergenceError: as `force`.
         """
         self._set_trial(increment)
-        with self._updated_mesh():
+        with self.present_mesh():
             self._solve_points()
             return self._tangent.assemble()
 
@@ -227,7 +224,7 @@ class UpdatedLagrangian:
             ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
         """
         self._set_trial(increment)
-        with self._updated_mesh():
+        with self.present_mesh():
             self._solve_points()
             for history in self._histories:
                 history.update()
@@ -235,10 +232,7 @@ class UpdatedLagrangian:
         if not self.comm.allreduce(finite, op=MPI.LAND):
             self.revert()
             raise ConvergenceError("the history at the step's end is not finite; take a smaller step")
-        for history in self._histories:
-            history.commit()
-        self.displacement += increment
-        self._set_trial(np.zeros_like(increment))
+        self._accept(increment)
 
     def step(self, increment: FloatArray) -> FloatArray:
         """Internal forces at a displacement that is accepted at once, as explicit steps do. Collective.
@@ -255,24 +249,18 @@ class UpdatedLagrangian:
             ConvergenceError: as `force` and `commit`; nothing is accepted.
         """
         self._set_trial(increment)
-        with self._updated_mesh():
+        with self.present_mesh():
             self._solve_points()
-            self._sum.array[:] = 0.0
-            for form in self._forces:
-                fem.assemble_vector(self._sum.array, form)
+            self._assemble()
             for history in self._histories:
                 history.update()
-        self._sum.scatter_reverse(la.InsertMode.add)
-        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        force = self._summed()
         finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
             self.revert()
             self.check_cells()
             raise ConvergenceError("the internal forces are not finite; take a smaller step")
-        for history in self._histories:
-            history.commit()
-        self.displacement += increment
-        self._set_trial(np.zeros_like(increment))
+        self._accept(increment)
         return force
 
     def revert(self) -> None:
@@ -299,7 +287,7 @@ class UpdatedLagrangian:
         """
         self._set_trial(np.zeros(self.layout.n_local))
         totals: dict[str, float] = {}
-        with self._updated_mesh():
+        with self.present_mesh():
             self._average()
             for history in self._histories:
                 for name, value in history.energies().items():
@@ -309,7 +297,7 @@ class UpdatedLagrangian:
     def stress(self) -> list[FloatArray]:
         """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
         self._set_trial(np.zeros(self.layout.n_local))
-        with self._updated_mesh():
+        with self.present_mesh():
             self._average()
             return [history.stress() for history in self._histories]
 
@@ -322,7 +310,7 @@ class UpdatedLagrangian:
 
         In the order of the groups; negative where a cell is inside out.
         """
-        with self._updated_mesh():
+        with self.present_mesh():
             measure = ufl.JacobianDeterminant(self.mesh.mesh)
             return np.concatenate([history.evaluate(measure) for history in self._histories])
 
@@ -334,7 +322,7 @@ class UpdatedLagrangian:
         """
         error: InvertedCellError | None = None
         stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
-        with self._updated_mesh():
+        with self.present_mesh():
             for history in self._histories:
                 values = history.evaluate(stretch)
                 if not values.size or values.min() > 0.0:
@@ -360,6 +348,25 @@ class UpdatedLagrangian:
                 "finite; take a smaller step"
             )
         parallel.raise_collectively(self.comm, error)
+
+    def _assemble(self) -> None:
+        """Put this rank's part of the internal forces at the trial displacement into the sum."""
+        self._sum.array[:] = 0.0
+        for form in self._forces:
+            fem.assemble_vector(self._sum.array, form)
+
+    def _summed(self) -> FloatArray:
+        """(owned dofs,) N, the forces of all ranks. Collective."""
+        self._sum.scatter_reverse(la.InsertMode.add)
+        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        return force
+
+    def _accept(self, increment: FloatArray) -> None:
+        """Make history and configuration those at the step's end."""
+        for history in self._histories:
+            history.commit()
+        self.displacement += increment
+        self._set_trial(np.zeros_like(increment))
 
     def _set_trial(self, increment: FloatArray) -> None:
         self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
@@ -401,13 +408,9 @@ class UpdatedLagrangian:
         dofs[nodes.ravel()] = 3 * blocks.reshape(-1, 1) + np.arange(3)
         return dofs
 
-    def present_mesh(self) -> AbstractContextManager[None]:
-        """The mesh in the configuration that the formulations refer to, within a `with` block."""
-        return self._updated_mesh()
-
     @contextmanager
-    def _updated_mesh(self) -> Iterator[None]:
-        """The mesh in the configuration that the formulations refer to."""
+    def present_mesh(self) -> Iterator[None]:
+        """The mesh in the configuration that the formulations refer to, within a `with` block."""
         if not self.is_updated:
             yield
             return
