@@ -25,6 +25,7 @@ from flexmbd.multibody.enforcement import AugmentedLagrangian as AugmentedLagran
 from flexmbd.multibody.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.enforcement import Penalty as Penalty
 from flexmbd.multibody.enforcement import Way as Way
+from flexmbd.multibody.solid import Solid as Solid
 from flexmbd.multibody.time_function import Motion as Motion
 from flexmbd.multibody.time_function import Sine as Sine
 from flexmbd.multibody.time_function import Table as Table

@@ -8,6 +8,8 @@ from flexmbd.continuum.explicit_run import EnergyAccount as EnergyAccount
 from flexmbd.continuum.explicit_run import ExplicitRun as ExplicitRun
 from flexmbd.continuum.implicit import ImplicitContinuum as ImplicitContinuum
 from flexmbd.continuum.interface import Interface as Interface
+from flexmbd.continuum.mass_moments import rigid_body_of as rigid_body_of
+from flexmbd.continuum.mass_moments import solid_of as solid_of
 from flexmbd.continuum.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.nodal_motion import Support as Support
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.solid import Solid, principal_axes
 from flexmbd.reduced import ReducedBody
 from flexmbd.rotation import check_rotation
 
@@ -126,6 +127,29 @@ class RigidBody:
         if faults:
             raise SceneError("rigid body: " + "; ".join(faults))
         self._tensor = tensor
+
+    @classmethod
+    def from_solid(cls, solid: Solid) -> RigidBody:
+        """A rigid body of a solid's mass, its frame in the axes that the solid was given in."""
+        return cls(solid.mass, solid.inertia, tuple(map(float, solid.com)))
+
+    @classmethod
+    def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> RigidBody:
+        """What a closed surface of flat triangles encloses, as a rigid body in the points' axes.
+
+        Args:
+            points: (n, 3) m.
+            triangles: (t, 3) rows of points.
+            density: kg/m^3.
+
+        Raises:
+            SceneError: the surface is open, its triangles disagree which side is out, or it encloses no volume.
+        """
+        return cls.from_solid(Solid.from_surface(points, triangles, density=density))
+
+    def principal_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Principal inertias (3,), kg m^2, ascending, and R_BP (3, 3) from their axes to the body's."""
+        return principal_axes(self._tensor)
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
