@@ -10,6 +10,7 @@ import pytest
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, rigid_body_of, solid_of
+from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.forms import beam_timoshenko, solid_linear
@@ -64,7 +65,7 @@ def boundary(mesh):
     facets = dolfinx.mesh.exterior_facet_indices(below)
     triangles = dolfinx.mesh.entities_to_geometry(mesh.mesh, 2, facets).reshape(-1, 3)
     cell_of = below.connectivity(2, 3)
-    middles = np.array([above.x[above.dofmap[cell_of.links(f)[0]]].mean(axis=0) for f in facets])
+    middles = np.array([above.x[cell_nodes(mesh.mesh)[cell_of.links(f)[0]]].mean(axis=0) for f in facets])
     a, b, c = np.moveaxis(above.x[triangles], 1, 0)
     inwards = np.einsum("ti,ti->t", np.cross(b - a, c - a), a - middles) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
@@ -99,7 +100,7 @@ def test_a_density_for_each_group():
     halves = {"steel": lambda x: x[0] < 0.15 + 1e-9, "wood": lambda x: x[0] > 0.15 - 1e-9}
     box = meshes.block(*SIZE, divisions=(2, 1, 1), cell="hexahedron", degree=1)
     mesh = from_arrays(
-        box.comm, box.mesh.geometry.x, box.mesh.geometry.dofmap, cell="hexahedron", degree=1,
+        box.comm, box.mesh.geometry.x, cell_nodes(box.mesh), cell="hexahedron", degree=1,
         facet_groups={}, cell_groups=halves,
     )
     body = rigid_body_of(mesh, density={"steel": 7800.0, "wood": 600.0})
