@@ -7,13 +7,14 @@ Lambda(theta) the rotation, r the axis, ' the derivative along it and f, c force
     rho A d2u/dt2 = (Lambda n)' + f,   d(spin)/dt = (Lambda m)' + r' x Lambda n + c,
     gamma = Lambda^T r' - r_0',   kappa = axial(Lambda^T Lambda'),
     W = E A gamma_t^2 / 2 + G A (ky gamma_y^2 + kz gamma_z^2) / 2
-      + G J kappa_t^2 / 2 + E (Iy kappa_y^2 + Iz kappa_z^2) / 2,   n = dW/dgamma,  m = dW/dkappa
+      + G J kappa_t^2 / 2 + E (Iy kappa_y^2 + Iz kappa_z^2 - 2 Iyz kappa_y kappa_z) / 2,
+    n = dW/dgamma,   m = dW/dkappa
 
 per length of the initial axis, in the section's axes t, y, z: tangent from a cell's first node to its
 second, the part of `orientation` normal to it, and t x y. The energy is that of finite rotations on
 purpose: its third derivative at rest, from which the geometric stiffness follows, is not zero. Assumes
-small strain, plane sections whose y and z are principal axes through the centroid, which is the centre
-of shear as well, and free warping.
+small strain, plane sections whose y and z are axes through the centroid, which is the centre of shear as
+well, and free warping.
 
 Lagrange elements of equal degree for u and theta. Stretch and shear are integrated by as many Gauss
 points as the element has degree, which removes locking on straight and curved axes alike: that is
@@ -48,7 +49,7 @@ REFERENCE = "INITIAL"
 class Parameters:
     """An isotropic elastic material and a section that is the same along the beam.
 
-    `rectangle` gives those of a plain section.
+    `rectangle`, `tube` and `i_section` give those of plain sections.
 
     Attributes:
         E: Young's modulus, Pa, E > 0.
@@ -60,6 +61,7 @@ class Parameters:
         ky, kz: shear factors for forces along y and z, dimensionless, positive.
         orientation: a vector, in the mesh's axes, that is nowhere along the axis; its part normal to
             the axis is y.
+        Iyz: product of area, integral of y z, m^4, Iyz^2 < Iy Iz; zero where y and z are principal axes.
 
     Raises:
         ValueError: a value is not a finite number inside its range, or the orientation is zero.
@@ -75,15 +77,20 @@ class Parameters:
     ky: float
     kz: float
     orientation: tuple[float, float, float]
+    Iyz: float = 0.0
 
     def __post_init__(self) -> None:
-        *scalars, _ = (field.name for field in fields(self))
-        for name in scalars:
+        for name in (field.name for field in fields(self) if field.name != "orientation"):
             number = _number(name, getattr(self, name))
             # written so that NaN fails
-            if name != "nu" and not 0.0 < number < float("inf"):
+            if name not in ("nu", "Iyz") and not 0.0 < number < float("inf"):
                 raise ValueError(f"{name} must be positive and finite, got {number}")
             object.__setattr__(self, name, number)
+        if not self.Iyz**2 < self.Iy * self.Iz:
+            raise ValueError(
+                f"Iyz^2 must be less than Iy Iz, as for every section: got Iyz = {self.Iyz}, Iy = {self.Iy}, "
+                f"Iz = {self.Iz} m^4, with which bending would have no positive energy"
+            )
         if not -1.0 < self.nu < 0.5:
             raise ValueError(
                 f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
@@ -117,6 +124,59 @@ class Parameters:
         Iy, Iz = width * height**3 / 12, height * width**3 / 12
         return cls(E, nu, rho, width * height, Iy, Iz, torsion, shear, shear, orientation)
 
+    @classmethod
+    def tube(
+        cls,
+        E: float,
+        nu: float,
+        rho: float,
+        *,
+        outer_radius: float,
+        inner_radius: float = 0.0,
+        orientation: tuple[float, float, float],
+    ) -> Parameters:
+        """A round tube of these radii (m), solid with the inner one zero; shear factor by Cowper (1966)."""
+        if not 0.0 <= inner_radius < outer_radius:
+            raise ValueError(f"inner_radius must lie from 0 to below outer_radius, got {inner_radius}, {outer_radius}")
+        area = ufl.pi * (outer_radius**2 - inner_radius**2)
+        second = ufl.pi / 4 * (outer_radius**4 - inner_radius**4)
+        m = (inner_radius / outer_radius) ** 2
+        shear = 6 * (1 + nu) * (1 + m) ** 2 / ((7 + 6 * nu) * (1 + m) ** 2 + (20 + 12 * nu) * m)
+        return cls(E, nu, rho, area, second, second, 2 * second, shear, shear, orientation)
+
+    @classmethod
+    def i_section(
+        cls,
+        E: float,
+        nu: float,
+        rho: float,
+        *,
+        width: float,
+        height: float,
+        flange: float,
+        web: float,
+        orientation: tuple[float, float, float],
+    ) -> Parameters:
+        """An I with flanges `width` (m) along y, `height` over all along z, of these thicknesses.
+
+        For thin walls: the torsion constant is the sum of length times thickness^3 / 3; the shear factor
+        along the web is Cowper's (1966), that along the flanges their share of the area times 5/6.
+        """
+        inside = height - 2 * flange
+        if not (0.0 < web < width and 0.0 < flange and inside > 0.0):
+            raise ValueError(f"an I of width {width}, height {height}, flange {flange} and web {web} has no web")
+        area = 2 * width * flange + inside * web
+        Iy = (width * height**3 - (width - web) * inside**3) / 12
+        Iz = (2 * flange * width**3 + inside * web**3) / 12
+        middle = height - flange
+        torsion = (2 * width * flange**3 + middle * web**3) / 3
+        n, m = width / middle, 2 * width * flange / (middle * web)
+        below = 12 + 72 * m + 150 * m**2 + 90 * m**3 + nu * (11 + 66 * m + 135 * m**2 + 90 * m**3)
+        below += 30 * n**2 * (m + m**2) + 5 * nu * n**2 * (8 * m + 9 * m**2)
+        along_web = 10 * (1 + nu) * (1 + 3 * m) ** 2 / below
+        along_flanges = 5 / 6 * 2 * width * flange / area
+        return cls(E, nu, rho, area, Iy, Iz, torsion, along_flanges, along_web, orientation)
+
 
 @dataclass(frozen=True)
 class Quadrature:
@@ -149,8 +209,8 @@ class Reference:
 
         u, v, w, twist, about_y, about_z = self._fields(s)
         strains = d(u), d(v) - about_z, d(w) + about_y, d(twist), d(about_y), d(about_z)
-        stiffness = (*_stretching(self.parameters), *_bending(self.parameters))
-        n, qy, qz, mt, my, mz = (c * strain for c, strain in zip(stiffness, strains, strict=True))
+        n, qy, qz = ufl.elem_mult(_stretching(self.parameters), ufl.as_vector(strains[:3]))
+        mt, my, mz = _bending(self.parameters) * ufl.as_vector(strains[3:])
         return -ufl.as_vector([d(n), d(qy), d(qz), d(mt), d(my) - qz, d(mz) + qy])
 
     def _fields(self, s: Expr) -> list[Expr]:
@@ -192,7 +252,7 @@ def strain_energy(u: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
     n, g = _degrees(u)
     return [
         (ufl.inner(ufl.elem_mult(_stretching(p), gamma), gamma) / 2, Quadrature(2 * n - 2)),
-        (ufl.inner(ufl.elem_mult(_bending(p), kappa), kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
+        (ufl.inner(_bending(p) * kappa, kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
     ]
 
 
@@ -200,7 +260,8 @@ def kinetic_energy(v: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
     """Kinetic energy per initial length, J/m, of the rates of u (m/s) and theta (rad/s)."""
     move, turn = _parts(v)
     spin = _components(turn, _axes(v, p))
-    rotary = (p.Iy + p.Iz) * spin[0] ** 2 + p.Iy * spin[1] ** 2 + p.Iz * spin[2] ** 2
+    bending = p.Iy * spin[1] ** 2 + p.Iz * spin[2] ** 2 - 2 * p.Iyz * spin[1] * spin[2]
+    rotary = (p.Iy + p.Iz) * spin[0] ** 2 + bending
     n, g = _degrees(v)
     rule = Quadrature(2 * n + 2 * (g - 1))
     return [(p.rho * p.A / 2 * ufl.inner(move, move), rule), (p.rho / 2 * rotary, rule)]
@@ -220,7 +281,7 @@ def motion(u: Expr, xi: Expr, p: Parameters) -> Expr:
 
 def section_inertia(p: Parameters) -> Expr:
     """Integral of rho {1, y, z} {1, y, z} dA: kg/m, kg, kg m."""
-    return p.rho * ufl.as_matrix(((p.A, 0, 0), (0, p.Iz, 0), (0, 0, p.Iy)))
+    return p.rho * ufl.as_matrix(((p.A, 0, 0), (0, p.Iz, p.Iyz), (0, p.Iyz, p.Iy)))
 
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
@@ -232,7 +293,7 @@ def stress(u: Expr, state: None, p: Parameters) -> Expr:
     move, turn = _parts(u)
     gamma = _along(move, axes[0]) - ufl.cross(turn, axes[0])
     force = ufl.elem_mult(_stretching(p), _components(gamma, axes))
-    moment = ufl.elem_mult(_bending(p), _components(_along(turn, axes[0]), axes))
+    moment = _bending(p) * _components(_along(turn, axes[0]), axes)
     return ufl.as_vector([*force, *moment])
 
 
@@ -276,8 +337,9 @@ def _stretching(p: Parameters) -> Expr:
 
 
 def _bending(p: Parameters) -> Expr:
-    """Stiffness, N m^2, of twist and of bending about y and z."""
-    return ufl.as_vector((p.E / (2 * (1 + p.nu)) * p.J, p.E * p.Iy, p.E * p.Iz))
+    """Stiffness, N m^2, of twist and of bending about y and z, (3, 3)."""
+    twist = p.E / (2 * (1 + p.nu)) * p.J
+    return ufl.as_matrix(((twist, 0, 0), (0, p.E * p.Iy, -p.E * p.Iyz), (0, -p.E * p.Iyz, p.E * p.Iz)))
 
 
 def _degrees(u: Expr) -> tuple[int, int]:

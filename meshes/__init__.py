@@ -1,7 +1,7 @@
 """Parametrised parts, one geometry a file, and meshes read from files; all lengths in m.
 
-Every function returns a `flexmbd.continuum.tagged_mesh.TaggedMesh`, is collective over `comm`, runs
-gmsh on rank 0, and raises `flexmbd.errors.MeshError` on all ranks.
+Every function returns a `flexmbd.continuum.tagged_mesh.TaggedMesh`, is collective over `comm`, builds
+the part on rank 0, most by gmsh, and raises `flexmbd.errors.MeshError` on all ranks.
 """
 
 from flexmbd.meshes.beam import beam as beam
@@ -9,6 +9,7 @@ from flexmbd.meshes.block import block as block
 from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
 from flexmbd.meshes.crank import crank as crank
 from flexmbd.meshes.crash_tube import crash_tube as crash_tube
+from flexmbd.meshes.frame import frame as frame
 from flexmbd.meshes.h5_file import write as write
 from flexmbd.meshes.line import line as line
 from flexmbd.meshes.mesh_file import read as read

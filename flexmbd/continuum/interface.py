@@ -214,7 +214,9 @@ def _moved(start: FloatArray, end: FloatArray) -> FloatArray:
 def _group(name: str, mesh: TaggedMesh) -> Group:
     if name in mesh.facet_groups:
         dim = mesh.dim - 1
-        group = Group(name, mesh, dim, mesh.facets(name), mesh.facet_groups[name])
+        # points inside a line are where beams join, and carry a frame as well as its ends
+        tag = mesh.facet_groups[name] if dim > 0 else None
+        group = Group(name, mesh, dim, mesh.facets(name), tag)
     elif name in mesh.edge_groups:
         group = Group(name, mesh, 1, mesh.edges(name), None)
     else:

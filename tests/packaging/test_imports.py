@@ -14,6 +14,7 @@ CONTINUUM = {"basix", "dolfinx", "ffcx", "gmsh", "mpi4py", "petsc4py", "slepc4py
 PICTURES = {"matplotlib", "pyvista", "vtk", "vtkmodules", "imageio"}
 
 MACHINE = [
+    "beams",
     "errors",
     "integrate",
     "multibody",
