@@ -2,3 +2,9 @@
 
 numpy and scipy alone, and of flexmbd only the record and the errors: both sides of the wall may import it.
 """
+
+from flexmbd.beams.castigliano import Section as Section
+from flexmbd.beams.discrete_body import discrete_body as discrete_body
+from flexmbd.beams.discrete_frame import PLANE as PLANE
+from flexmbd.beams.discrete_frame import DiscreteFrame as DiscreteFrame
+from flexmbd.beams.lumps import Lumping as Lumping

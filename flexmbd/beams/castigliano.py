@@ -1,0 +1,151 @@
+"""The beam spring of a discrete element: its flexibility by Castigliano's theorem, its stiffness from that.
+
+Anthonis & Ramon 2003 (Comparison between the discrete and finite element methods for modelling an
+agricultural spray boom, part 1), eq. 16-21, with the shear factors as divisors, k = 1 / kappa.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+
+# A vector is taken to lie along a beam where the sine of their angle is below this.
+_ALONG = 1e-8
+
+
+class Section(Protocol):
+    """Material and section of a beam; `flexmbd.forms.beam_timoshenko.Parameters` is one."""
+
+    @property
+    def E(self) -> float:
+        """Young's modulus, Pa."""
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+
+    @property
+    def rho(self) -> float:
+        """Density, kg/m^3."""
+
+    @property
+    def A(self) -> float:
+        """Area, m^2."""
+
+    @property
+    def Iy(self) -> float:
+        """Integral of z^2, m^4."""
+
+    @property
+    def Iz(self) -> float:
+        """Integral of y^2, m^4."""
+
+    @property
+    def Iyz(self) -> float:
+        """Integral of y z, m^4."""
+
+    @property
+    def J(self) -> float:
+        """Torsion constant, m^4."""
+
+    @property
+    def ky(self) -> float:
+        """Shear factor along y; infinite for a beam without shear."""
+
+    @property
+    def kz(self) -> float:
+        """Shear factor along z."""
+
+    @property
+    def orientation(self) -> tuple[float, float, float]:
+        """A vector whose part normal to the axis is y; z = tangent x y."""
+
+
+def check_section(section: Section, group: str) -> None:
+    """Refuse values that no section has.
+
+    Raises:
+        SceneError: names the group and the value.
+    """
+    values = {name: float(getattr(section, name)) for name in ("E", "rho", "A", "Iy", "Iz", "J", "ky", "kz")}
+    for name, value in values.items():
+        # written so that NaN fails; without shear its factors are infinite
+        if not (0.0 < value and (math.isfinite(value) or name in ("ky", "kz"))):
+            raise SceneError(f"section of {group!r}: {name} must be positive and finite, got {value}")
+    if not -1.0 < section.nu < 0.5:
+        raise SceneError(f"section of {group!r}: nu must lie between -1 and 0.5, got {section.nu}")
+    if not section.Iyz**2 < section.Iy * section.Iz:
+        raise SceneError(
+            f"section of {group!r}: Iyz^2 must be less than Iy Iz, or bending has no positive energy; got Iyz = "
+            f"{section.Iyz}, Iy = {section.Iy}, Iz = {section.Iz} m^4"
+        )
+
+
+def section_axes(along: FloatArray, section: Section, group: str) -> FloatArray:
+    """(3, 3) rotation whose rows are the tangent, y and z of a beam in the frame's axes.
+
+    Args:
+        along: (3,) from the beam's start to its end.
+        section: of the beam.
+        group: of the beam, for the message.
+
+    Raises:
+        SceneError: the orientation lies along the beam.
+    """
+    t = along / np.linalg.norm(along)
+    towards = np.asarray(section.orientation, dtype=np.float64)
+    y = towards - (towards @ t) * t
+    size = np.linalg.norm(y)
+    if not size > _ALONG * np.linalg.norm(towards):
+        raise SceneError(
+            f"section of {group!r} has its orientation {section.orientation} along a beam of the group; take a vector "
+            "that is across all its beams, or put that beam in a group of its own"
+        )
+    y = y / size
+    return np.stack([t, y, np.cross(t, y)])
+
+
+def flexibility(section: Section, length: float) -> FloatArray:
+    """Motion of a beam's end per load on it, its start held, (6, 6) in the section's axes.
+
+    Castigliano's theorem, eq. 19: the integral along the beam of B^T C B, where B gives the normal and
+    shear forces and the moments at a place for a unit load (N; N m) at the end, and C is the compliance
+    of the section. B is linear along the beam, so that two points of Gauss' rule are exact.
+
+    Args:
+        section: of the beam.
+        length: m.
+
+    Returns:
+        Rows: displacement (m) and small rotation (rad) along and about t, y, z; columns: force, moment.
+    """
+    shear = section.E / (2.0 * (1.0 + section.nu))
+    compliance = np.zeros((6, 6))
+    stretch = section.E * section.A, section.ky * shear * section.A, section.kz * shear * section.A
+    compliance[:4, :4] = np.diag(1.0 / np.array([*stretch, shear * section.J]))
+    bending = section.E * np.array([[section.Iy, -section.Iyz], [-section.Iyz, section.Iz]])
+    compliance[4:, 4:] = np.linalg.inv(bending)
+    total = np.zeros((6, 6))
+    for lever in length / 2.0 * (1.0 + np.array([-1.0, 1.0]) / math.sqrt(3.0)):
+        inner = np.eye(6)
+        inner[4, 2], inner[5, 1] = -lever, lever
+        total += length / 2.0 * inner.T @ compliance @ inner
+    return total
+
+
+def stiffness(section: Section, length: float) -> FloatArray:
+    """(12, 12) N/m, N, N m of a beam in its section's axes: six coordinates of its start, then of its end.
+
+    The inverse of the flexibility, and what equilibrium makes of it at the start (eq. 21).
+    """
+    # a load on the end and those that hold the start
+    both = np.vstack([-np.eye(6), np.eye(6)])
+    both[4, 2], both[5, 1] = length, -length
+    return both @ np.linalg.solve(flexibility(section, length), both.T)

@@ -1,0 +1,190 @@
+"""A frame of beams by the discrete element method: rigid lumps on nodes, tied by massless beam springs.
+
+Anthonis & Ramon 2003, section 4.2. Between nodes a beam is exact in statics; its mass lies on the nodes,
+and so do all loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.beams.castigliano import Section, check_section, section_axes, stiffness
+from flexmbd.beams.layout import Beam, Layout, Point, lay_out
+from flexmbd.beams.lumps import Lumping, half, nodal_mass, point
+from flexmbd.errors import SceneError
+from flexmbd.reduced import FRAME_DOFS
+
+FloatArray = NDArray[np.float64]
+
+#: Coordinates of a node of a frame in the plane of x and y.
+PLANE = ("x", "y", "rz")
+
+# A place is taken for a node's within this part of the frame's size.
+_SAME_PLACE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteFrame:
+    """Discrete elements between named points.
+
+    Attributes:
+        points: by name, (3,) m.
+        beams: by group, the beams between points (`flexmbd.beams.layout`); arcs become chords.
+        sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or what has the same attributes.
+        divisions: elements a beam; one number, or one by group.
+        lumping: what the nodes carry.
+        coordinates: of each node, among `FRAME_DOFS`, along and about the frame's axes; the others are held.
+
+    Raises:
+        MeshError: the points and beams are no frame.
+        SceneError: sections that are none or do not fit the groups, or unknown coordinates.
+    """
+
+    points: Mapping[str, Point]
+    beams: Mapping[str, Sequence[Beam]]
+    sections: Mapping[str, Section]
+    divisions: int | Mapping[str, int]
+    lumping: Lumping = Lumping.PIECES
+    coordinates: tuple[str, ...] = FRAME_DOFS
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.lumping, Lumping):
+            raise SceneError(f"lumping must be Lumping.PIECES or Lumping.POINTS, got {self.lumping!r}")
+        unknown = [one for one in self.coordinates if one not in FRAME_DOFS]
+        if unknown or not self.coordinates:
+            raise SceneError(f"coordinates must be some of {', '.join(FRAME_DOFS)}, got {self.coordinates!r}")
+        layout = self.layout
+        if set(self.sections) != set(layout.groups):
+            raise SceneError(
+                f"sections are given for {', '.join(map(repr, self.sections)) or 'no group'}; give one for each group "
+                f"of beams: {', '.join(map(repr, layout.groups))}"
+            )
+        for name, section in self.sections.items():
+            check_section(section, name)
+        _ = self._axes  # refuses orientations along beams
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Nodes and elements."""
+        return lay_out(self.points, self.beams, divisions=self.divisions)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.layout.x)
+
+    @cached_property
+    def active(self) -> NDArray[np.bool_]:
+        """(6 nodes,) which coordinates the nodes have."""
+        return np.tile([dof in self.coordinates for dof in FRAME_DOFS], self.n_nodes)
+
+    @cached_property
+    def K(self) -> FloatArray:
+        """(6 nodes, 6 nodes) stiffness of all nodal coordinates, N/m, N, N m."""
+        size = 6 * self.n_nodes
+        whole = np.zeros((size, size))
+        for (a, b), axes, section in zip(self.layout.elements, self._axes, self._sections, strict=True):
+            turn = np.kron(np.eye(4), axes)
+            rows = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
+            length = float(np.linalg.norm(self.layout.x[b] - self.layout.x[a]))
+            whole[np.ix_(rows, rows)] += turn.T @ stiffness(section, length) @ turn
+        return whole
+
+    @cached_property
+    def moments(self) -> FloatArray:
+        """(nodes, 4, 4) integrals of rho {1, r} {1, r} of the lumps, r from their nodes, kg, kg m, kg m^2."""
+        total: FloatArray = np.zeros((self.n_nodes, 4, 4))
+        for nodes, axes, section in zip(self.layout.elements, self._axes, self._sections, strict=True):
+            middle = self.layout.x[nodes].mean(axis=0)
+            for node in nodes:
+                total[node] += half(section, middle - self.layout.x[node], axes)
+        if self.lumping is Lumping.POINTS:
+            total = np.array([point(one) for one in total])
+        return total
+
+    @cached_property
+    def M(self) -> FloatArray:
+        """(6 nodes, 6 nodes) lumped mass of all nodal coordinates, kg, kg m, kg m^2."""
+        return scipy.linalg.block_diag(*nodal_mass(self.moments))
+
+    def node(self, place: str | ArrayLike) -> int:
+        """The number of a node by its name, or by where it is.
+
+        Args:
+            place: a name, or (3,) m.
+
+        Raises:
+            SceneError: there is no node there; the message names the nearest one.
+        """
+        names, x = self.layout.names, self.layout.x
+        if isinstance(place, str):
+            if place not in names:
+                both = names[: self.layout.points], names[self.layout.points :]
+                known, inner = (", ".join(map(repr, some)) for some in both)
+                raise SceneError(f"no node {place!r}; the points are: {known}; inside the beams: {inner or 'none'}")
+            return names.index(place)
+        at = np.asarray(place, dtype=np.float64)
+        if at.shape != (3,) or not np.isfinite(at).all():
+            raise SceneError(f"a place must be a node's name or three finite coordinates in m, got {place!r}")
+        distance = np.linalg.norm(x - at, axis=1)
+        nearest = int(distance.argmin())
+        if not distance[nearest] <= _SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
+            raise SceneError(
+                f"{at.tolist()} m is no node, and discrete elements take loads at nodes alone; the nearest is "
+                f"{names[nearest]!r} at {x[nearest].tolist()} m, {distance[nearest]:.6g} m away: load that, or make "
+                "the place a point of the frame"
+            )
+        return nearest
+
+    def load(
+        self, place: str | ArrayLike, *, force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> FloatArray:
+        """(6 nodes,) the load vector of a force (N) and a moment (N m) on a node, along the frame's axes.
+
+        Raises:
+            SceneError: the place is no node.
+        """
+        loads = np.zeros(6 * self.n_nodes)
+        row = 6 * self.node(place)
+        loads[row : row + 3], loads[row + 3 : row + 6] = force, moment
+        return loads
+
+    def displaced(self, loads: ArrayLike, *, clamped: Iterable[str | ArrayLike]) -> FloatArray:
+        """(nodes, 6) displacement (m) and small rotation (rad) of the nodes at rest under loads.
+
+        Args:
+            loads: (6 nodes,) as `load` gives them, which add.
+            clamped: nodes that are held, by name or place.
+
+        Raises:
+            SceneError: what is held leaves the frame free to move, or a place is no node.
+        """
+        free = self.active.copy()
+        for place in clamped:
+            node = self.node(place)
+            free[6 * node : 6 * node + 6] = False
+        moved = np.zeros(6 * self.n_nodes)
+        try:
+            factor = scipy.linalg.cho_factor(self.K[np.ix_(free, free)])
+        except scipy.linalg.LinAlgError as error:
+            raise SceneError("the frame can move as a whole: clamp a node") from error
+        moved[free] = scipy.linalg.cho_solve(factor, np.asarray(loads, dtype=np.float64)[free])
+        return moved.reshape(-1, 6)
+
+    @cached_property
+    def _sections(self) -> list[Section]:
+        return [self.sections[self.layout.groups[group]] for group in self.layout.group]
+
+    @cached_property
+    def _axes(self) -> FloatArray:
+        """(elements, 3, 3) rows t, y, z."""
+        layout = self.layout
+        along = layout.x[layout.elements[:, 1]] - layout.x[layout.elements[:, 0]]
+        names = [layout.groups[group] for group in layout.group]
+        return np.array([section_axes(*one) for one in zip(along, self._sections, names, strict=True)])
