@@ -29,14 +29,13 @@ doi:10.1016/0045-7825(85)90033-7 (mean dilatation); Hoger & Carlson 1984, doi:10
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import ufl
 
-from flexmbd.forms import j2_plasticity, solid_linear
+from flexmbd.forms import j2_plasticity
 from flexmbd.forms.j2_plasticity import (
     Expr,
-    Hardening,
     Linear,
     Quadrature,
     Terms,
@@ -72,31 +71,8 @@ _NEWTON = 6
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elasto-plastic material.
-
-    Attributes:
-        E: Young's modulus, Pa, E > 0.
-        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
-        rho: density in the initial configuration, kg/m^3, rho > 0.
-        yield_stress: Kirchhoff stress at first yield in a uniaxial test, Pa, > 0.
-        hardening: how it grows with the accumulated logarithmic plastic strain; constant by default.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range, or a hardening table does not
-            begin at the yield stress.
-    """
-
-    E: float
-    nu: float
-    rho: float
-    yield_stress: float
-    hardening: Hardening = field(default_factory=Linear)
-
-    def __post_init__(self) -> None:
-        j2_plasticity.take_numbers(self)
-        solid_linear.Parameters(self.E, self.nu, self.rho)
-        j2_plasticity.check_yield(self.yield_stress, self.hardening)
+class Parameters(j2_plasticity.IsotropicPlasticity):
+    """The material: yields at first at that Kirchhoff stress; its plastic strain is logarithmic."""
 
 
 @dataclass(frozen=True)

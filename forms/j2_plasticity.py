@@ -196,8 +196,8 @@ def take_numbers(values: object) -> None:
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elasto-plastic material.
+class IsotropicPlasticity:
+    """An isotropic elasto-plastic material with isotropic hardening, of this form and others.
 
     Attributes:
         E: Young's modulus, Pa, E > 0.
@@ -205,7 +205,6 @@ class Parameters:
         rho: density in the initial configuration, kg/m^3, rho > 0.
         yield_stress: at first yield in a uniaxial test, Pa, > 0.
         hardening: how it grows with the accumulated plastic strain; constant by default.
-        kinematic_modulus: Prager's plastic modulus H_k of a uniaxial test, Pa, at least 0.
 
     Raises:
         ValueError: a value is not a finite number inside its range, or a hardening table does not
@@ -217,12 +216,28 @@ class Parameters:
     rho: float
     yield_stress: float
     hardening: Hardening = field(default_factory=Linear)
-    kinematic_modulus: float = 0.0
 
     def __post_init__(self) -> None:
         take_numbers(self)
         solid_linear.Parameters(self.E, self.nu, self.rho)
         check_yield(self.yield_stress, self.hardening)
+
+
+@dataclass(frozen=True)
+class Parameters(IsotropicPlasticity):
+    """The material of this form: `IsotropicPlasticity`, and kinematic hardening.
+
+    Attributes:
+        kinematic_modulus: Prager's plastic modulus H_k of a uniaxial test, Pa, at least 0.
+
+    Raises:
+        ValueError: as there, or the modulus is not finite, or below zero.
+    """
+
+    kinematic_modulus: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0.0 <= self.kinematic_modulus < float("inf"):
             raise ValueError(f"kinematic_modulus must be finite and at least 0 (Pa), got {self.kinematic_modulus}")
 

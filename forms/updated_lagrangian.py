@@ -32,15 +32,13 @@ dynamics"; eq. 64 without its leading minus.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import ufl
 
-from flexmbd.forms import j2_plasticity, solid_linear
+from flexmbd.forms import j2_plasticity
 from flexmbd.forms.j2_plasticity import (
     Expr,
-    Hardening,
-    Linear,
     Quadrature,
     Terms,
     bulk_modulus,
@@ -64,31 +62,8 @@ REFERENCE = "UPDATED"
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elasto-plastic material.
-
-    Attributes:
-        E: Young's modulus, Pa, E > 0.
-        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
-        rho: density in the initial configuration, kg/m^3, rho > 0.
-        yield_stress: Cauchy stress at first yield in a uniaxial test, Pa, > 0.
-        hardening: how it grows with the accumulated plastic strain; constant by default.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range, or a hardening table does not
-            begin at the yield stress.
-    """
-
-    E: float
-    nu: float
-    rho: float
-    yield_stress: float
-    hardening: Hardening = field(default_factory=Linear)
-
-    def __post_init__(self) -> None:
-        j2_plasticity.take_numbers(self)
-        solid_linear.Parameters(self.E, self.nu, self.rho)
-        j2_plasticity.check_yield(self.yield_stress, self.hardening)
+class Parameters(j2_plasticity.IsotropicPlasticity):
+    """The material: yields at first at that Cauchy stress."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.interface import RigidInterface
+from flexmbd.continuum.lumping import lumped_mass
+from flexmbd.continuum.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.body import RigidBody
@@ -32,40 +33,41 @@ class BondedNodes:
         frame_of: (n,) the number of each node's frame.
         own: (n,) whether this rank owns the node.
         mass: (n,) kg, lumped.
+        free_mass: kg, of the nodes that are not bonded.
     """
 
-    def __init__(
-        self, body: UpdatedLagrangian, mass: FloatArray, *, rigid_parts: Mapping[str, RigidBody] | None = None
-    ) -> None:
+    def __init__(self, body: UpdatedLagrangian, *, rigid_parts: Mapping[str, RigidBody] | None = None) -> None:
         """Collect nodes and inertia.
 
         Args:
             body: with one rigid interface at least.
-            mass: (local nodes including ghosts,) kg, lumped.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
 
         Raises:
             InterfaceError: on all ranks: no interface, an averaged one, a rigid part of another name, or
                 nodes whose inertia about an axis is zero where no rigid part helps.
+            FormulationError: the mass cannot be lumped.
         """
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
-        averaged = [found.name for found in body.interfaces if not isinstance(found, RigidInterface)]
-        if not names or averaged or not set(parts) <= set(names):
-            raise InterfaceError(
-                f"interfaces {names}, of which {averaged} are averaged, with rigid parts {sorted(parts)}: a body with "
-                "history in a machine needs rigid interfaces, and a rigid part the name of one"
-            )
+        check_frames(body.interfaces, parts)
         self._comm = body.comm
         self.nodes = np.concatenate([found.nodes for found in body.interfaces])
         self.frame_of = np.repeat(np.arange(len(names)), [len(found.nodes) for found in body.interfaces])
         self.own = self.nodes < body.layout.n_owned_nodes
+        lumped = body.vector()
+        lumped.array[: body.n_owned] = lumped_mass(body)
+        lumped.scatter_forward()
+        mass: FloatArray = lumped.array.reshape(-1, 3)[:, 0]
         self.mass = mass[self.nodes]
+        free = np.arange(len(mass)) < body.layout.n_owned_nodes
+        free[self.nodes] = False
+        self.free_mass = float(self.total(np.array(mass[free].sum())))
         self._origins = np.array([found.p for found in body.interfaces])
         self._axes = np.array([found.R for found in body.interfaces])
         offsets = body.layout.node_x[self.nodes] - self._origins[self.frame_of]
         self._arms = np.einsum("nba,nb->na", self._axes[self.frame_of], offsets)
-        self.frames = tuple(self._frame(k, name, parts.get(name)) for k, name in enumerate(names))
+        self.frames = self._frames(body, parts)
 
     def arms(self, motion: FrameMotion) -> FloatArray:
         """(n, 3) m, from the frames' origins to their nodes, in inertial axes."""
@@ -106,25 +108,16 @@ class BondedNodes:
         R = motion.R[0] @ self._axes[0].T
         return motion.p[0] - R @ self._origins[0], R
 
-    def _frame(self, k: int, name: str, part: RigidBody | None) -> InterfaceFrame:
-        mine = self.own & (self.frame_of == k)
-        arms, mass = self._arms[mine], self.mass[mine]
-        sums: FloatArray = np.zeros((4, 4))
-        sums[0, 0], sums[0, 1:], sums[1:, 1:] = mass.sum(), mass @ arms, (mass[:, None] * arms).T @ arms
-        if part is not None and self._comm.rank == 0:
-            first, second = part.moments()
-            sums[0, 0] += part.mass
-            sums[0, 1:] += first
-            sums[1:, 1:] += second
-        sums = self.total(sums)
-        whole, com = float(sums[0, 0]), sums[0, 1:] / sums[0, 0]
-        second = sums[1:, 1:] - whole * np.outer(com, com)
-        inertia = np.trace(second) * np.eye(3) - second
-        error = None
-        if np.linalg.eigvalsh(inertia)[0] <= 1e-9 * np.trace(inertia):
-            error = InterfaceError(
-                f"interface {name!r}: its nodes lie on a line and have no inertia about it; give it a rigid part, or "
-                "more nodes"
-            )
+    def _frames(self, body: UpdatedLagrangian, parts: Mapping[str, RigidBody]) -> tuple[InterfaceFrame, ...]:
+        frames, error = [], None
+        for k, found in enumerate(body.interfaces):
+            mine = self.own & (self.frame_of == k)
+            mass = self.total(mass_of_points(self.mass[mine], self._arms[mine] @ found.R.T))
+            if found.name in parts:
+                mass = mass + mass_of_part(parts[found.name], found.R)
+            try:
+                frames.append(interface_frame(found, mass))
+            except InterfaceError as caught:
+                error = error or caught
         parallel.raise_collectively(self._comm, error)
-        return InterfaceFrame(name, self._origins[k], self._axes[k], whole, com, (inertia + inertia.T) / 2)
+        return tuple(frames)

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.machine_frames import check_frames, interface_frame, mass_of_part, path_of_frames
 from flexmbd.continuum.rotational_dofs import ExplicitOperator
-from flexmbd.errors import ConvergenceError, InterfaceError
+from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Push
+from flexmbd.multibody.continuum_body import FrameMotion, Memory, Push
 from flexmbd.rotation import to_quaternion
 
 # A step that is the stable one but for round-off is taken whole.
@@ -60,16 +61,11 @@ class CorotatedInterior:
         """
         model, parts = operator.model, dict(rigid_parts or {})
         self.operator, self._comm = operator, model.comm
-        names = [bond.name for bond in operator.bonds]
-        if not names or not set(parts) <= set(names):
-            raise InterfaceError(
-                f"rigid parts {sorted(parts)} on interfaces {names}: a body in a machine needs an interface, and a "
-                "rigid part one of its name"
-            )
+        check_frames(model.interfaces, parts)
         self._P = np.array([found.p for found in model.interfaces])
         self._R = np.array([found.R for found in model.interfaces])
-        heavy = [self._mass_matrix(i, parts.get(name)) for i, name in enumerate(names)]
-        self.frames = tuple(self._frame(i, name, heavy[i]) for i, name in enumerate(names))
+        heavy = [self._mass_matrix(i, parts.get(found.name)) for i, found in enumerate(model.interfaces)]
+        self.frames = tuple(interface_frame(*pair) for pair in zip(model.interfaces, heavy, strict=True))
         self._limit = operator.stable_step(heavy)
         nodes = model.displacement_dofs[: model.n_owned_nodes]
         self._places = _Places(operator, nodes, model.node_x[: model.n_owned_nodes])
@@ -84,7 +80,7 @@ class CorotatedInterior:
         self._e: FloatArray = np.tile((1.0, 0.0, 0.0, 0.0), (len(self._J), 1))
         self._w: FloatArray = np.zeros((len(self._J), 3))
         self._alpha = self._w.copy()
-        self._wrenches: FloatArray = np.zeros((len(names), 6))
+        self._wrenches: FloatArray = np.zeros((len(heavy), 6))
         self._u: FloatArray = np.zeros(len(operator.masses))
         self._elastic = 0.0
         self._g: FloatArray = np.zeros(3)
@@ -110,20 +106,11 @@ class CorotatedInterior:
         steps = max(1, int(np.ceil(h / self._limit * (1.0 - _ROUND_OFF))))
         d = h / steps
         mean = np.zeros_like(self._wrenches)
-        # what carries the frames from the start to the end with constant accelerations
-        a = 2.0 * (end.p - start.p - h * start.v) / h**2
-        turn = Rotation.from_matrix(end.R @ start.R.transpose(0, 2, 1)).as_rotvec()
-        alpha = 2.0 * (turn - h * start.w) / h**2
-        for i in range(1, steps + 1):
-            s = i * d
-            p, R = end.p, end.R
-            if i < steps:
-                p = start.p + s * start.v + s * s / 2 * a
-                R = Rotation.from_rotvec(s * start.w + s * s / 2 * alpha).as_matrix() @ start.R
+        for frames in path_of_frames(start, end, h=h, steps=steps):
             self._x += d * self._v + d * d / 2 * self._a
             self._e = _product(_quaternions(d * self._w + d * d / 2 * self._alpha), self._e)
             before, a_before, alpha_before = self._wrenches, self._a, self._alpha
-            self._load(p, R)
+            self._load(frames.p, frames.R)
             self._v += d / 2 * (a_before + self._a)
             self._w += d / 2 * (alpha_before + self._alpha)
             mean += (before + self._wrenches) / (2 * steps)
@@ -206,22 +193,7 @@ class CorotatedInterior:
         masses = self.operator.masses[bond.dofs]
         own = (bond.columns * masses[:, None]).T @ bond.columns
         self._comm.Allreduce(MPI.IN_PLACE, own, op=MPI.SUM)
-        if part is None:
-            return own
-        (first, second), R = part.moments(), self._R[i]
-        rigid = np.zeros((6, 6))
-        rigid[:3, :3] = part.mass * np.eye(3)
-        rigid[3:, :3] = _cross_matrix(R @ first)
-        rigid[:3, 3:] = rigid[3:, :3].T
-        rigid[3:, 3:] = R @ (np.trace(second) * np.eye(3) - second) @ R.T
-        return own + rigid
-
-    def _frame(self, i: int, name: str, mass: FloatArray) -> InterfaceFrame:
-        R, m = self._R[i], float(mass[0, 0])
-        s = mass[3:, :3] / m
-        com = np.array([s[2, 1], s[0, 2], s[1, 0]])
-        inertia = R.T @ (mass[3:, 3:] + m * s @ s) @ R
-        return InterfaceFrame(name, self._P[i], R, m, R.T @ com, (inertia + inertia.T) / 2)
+        return own if part is None else own + mass_of_part(part, self._R[i])
 
 
 class _Places:
@@ -237,10 +209,6 @@ class _Places:
         self.of = [np.isin(dofs[:, 0], bond.dofs) for bond in operator.bonds]
         # about all axes the same: a node has no gyroscopic moment
         self.inertia = operator.masses[dofs[self.free]].max(axis=1, initial=0.0)
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _moment(arms: FloatArray, forces: FloatArray) -> FloatArray:

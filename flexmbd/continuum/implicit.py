@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
-from flexmbd.continuum.lumping import lumped_mass
 from flexmbd.continuum.newton import (
     Balance,
     Convergence,
@@ -98,16 +97,9 @@ class ImplicitContinuum:
         """
         self.body = body
         self._M = body.mass()
-        lumped = body.vector()
-        lumped.array[: body.n_owned] = lumped_mass(body)  # type: ignore[arg-type]
-        lumped.scatter_forward()
-        masses = lumped.array.reshape(-1, 3)[:, 0].copy()
-        self._bonds = BondedNodes(body, masses, rigid_parts=rigid_parts)
+        self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
         self.frames: tuple[InterfaceFrame, ...] = self._bonds.frames
-        own = np.zeros(len(masses), dtype=bool)
-        own[: body.layout.n_owned_nodes] = True
-        own[self._bonds.nodes] = False
-        self.mass = float(self._bonds.total(np.array(masses[own].sum())))
+        self.mass = self._bonds.free_mass
         dofs = body.displacement_dofs[self._bonds.nodes[self._bonds.own]]
         self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
         self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)

@@ -18,14 +18,13 @@ from dolfinx import fem, la
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.cell_group import CellGroup
+from flexmbd.continuum.discretisation import Discretisation
 from flexmbd.continuum.dof_layout import Field, shaped
 from flexmbd.continuum.formulation import Quadrature
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import FormulationError
 
 
-def lumped_mass(model: ContinuumModel | UpdatedLagrangian) -> FloatArray:
+def lumped_mass(model: Discretisation) -> FloatArray:
     """The diagonal of the lumped mass matrix. Collective, may compile.
 
     Each component of the unknown is lumped by itself, with the density that the kinetic energy gives
@@ -58,7 +57,7 @@ def lumped_mass(model: ContinuumModel | UpdatedLagrangian) -> FloatArray:
             np.add.at(total.array, dofs, entries)
     parallel.raise_collectively(model.comm, error)
     total.scatter_reverse(la.InsertMode.add)
-    lumped: FloatArray = total.array[: model.n_owned].copy()
+    lumped: FloatArray = total.array[: model.layout.n_owned].copy()
     return lumped
 
 
@@ -76,7 +75,7 @@ class _Term:
     masses: FloatArray
 
 
-def _terms(model: ContinuumModel | UpdatedLagrangian, group: CellGroup) -> list[_Term]:
+def _terms(model: Discretisation, group: CellGroup) -> list[_Term]:
     """The terms of a group that have inertia. Collective, may compile."""
     mesh, u = model.mesh.mesh, fem.Function(model.space)
     measure = abs(ufl.JacobianDeterminant(mesh))

@@ -19,16 +19,17 @@ from flexmbd.continuum import compat, parallel
 from flexmbd.errors import FormulationError, MeshError
 
 if TYPE_CHECKING:
+    from flexmbd.continuum.discretisation import Discretisation
     from flexmbd.continuum.model import ContinuumModel
 
 IntArray = NDArray[np.int64]
 
 
-def node_numbers(model: ContinuumModel) -> IntArray:
+def node_numbers(model: Discretisation) -> IntArray:
     """The number of each displacement node. Collective.
 
     Returns:
-        (local nodes including ghosts,), in the order of `ContinuumModel.node_x`.
+        (local nodes including ghosts,), in the order of `DofLayout.node_x`.
 
     Raises:
         FormulationError: on all ranks: a displacement of degree 3 or more.
@@ -53,7 +54,7 @@ def node_numbers(model: ContinuumModel) -> IntArray:
     return numbers
 
 
-def _vertices(model: ContinuumModel, dof: int) -> list[int]:
+def _vertices(model: Discretisation, dof: int) -> list[int]:
     """The vertices of the cell whose edge, face or inside a node of the cell is the middle of."""
     topology = basix.topology(basix.CellType[model.mesh.mesh.topology.cell_name()])
     layout = model.layout.node_space.dofmap.dof_layout
@@ -65,12 +66,12 @@ def _vertices(model: ContinuumModel, dof: int) -> list[int]:
 
 
 def _number_middles(
-    model: ContinuumModel, numbers: IntArray, keys: IntArray, *, first: int
+    model: Discretisation, numbers: IntArray, keys: IntArray, *, first: int
 ) -> None:
     """Number the nodes that have a key, in the order of the keys. Collective."""
     first = max(model.comm.allgather(first))
     with_key = np.flatnonzero(keys[:, 0] >= 0)
-    owned = with_key[with_key < model.n_owned_nodes]
+    owned = with_key[with_key < model.layout.n_owned_nodes]
     gathered = parallel.gather_rows(model.comm, keys[owned])
     known = model.comm.bcast(None if gathered is None else np.unique(gathered, axis=0), root=0)
     # every key is known, so the union is `known` and the inverse the place in it

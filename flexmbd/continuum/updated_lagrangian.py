@@ -11,8 +11,8 @@ The mesh itself is moved only while something is assembled.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -27,10 +27,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import assembly, compat, parallel
 from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
+from flexmbd.continuum.cell_means import CellMeans
 from flexmbd.continuum.dof_layout import DofLayout, dof_layout
 from flexmbd.continuum.history import History
 from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
 from flexmbd.continuum.mean_tangent import MeanTangent
+from flexmbd.continuum.moved_mesh import MovedMesh
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import ConvergenceError, FormulationError, InterfaceError, MeshError
 
@@ -119,13 +121,8 @@ class UpdatedLagrangian:
         means = degree == 1 if cell_means is None else cell_means
         self._histories = [History(group, self._u, v, means=means) for group in self.groups]
         self._forces = [fem.form(term) for history in self._histories for term in history.terms]
-        self._means = [
-            (history.mean, *map(fem.form, history.mean_forms()))
-            for history in self._histories
-            if history.mean is not None
-        ]
-        self._undeformed: FloatArray = mesh.mesh.geometry.x.copy()
-        self._undeformed_sizes: dict[fem.Form, FloatArray] = {}
+        self._means = CellMeans(self._histories, moves=self.is_updated)
+        self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
         self.check_cells()
@@ -288,7 +285,7 @@ class UpdatedLagrangian:
         self._set_trial(np.zeros(self.layout.n_local))
         totals: dict[str, float] = {}
         with self.present_mesh():
-            self._average()
+            self._means.evaluate()
             for history in self._histories:
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
@@ -298,7 +295,7 @@ class UpdatedLagrangian:
         """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
         self._set_trial(np.zeros(self.layout.n_local))
         with self.present_mesh():
-            self._average()
+            self._means.evaluate()
             return [history.stress() for history in self._histories]
 
     def history(self) -> list[FloatArray]:
@@ -320,21 +317,21 @@ class UpdatedLagrangian:
         Raises:
             InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
         """
-        error: InvertedCellError | None = None
+        inverted: int | None = None
         stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
         with self.present_mesh():
             for history in self._histories:
                 values = history.evaluate(stretch)
-                if not values.size or values.min() > 0.0:
-                    continue
-                cell = int(history.group.cells[values.min(axis=1).argmin()])
-                number = int(self.mesh.mesh.topology.original_cell_index[cell])
-                nodes = compat.cell_nodes(self.mesh.mesh)[cell]
-                x = self._undeformed[nodes].mean(axis=0)
-                error = InvertedCellError(
-                    f"cell {number}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body, "
-                    "is turned inside out; take a smaller step, or a finer mesh there"
-                )
+                if values.size and not values.min() > 0.0:
+                    inverted = int(history.group.cells[values.min(axis=1).argmin()])
+        error = None
+        if inverted is not None:
+            domain = self.mesh.mesh
+            x = domain.geometry.x[compat.cell_nodes(domain)[inverted]].mean(axis=0)
+            error = InvertedCellError(
+                f"cell {domain.topology.original_cell_index[inverted]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in "
+                "the undeformed body, is turned inside out; take a smaller step, or a finer mesh there"
+            )
         parallel.raise_collectively(self.comm, error)
 
     def _refuse(self, force: FloatArray) -> None:
@@ -373,7 +370,7 @@ class UpdatedLagrangian:
 
     def _solve_points(self) -> None:
         """Means and local unknowns for the trial displacement. Collective."""
-        self._average()
+        self._means.evaluate()
         error: ConvergenceError | None = None
         try:
             for history in self._histories:
@@ -383,43 +380,13 @@ class UpdatedLagrangian:
         if any(group_has_local_unknowns(group) for group in self.groups):
             parallel.raise_collectively(self.comm, error)
 
-    def _average(self) -> None:
-        for mean, averaged, measure in self._means:
-            values = np.zeros(len(mean.x.array))
-            fem.assemble_vector(values, averaged)
-            sizes = self._undeformed_sizes.get(measure)
-            if sizes is None:
-                sizes = np.zeros(len(values))
-                fem.assemble_vector(sizes, measure)
-                if not self.is_updated:
-                    self._undeformed_sizes[measure] = sizes
-            np.divide(values, sizes, out=mean.x.array, where=sizes != 0.0)
-
     @cached_property
     def _tangent(self) -> MeanTangent:
         return MeanTangent(self._histories, self._u, self.groups)
 
-    @cached_property
-    def _geometry_dofs(self) -> NDArray[np.int32]:
-        """(geometry nodes of this rank, 3) the dof of the displacement of each node of the mesh."""
-        nodes = compat.cell_nodes(self.mesh.mesh)
-        dofs = np.zeros((len(self._undeformed), 3), dtype=np.int32)
-        blocks = self.space.dofmap.list[: len(nodes)]
-        dofs[nodes.ravel()] = 3 * blocks.reshape(-1, 1) + np.arange(3)
-        return dofs
-
-    @contextmanager
-    def present_mesh(self) -> Iterator[None]:
+    def present_mesh(self) -> AbstractContextManager[None]:
         """The mesh in the configuration that the formulations refer to, within a `with` block."""
-        if not self.is_updated:
-            yield
-            return
-        geometry = self.mesh.mesh.geometry
-        geometry.x[:] = self._undeformed + self.displacement[self._geometry_dofs]
-        try:
-            yield
-        finally:
-            geometry.x[:] = self._undeformed
+        return nullcontext() if self._moved is None else self._moved.at(self.displacement)
 
     def _check_references(self) -> None:
         """Refuse what cannot be stepped together; the same on every rank."""

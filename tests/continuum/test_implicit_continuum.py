@@ -167,7 +167,7 @@ def test_restored_on_any_number_of_ranks_it_goes_on_as_before():
 
 def test_what_cannot_be_bonded_is_refused():
     form, parameters, _ = CASES["elastic"]
-    with pytest.raises(InterfaceError, match="needs rigid interfaces"):
+    with pytest.raises(InterfaceError, match="needs an interface"):
         ImplicitContinuum(bar(form, parameters, interfaces=()))
     averaged = Interface("x_max", coupling=fm.Coupling.AVERAGED)
     with pytest.raises(InterfaceError, match=r"\['x_max'\] are averaged"):
