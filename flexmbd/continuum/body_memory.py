@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,20 +14,28 @@ FloatArray = NDArray[np.float64]
 
 
 class BodyMemory:
-    """Gathers and hands out a body's nodal and pointwise values. Constructing one is collective."""
+    """Gathers and hands out a body's nodal and pointwise values. Constructing one is collective.
+
+    Nodes go by their numbers in the mesh's input (`node_numbers`), cells by their places there, points by their order
+    in the cell: so a body on other ranks, of the same mesh, can take over.
+
+    Attributes:
+        node_count: of nodes in the whole body.
+    """
 
     def __init__(self, body: UpdatedLagrangian) -> None:
         """Number nodes and cells."""
         self._body, self._comm = body, body.comm
-        self._node = node_numbers(body)  # type: ignore[arg-type]
         self._owned = body.layout.n_owned_nodes
+        self._node, self.node_count = _places(body.comm, node_numbers(body), self._owned)
         topology = body.mesh.mesh.topology
-        self._cells = topology.index_map(topology.dim).size_local
-        self._cell = np.asarray(topology.original_cell_index[: self._cells])
+        cells = topology.index_map(topology.dim)
+        self._cells, self._all_cells = int(cells.size_local), int(cells.size_local + cells.num_ghosts)
+        self._cell, self._cell_count = _places(body.comm, topology.original_cell_index, self._cells)
 
     def gather_nodes(self, values: FloatArray) -> FloatArray:
-        """Of (local nodes including ghosts, m) those of all nodes by number, the same on every rank. Collective."""
-        return self._gather(self._node[: self._owned], values[: self._owned])
+        """Values (local nodes, m) as those of all nodes by number, the same on every rank. Collective."""
+        return self._gather(self._node[: self._owned], values[: self._owned], self.node_count)
 
     def scatter_nodes(self, values: FloatArray) -> FloatArray:
         """Back to (local nodes including ghosts, m)."""
@@ -35,36 +45,28 @@ class BodyMemory:
         """A snapshot as arrays of the whole body. Collective."""
         arrays = {"displacement": self.gather_nodes(snapshot.displacement.reshape(-1, 3))}
         for k, history in enumerate(snapshot.history):
-            if history.size:
+            if self._comm.allreduce(history.size, op=MPI.MAX):
                 rows = history.reshape(self._all_cells, -1)[: self._cells]
-                arrays[f"history {k}"] = self._gather(self._cell, rows)
+                arrays[f"history {k}"] = self._gather(self._cell[: self._cells], rows, self._cell_count)
         return arrays
 
     def scatter(self, arrays: dict[str, FloatArray]) -> Snapshot:
         """This rank's part of a snapshot of the whole body."""
         histories = []
         for k, now in enumerate(self._body.snapshot().history):
-            if now.size:
-                rows = now.reshape(self._all_cells, -1)
-                rows[: self._cells] = arrays[f"history {k}"][self._cell]
+            if f"history {k}" in arrays:
+                now.reshape(self._all_cells, -1)[:] = arrays[f"history {k}"][self._cell]
             histories.append(now)
         return Snapshot(self.scatter_nodes(arrays["displacement"]).reshape(-1), tuple(histories))
 
-    @property
-    def _all_cells(self) -> int:
-        """Cells of this rank, ghosts included."""
-        topology = self._body.mesh.mesh.topology
-        cells = topology.index_map(topology.dim)
-        return int(cells.size_local + cells.num_ghosts)
-
-    def _gather(self, numbers: NDArray[np.integer], rows: FloatArray) -> FloatArray:
-        if self._comm.size == 1:
-            gathered = np.empty_like(rows)
-            gathered[numbers] = rows
-            return gathered
-        parts = self._comm.allgather((numbers, rows))
-        count = sum(len(part) for part, _ in parts)
-        whole = np.empty((count, rows.shape[1]))
-        for part, values in parts:
+    def _gather(self, places: NDArray[np.int64], rows: FloatArray, count: int) -> FloatArray:
+        whole = np.empty((count, *rows.shape[1:]))
+        for part, values in self._comm.allgather((places, rows)):
             whole[part] = values
         return whole
+
+
+def _places(comm: MPI.Comm, numbers: NDArray[np.integer], owned: int) -> tuple[NDArray[np.int64], int]:
+    """Places of numbers, those of ghosts too, among all owned ones in ascending order; and their count. Collective."""
+    known = np.unique(np.concatenate(comm.allgather(numbers[:owned])))
+    return np.searchsorted(known, numbers), len(known)

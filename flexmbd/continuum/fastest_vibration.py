@@ -16,7 +16,12 @@ _RESIDUAL, _VECTORS = 1e-4, 150
 
 
 def largest_eigenvalue(
-    comm: MPI.Comm, apply: Callable[[FloatArray], FloatArray], n: int, *, shared: int = 0
+    comm: MPI.Comm,
+    apply: Callable[[FloatArray], FloatArray],
+    n: int,
+    *,
+    shared: int = 0,
+    begin: FloatArray | None = None,
 ) -> float:
     """An upper estimate of the largest eigenvalue, within the residual of a Lanczos step above it. Collective.
 
@@ -27,12 +32,13 @@ def largest_eigenvalue(
         apply: the operator on a vector (n + shared,) of this rank; collective.
         n: number of this rank's own entries.
         shared: number of entries after them that are the same on all ranks.
+        begin: (n,) of all frequencies, not the same on any two ranks; random numbers if None.
     """
     weight = np.ones(n + shared)
     weight[n:] = 1.0 / comm.size
     size = comm.allreduce(n) + shared
     # the same on all ranks where it is shared, and of all frequencies
-    start = np.random.default_rng(comm.rank).standard_normal(n)
+    start = np.random.default_rng(comm.rank).standard_normal(n) if begin is None else begin
     v = np.concatenate([start, np.random.default_rng(comm.size).standard_normal(shared)])
     v /= np.sqrt(comm.allreduce(v @ (weight * v)))
     basis = np.zeros((len(v), min(size, _VECTORS)))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.carried_mesh import CarriedMesh
 from flexmbd.continuum.contact_plane import RigidPlane
 from flexmbd.continuum.lumping import lumped_mass
@@ -25,8 +26,8 @@ from flexmbd.errors import SceneError
 
 FloatArray = NDArray[np.float64]
 
-# Works that are summed up, by name; the account counts what is stored or lost as positive.
-_WORKS = ("internal", "contact", "friction")
+# What is remembered of each node.
+_NODAL = ("x", "v", "a", "force", "_met", "_rubbed")
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class NodalMotion:
 
     Attributes:
         body: with its history.
+        memory: how nodal values are gathered.
         mesh: the body under the nodes.
         masses: (owned nodes,) kg.
         x, v, a: (owned nodes, 3) m, m/s, m/s^2, inertial.
@@ -99,7 +101,8 @@ class NodalMotion:
         self._moves[self.bonded] = 0.0
         self._weights: FloatArray = self.masses.copy()
         self._weights[self.bonded] = 0.0
-        self._stable = StableStep(body, masses)
+        self.memory = BodyMemory(body)
+        self._stable = StableStep(body, masses, self.memory)
         self._factor = min([plane.step_factor for plane in planes], default=1.0)
         self._limit = self._factor * self._stable.at_rest
         self._fresh = self._stable.memory
@@ -204,30 +207,20 @@ class NodalMotion:
         return self.mesh.sum(np.append(linear.sum(axis=0), np.cross(self.x - about, linear).sum(axis=0)))
 
     def snapshot(self) -> dict[str, FloatArray]:
-        """Copies of all that tells how it goes on, of all ranks. Collective."""
-        kept = self.body.snapshot()
-        parts = {name: getattr(self, name) for name in ("x", "v", "a", "force")}
-        parts |= {"met": self._met, "rubbed": self._rubbed, "displacement": kept.displacement}
-        parts |= {f"history {k}": part for k, part in enumerate(kept.history)}
-        parts["works"] = np.array([*self._works, self._lost])
+        """Copies of all that tells how it goes on, of the whole body. Collective."""
+        nodal = {name: self.memory.gather_nodes(getattr(self, name)) for name in _NODAL}
+        works = self.mesh.sum(np.array([*self._works, self._lost]))
         own = [self._h, self._limit, *self._stable.memory]
-        memory = {name: np.concatenate(self.body.comm.allgather(part)) for name, part in parts.items()}
-        return memory | {"axes": np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])}
+        axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])
+        return {**nodal, **self.memory.gather(self.body.snapshot()), "works": works, "axes": axes}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
-        """Go back to a snapshot, on as many ranks. Collective."""
-        kept = self.body.snapshot()
-
-        def mine(name: str, count: int) -> FloatArray:
-            first = sum(self.body.comm.allgather(count)[: self.body.comm.rank])
-            return np.array(memory[name][first : first + count], dtype=float)
-
-        for name in ("x", "v", "a", "force"):
-            setattr(self, name, mine(name, len(self.masses)))
-        self._met, self._rubbed = (mine(name, len(self.masses)) for name in ("met", "rubbed"))
-        history = tuple(mine(f"history {k}", len(part)) for k, part in enumerate(kept.history))
-        self.body.restore(type(kept)(mine("displacement", len(kept.displacement)), history))
-        *self._works[:], self._lost = mine("works", 4)
+        """Go back to a snapshot of this body, on any number of ranks. Collective."""
+        for name in _NODAL:
+            setattr(self, name, self.memory.scatter_nodes(memory[name])[: len(self.masses)])
+        self.body.restore(self.memory.scatter(memory))
+        # sums over the ranks, of which the first has the whole
+        *self._works[:], self._lost = memory["works"] * (self.body.comm.rank == 0)
         axes = np.array(memory["axes"], dtype=float)
         self.mesh.place(axes[:3], axes[3:12].reshape(3, 3))
         self._g = axes[12:15]

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
+from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.fastest_vibration import largest_eigenvalue
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 
@@ -30,14 +31,17 @@ _CHANGE = 0.08
 class StableStep:
     """Estimates the stable step, and follows it."""
 
-    def __init__(self, body: UpdatedLagrangian, masses: FloatArray) -> None:
+    def __init__(self, body: UpdatedLagrangian, masses: FloatArray, memory: BodyMemory) -> None:
         """Collective; compiles.
 
         Args:
             body: at rest and undeformed.
             masses: (owned dofs,) kg, lumped.
+            memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
         """
         self._body, self._root = body, np.sqrt(masses)
+        begin = np.random.default_rng(0).standard_normal((memory.node_count, 3))
+        self._begin: FloatArray = memory.scatter_nodes(begin).reshape(-1)[: body.n_owned]
         self._u = fem.Function(body.space)
         self._sum = fem.Function(body.space).x
         v = ufl.TestFunction(body.space)
@@ -49,7 +53,7 @@ class StableStep:
         self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
         self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
         self._first, self._size = self._of_shapes(), self._smallest()
-        squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned)
+        squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned, begin=self._begin)
         body.revert()
         self._at_rest = self._found = 2.0 / float(np.sqrt(squared))
 
@@ -85,7 +89,7 @@ class StableStep:
 
     def _of_shapes(self) -> float:
         with self._body.present_mesh():
-            return largest_eigenvalue(self._body.comm, self._by_shapes, self._body.n_owned)
+            return largest_eigenvalue(self._body.comm, self._by_shapes, self._body.n_owned, begin=self._begin)
 
     def _by_shapes(self, w: FloatArray) -> FloatArray:
         owned = self._body.n_owned

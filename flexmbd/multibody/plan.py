@@ -112,10 +112,15 @@ class CompiledScene:
         return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
 
     def digest(self) -> str:
-        """Tells compiled scenes of other numbers or other structure apart."""
+        """Tells compiled scenes of other numbers or other structure apart.
+
+        Bodies with history sum up the masses of their frames over their ranks: with them the numbers of frames and
+        rigid bodies count to eight digits, so that a scene is the same on any number of ranks.
+        """
         plan = self.plan
-        if self.interiors is not None:  # the wrenches that act come and go
-            plan = plan._replace(data=plan.data.copy())
+        if self.interiors is not None:
+            plan = plan._replace(data=plan.data.copy(), rigid=_coarse(plan.rigid), frames=_coarse(plan.frames))
+            # the wrenches that act come and go
             self.interiors.put(plan, np.zeros((len(self.interiors.rows), 6)))
         places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
@@ -136,6 +141,15 @@ class CompiledScene:
             row_owners=tuple(self.row_owners[k] for k in chosen),
             redundant=tuple(self.row_names[k] for k in left),
         )
+
+
+def _coarse(table: FloatArray) -> FloatArray:
+    """A table (n, m) rounded to some eight digits of the largest number in each column."""
+    largest = abs(table).max(axis=0, initial=0.0)
+    # a column of round-off alone has no digits, and what is nearly a power of two no edge
+    scale = 1.4 * np.maximum(largest, 1e-6 * largest.max(initial=0.0) + np.finfo(float).tiny)
+    grid = 1e-9 * 2.0 ** np.ceil(np.log2(scale))
+    return np.asarray(np.rint(table / grid) + 0.0)  # no minus zero
 
 
 def build(
