@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
@@ -60,7 +59,6 @@ class Checkpoint:
 
     def save(self, path: str | Path) -> Path:
         """Write to ``path`` (.npz), under a temporary name first."""
-        target = Path(path)
         snapshot = self.snapshot
         parts: dict[str, Any] = {
             "version": _VERSION,
@@ -77,17 +75,7 @@ class Checkpoint:
                 for name, part in memory.items()
             },
         }
-        temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
-        try:
-            with temporary.open("wb") as file:
-                np.savez(file, allow_pickle=False, **parts)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(target)
-        except OSError as reason:
-            temporary.unlink(missing_ok=True)
-            raise RecordError(f"the checkpoint cannot be written to {target}: {reason}") from reason
-        return target
+        return write_arrays(path, parts)
 
     @staticmethod
     def load(path: str | Path) -> Checkpoint:
@@ -96,18 +84,16 @@ class Checkpoint:
         Raises:
             RecordError: no such file, or none of ours.
         """
+        file = read_arrays(path, version=_VERSION)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                if int(file["version"]) != _VERSION:
-                    raise RecordError(f"{path}: a checkpoint of version {file['version']}, not {_VERSION}")
-                state = st.State(*(file[f"state.{name}"] for name in st.State._fields))
-                groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
-                t_start, first_step = file["times"]
-                memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
-                snapshot = Snapshot(state, groups, float(first_step), Kept(file["wrenches"], memories))
-                return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as reason:
-            raise RecordError(f"{path} is no checkpoint that can be read: {reason}") from reason
+            state = st.State(*(file[f"state.{name}"] for name in st.State._fields))
+            groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
+            t_start, first_step = file["times"]
+            memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
+            snapshot = Snapshot(state, groups, float(first_step), Kept(file["wrenches"], memories))
+            return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
+        except (KeyError, ValueError) as reason:
+            raise RecordError(f"{path} is no checkpoint of a machine: {reason}") from reason
 
 
 def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:

@@ -13,4 +13,5 @@ from flexmbd.continuum.mass_moments import solid_of as solid_of
 from flexmbd.continuum.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.nodal_motion import Support as Support
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam
+from flexmbd.continuum.run_checkpoint import RegularCheckpoints as RegularCheckpoints
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian as UpdatedLagrangian

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.contact_plane import RigidPlane
 from flexmbd.continuum.nodal_motion import NodalMotion, Support
+from flexmbd.continuum.run_checkpoint import RegularCheckpoints, RunState
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import ConvergenceError, SceneError, SimulationError
 
@@ -112,38 +114,57 @@ class ExplicitRun:
         """The longest stable step, s, as last found."""
         return self.motion.limit
 
-    def simulate(self, t_end: float, *, h: float | None = None, outputs: int = 10) -> EnergyAccount:
+    def simulate(
+        self,
+        t_end: float,
+        *,
+        h: float | None = None,
+        outputs: int = 10,
+        checkpoints: RegularCheckpoints | None = None,
+        restart: str | Path | None = None,
+    ) -> EnergyAccount:
         """Go on until `t_end` (s); may be called again with a later one. Collective.
 
         Args:
             t_end: s.
             h: the step, s; without it 0.9 of the stable one, as this changes with the shape of the body.
             outputs: number of equal stretches after each of which energies and places are noted.
+            checkpoints: the file that is to hold the last of them; they change nothing else.
+            restart: such a file of the same call of a run of the same body, on any number of ranks, which was broken
+                off; what came before, the account too, is that run's. On one rank it goes on to the bit.
 
         Returns:
             The account, from the start on.
 
         Raises:
-            SceneError: h is not positive, or longer than the stable step; t_end is past; outputs is below one.
+            SceneError: h is not positive, or longer than the stable step; t_end is past; outputs is below one; the
+                checkpoint is of another run.
+            RecordError: a checkpoint cannot be read or written.
             SimulationError: a cell is turned inside out, or h has become longer than the stable step; names
                 the cell and the instant, and what was noted is kept.
         """
+        begun = self.t if restart is None else self._go_back(RunState.load(restart, self.motion))
         limit = self.motion.limit
         if h is not None and not 0.0 < h <= limit * (1.0 + _ESTIMATE):
             raise SceneError(f"the step h = {h!r} s must be positive and not above the stable step, {limit:.6g} s")
-        if not t_end > self.t or outputs < 1:
+        over = t_end < self.t if restart is not None else t_end <= self.t
+        if over or not np.isfinite(t_end) or outputs < 1:
             raise SceneError(f"t_end = {t_end!r} s must be after {self.t:.6g} s, and outputs at least 1: {outputs!r}")
-        instants = [float(instant) for instant in np.linspace(self.t, t_end, outputs + 1)[1:]]
+        instants = [float(instant) for instant in np.linspace(begun, t_end, outputs + 1)[1:]]
         if not self.account.t:
             self.motion.start(self._step(instants[0], h))
             self._note()
         for instant in instants:
-            self._advance(instant, h)
-            self._note()
+            if instant > self.account.t[-1]:
+                self._advance(instant, h, begun=begun, checkpoints=checkpoints)
+                self._note()
         return self.account
 
-    def _advance(self, instant: float, h: float | None) -> None:
+    def _advance(
+        self, instant: float, h: float | None, *, begun: float, checkpoints: RegularCheckpoints | None
+    ) -> None:
         motion = self.motion
+        due = np.inf if checkpoints is None else checkpoints.next(begun, self.t)
         while self.t < instant:
             if self.steps % _RENEWAL == 0 and self.steps:
                 motion.renew_limit()
@@ -154,6 +175,9 @@ class ExplicitRun:
                 raise SimulationError(f"at t = {self.t + step:.6g} s, step {self.steps + 1}: {reason}") from reason
             self.steps += 1
             self.t = instant if instant - self.t <= step * (1.0 + 1e-9) else self.t + step
+            if checkpoints is not None and self.t >= due:
+                self._state(begun).save(checkpoints.path, motion)
+                due = checkpoints.next(begun, self.t)
 
     def _step(self, instant: float, h: float | None) -> float:
         """The step to take: equal ones to the instant, so that none is a splinter."""
@@ -172,3 +196,23 @@ class ExplicitRun:
         self.account.rows.append(self.motion.energies())
         self.account.internal.append(self.motion.internal_work())
         self.places.append(self.motion.x.copy())
+
+    def _state(self, begun: float) -> RunState:
+        """All that tells how it goes on, of the whole body. Collective."""
+        account, memory = self.account, self.motion.memory
+        names = tuple(account.rows[0])
+        energies = np.column_stack([*(account[name] for name in names), account.internal])
+        places = np.array([memory.gather_nodes(x) for x in self.places])
+        return RunState(
+            (self.t, begun), self.steps, np.array(account.t), names, energies, places, self.motion.snapshot()
+        )
+
+    def _go_back(self, state: RunState) -> float:
+        """Be where a run was; returns where its call of `simulate` had begun (s). Collective."""
+        (self.t, begun), self.steps = state.times, state.steps
+        self.motion.restore(state.motion)
+        rows = [dict(zip(state.names, map(float, row), strict=False)) for row in state.energies]
+        self.account = EnergyAccount([*map(float, state.instants)], rows, [*map(float, state.energies[:, -1])])
+        owned = len(self.motion.masses)
+        self.places = [self.motion.memory.scatter_nodes(x)[:owned] for x in state.places]
+        return begun

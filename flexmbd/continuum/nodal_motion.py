@@ -59,6 +59,7 @@ class NodalMotion:
         body: with its history.
         memory: how nodal values are gathered.
         mesh: the body under the nodes.
+        surroundings: supports and planes, by name, as they were given.
         masses: (owned nodes,) kg.
         x, v, a: (owned nodes, 3) m, m/s, m/s^2, inertial.
         force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
@@ -86,7 +87,8 @@ class NodalMotion:
             SceneError: the ranks were given different supports or planes.
         """
         planes_told = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
-        parallel.check_same(body.comm, SceneError, supports=list(supports), planes=planes_told)
+        self.surroundings: dict[str, object] = {"supports": list(supports), "planes": planes_told}
+        parallel.check_same(body.comm, SceneError, **self.surroundings)
         self.body, self.planes = body, tuple(planes)
         masses = lumped_mass(body)
         self.masses: FloatArray = masses[::3].copy()
