@@ -1,4 +1,4 @@
-"""A planar geometrically exact beam in absolute coordinates, hinged at one end: an oracle for flexible bodies.
+"""A planar geometrically exact beam in absolute coordinates, hinged or clamped at one end: an oracle.
 
 Two-node elements with one integration point (Simo & Vu-Quoc 1986, doi:10.1115/1.3171870), consistent mass,
 generalized-alpha. It shares nothing with flexmbd: no body frame, no modes, no geometric stiffness.
@@ -26,10 +26,35 @@ class ExactBeam:
     length: float
 
 
-def hinged_tip(
-    beam: ExactBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float
-) -> np.ndarray:
+def hinged_tip(beam: ExactBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float) -> np.ndarray:
     """(2,) m, the tip at the time `end`, from rest along x, with a torque (N m) on the hinge at the origin."""
+    return _march(beam, torque, place=2, held=2, tip=(0.0, 0.0), elements=elements, h=h, end=end)
+
+
+def clamped_tip(
+    beam: ExactBeam,
+    force: Callable[[float], float],
+    *,
+    tip: tuple[float, float],
+    elements: int,
+    h: float,
+    end: float,
+) -> np.ndarray:
+    """(2,) m, the tip, which carries a mass (kg) and inertia (kg m^2), with a force (N) along y there."""
+    return _march(beam, force, place=-2, held=3, tip=tip, elements=elements, h=h, end=end)
+
+
+def _march(
+    beam: ExactBeam,
+    action: Callable[[float], float],
+    *,
+    place: int,
+    held: int,
+    tip: tuple[float, float],
+    elements: int,
+    h: float,
+    end: float,
+) -> np.ndarray:
     size = beam.length / elements
     n = 3 * (elements + 1)
     mass = np.zeros((n, n))
@@ -37,6 +62,7 @@ def hinged_tip(
         for dof, line in enumerate((beam.rho_A, beam.rho_A, beam.rho_I)):
             rows = [3 * e + dof, 3 * e + 3 + dof]
             mass[np.ix_(rows, rows)] += line * size / 6 * np.array([[2, 1], [1, 2]])
+    mass[[-3, -2, -1], [-3, -2, -1]] += tip[0], tip[0], tip[1]
     alpha_m, alpha_f = (2 * _RHO - 1) / (1 + _RHO), _RHO / (1 + _RHO)
     beta, gamma = 0.25 * (1 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f
     q, v, a = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -44,18 +70,18 @@ def hinged_tip(
     load = np.zeros(n)
     for step in range(round(end / h)):
         q_0, v_0, a_0 = q, v, a
-        load[2] = torque((step + 1 - alpha_f) * h)
+        load[place] = action((step + 1 - alpha_f) * h)
         for _ in range(20):
             q = q_0 + h * v_0 + h * h * ((0.5 - beta) * a_0 + beta * a)
             v = v_0 + h * ((1 - gamma) * a_0 + gamma * a)
             force, tangent = _internal(beam, (1 - alpha_f) * q + alpha_f * q_0)
             residual = mass @ ((1 - alpha_m) * a + alpha_m * a_0) + force - load
-            residual[:2] = 0.0
+            residual[:held] = 0.0
             # the rounding of the axial force
             if abs(residual).max() < 1e-14 * beam.EA * elements:
                 break
             matrix = (1 - alpha_m) * mass + (1 - alpha_f) * beta * h * h * tangent
-            matrix[:2] = np.eye(2, n)
+            matrix[:held] = np.eye(held, n)
             a = a - np.linalg.solve(matrix, residual)
         else:
             raise AssertionError(f"no convergence in step {step}")
