@@ -25,6 +25,10 @@ from flexmbd.multibody.enforcement import AugmentedLagrangian as AugmentedLagran
 from flexmbd.multibody.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.enforcement import Penalty as Penalty
 from flexmbd.multibody.enforcement import Way as Way
+from flexmbd.multibody.homogeneous import CompiledEnergy as CompiledEnergy
+from flexmbd.multibody.homogeneous import StVenantKirchhoff as StVenantKirchhoff
+from flexmbd.multibody.homogeneous import polar as polar
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
 from flexmbd.multibody.solid import Solid as Solid
 from flexmbd.multibody.time_function import Motion as Motion
 from flexmbd.multibody.time_function import Sine as Sine

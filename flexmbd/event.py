@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.team import Team
@@ -74,7 +74,7 @@ class Moment:
         """Joint velocities: a number where there is one, else (k,)."""
         return self._run.beta_rate(connection)[0]
 
-    def q(self, body: FlexibleBody) -> FloatArray:
+    def q(self, body: Body) -> FloatArray:
         """(n,) modal coordinates."""
         return self._run.q(body)[0]
 

@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.series import largest_residual
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.redundancy import minimum_norm_multipliers
+from flexmbd.multibody.stretch_watch import StretchWatch
 from flexmbd.multibody.team import Team
 from flexmbd.stepping import Integration, Snapshot
 from flexmbd.trajectory import Stats, Trajectory
@@ -63,8 +64,9 @@ def run(
     code = st.DONE
     error: FlexmbdError | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
+    watch = StretchWatch(start.scene, bodies.values())
     with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
-        while stops and code in (st.OUTPUT, st.DONE):
+        while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored):
             before = integration.t
             if search is None:
                 code = integration.advance(stops[0])
@@ -92,6 +94,7 @@ def run(
     trajectory = replace(
         trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
     )
+    _refuse_flat(watch, integration, trajectory)
     if error is not None:
         raise SimulationError(str(error), trajectory) from error
     _refuse_stopped(start.scene, integration, code, trajectory)
@@ -176,6 +179,22 @@ def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) 
     failure = SimulationError(message, trajectory)
     failure.__cause__ = error
     return failure
+
+
+def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Trajectory) -> None:
+    """Raise where a pseudo-rigid body was pressed flat, with the rows before."""
+    if not watch.sees_nothing(integration.stored) and watch.fault is not None:
+        row, what = watch.fault
+        raise SimulationError(what, _until(trajectory, row))
+
+
+def _until(trajectory: Trajectory, row: int) -> Trajectory:
+    """The trajectory's rows before ``row``."""
+    t = trajectory.t[:row]
+    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "beside")}
+    kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
+    events = tuple(e for e in trajectory.events if e.row < row)
+    return replace(trajectory, t=t, events=events, checkpoints=kept, **parts)
 
 
 def _finish(

@@ -32,6 +32,7 @@ from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
 from flexmbd.simulation import Saves, check_times, run
@@ -41,7 +42,7 @@ from flexmbd.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
-AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, ContinuumBody)
+AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=Coupling)
 
@@ -72,7 +73,7 @@ class System:
         """Put a body into the scene and return it.
 
         Args:
-            body: a RigidBody, FlexibleBody or ContinuumBody not yet in a scene.
+            body: a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody not yet in a scene.
             name: unique name; by default "body 1", "body 2", ...
 
         Raises:
@@ -214,6 +215,11 @@ class System:
             if connection.velocity is not None:
                 v[slots.v] = connection.velocity
                 held_v[slots.v] = True
+        for body in self._bodies:
+            if isinstance(body, PseudoRigidBody) and not body.rigid:
+                slots = scene.modal_slots[id(body)]
+                x[slots.x], v[slots.v] = body.start()
+                held_x[slots.v] = held_v[slots.v] = True
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
         mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)

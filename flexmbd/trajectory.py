@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.series import energy_series, force_series, frame_
 from flexmbd.multibody.plan import CompiledScene, add_probe
 from flexmbd.multibody.plan_forces import NO_DRIVE
 from flexmbd.multibody.plan_numbering import Slots
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
 from flexmbd.reduced import ReducedBody
@@ -156,7 +157,7 @@ class Trajectory:
         v = self.v if t is None else self.motion(t)[1]
         return _single(v[:, self._slots(connection).v])
 
-    def q(self, body: FlexibleBody, *, t: ArrayLike | None = None) -> FloatArray:
+    def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
         """Modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
         slots = self._modal_slots(body)
         if t is None:
@@ -164,13 +165,23 @@ class Trajectory:
         found = self.motion(t)[0][:, slots.x]
         return found if np.ndim(t) else found[0]
 
-    def q_rate(self, body: FlexibleBody, *, t: ArrayLike | None = None) -> FloatArray:
+    def q_rate(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
         """Rates of the modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
         slots = self._modal_slots(body)
         if t is None:
             return self.v[:, slots.v]
         found = self.motion(t)[1][:, slots.v]
         return found if np.ndim(t) else found[0]
+
+    def stretch(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) stretches U, in body axes; or at times ``t`` (k,)."""
+        if body.rigid:
+            return np.tile(np.eye(3), (len(self.t) if t is None else np.size(t), 1, 1))
+        return body.stretch_of(self.q(body, t=None if t is None else np.atleast_1d(t)))
+
+    def deformation_gradient(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) F = R U, from the undeformed body's axes to inertial ones; or at times ``t`` (k,)."""
+        return self.rotation(body.frame(body.solid.com), t=t) @ self.stretch(body, t=t)
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
@@ -367,7 +378,7 @@ class Trajectory:
             )
         return slots
 
-    def _modal_slots(self, body: FlexibleBody) -> Slots:
+    def _modal_slots(self, body: Body) -> Slots:
         slots = self.scene.modal_slots.get(id(body))
         if slots is None:
             raise SceneError(f"body {body.name!r} has no modal coordinates in this trajectory")

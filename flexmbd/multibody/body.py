@@ -1,4 +1,4 @@
-"""Bodies: what the recursion asks of a body, and the two kinds so far.
+"""Bodies: what the recursion asks of a body; rigid and reduced ones.
 
 A body is constant data: its mass integrals about its own frame B and, where it is flexible, its
 modes.  ``Frame`` is a marker on a body, the thing that joints connect and results are asked of.
@@ -57,7 +57,13 @@ class Body(Protocol):
         """The flexible part, or None for a rigid body."""
 
 
-def _marker(body: Body, p: ArrayLike, R: ArrayLike | None, label: str) -> Frame:
+def marker(body: Body, p: ArrayLike, R: ArrayLike | None, name: str) -> Frame:
+    """A frame of a body called ``name`` at ``p`` (3,) m with axes ``R`` (3, 3), by default the body's.
+
+    Raises:
+        SceneError: not three finite numbers, or no rotation.
+    """
+    label = f"{name}{_place(p)}"
     position = np.asarray(p, dtype=np.float64)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
@@ -74,7 +80,7 @@ class Ground:
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in the inertial frame."""
-        return _marker(self, p, R, f"ground{_place(p)}")
+        return marker(self, p, R, "ground")
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Zero: the ground takes no part in the dynamics."""
@@ -153,7 +159,7 @@ class RigidBody:
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
-        return _marker(self, p, R, f"{self.name or 'rigid body'}{_place(p)}")
+        return marker(self, p, R, self.name or "rigid body")
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass about the body frame."""

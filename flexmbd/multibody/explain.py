@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexmbd.multibody.body import Body
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody, ExplicitInterior, ImplicitInterior
 from flexmbd.multibody.enforcement import Penalty
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.reduced import ReducedBody
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 
 _KINDS = {
     at.TIME_PIECEWISE: "read as data",
@@ -43,8 +44,7 @@ def explain(start: Start) -> str:
     parts = [part for one in _with_history(start) for part in one.parts]
     for branch in scene.topology.branches:
         body = branch.outer.body
-        record = body.reduced()
-        kind = "rigid" if record is None else _flexible(record)
+        kind = _kind(body)
         if branch.connection is None and body in parts:
             lines.append(f"  {body.name} ({kind}): 6 coordinates of its own, starts where its body has it")
             continue
@@ -69,7 +69,12 @@ def explain(start: Start) -> str:
     return "\n".join(lines)
 
 
-def _flexible(record: ReducedBody) -> str:
+def _kind(body: Body) -> str:
+    if isinstance(body, PseudoRigidBody):
+        return "pseudo-rigid, its stretches held" if body.rigid else "pseudo-rigid, six stretches"
+    record = body.reduced()
+    if record is None:
+        return "rigid"
     stretch = "" if record.stretch is None else f", {len(record.stretch.mode)} of them stretched by the others"
     return f"flexible, {record.n_modes} modes{stretch}"
 
@@ -151,7 +156,9 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
     elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
         skipped.append("modal damping (zero)")
-    if len(plan.flex) and not plan.flex[:, at.N_STRETCH].any():
+    reduced = [b.outer.body for b in start.scene.topology.branches if not isinstance(b.outer.body, PseudoRigidBody)]
+    records = [record for body in reduced if (record := body.reduced()) is not None]
+    if records and all(record.stretch is None or not len(record.stretch.mode) for record in records):
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.elasticity import add_elastic_forces
@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion,
 from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.topology import Topology
 from flexmbd.point_masses import point_masses
+from flexmbd.reduced import ReducedBody
 
 FloatArray = NDArray[np.float64]
 
@@ -148,15 +149,15 @@ class Kinematics:
         """Velocities (k,) of a joint of the tree."""
         return self.v[self._slots(connection).v]
 
-    def q(self, body: FlexibleBody) -> FloatArray:
+    def q(self, body: Body) -> FloatArray:
         """(n,) modal coordinates."""
         return self.x[self.modal_slots(body).x]
 
-    def q_rate(self, body: FlexibleBody) -> FloatArray:
+    def q_rate(self, body: Body) -> FloatArray:
         """(n,) rates of the modal coordinates."""
         return self.v[self.modal_slots(body).v]
 
-    def modal_slots(self, body: FlexibleBody) -> Slots:
+    def modal_slots(self, body: Body) -> Slots:
         """Where the body's modal coordinates lie in x and in v."""
         slots = self._scene.modal_slots.get(id(body))
         if slots is None:
@@ -234,8 +235,9 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
     g = np.asarray(gravity, dtype=np.float64)
     total = np.zeros(len(kinematics.v))
     for body in kinematics.bodies:
-        if isinstance(body, FlexibleBody):
-            total += _flexible_inertia(kinematics, body, g)
+        record = body.reduced()
+        if record is not None:
+            total += _flexible_inertia(kinematics, body, record, g)
         elif body.mass > 0.0:
             total += _rigid_inertia(kinematics, body, g)
     return total
@@ -266,9 +268,9 @@ def _rigid_inertia(kinematics: Kinematics, body: Body, g: FloatArray) -> FloatAr
     return linear[0].T @ force + angular[0].T @ torque
 
 
-def _flexible_inertia(kinematics: Kinematics, body: FlexibleBody, g: FloatArray) -> FloatArray:
-    points = point_masses(body.record)
-    frame = body.frame()
+def _flexible_inertia(kinematics: Kinematics, body: Body, record: ReducedBody, g: FloatArray) -> FloatArray:
+    points = point_masses(record)
+    frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
     linear, angular = kinematics.partial_velocities([frame])
     R = kinematics.rotation(frame)
     slots = kinematics.modal_slots(body)
