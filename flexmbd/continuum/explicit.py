@@ -93,7 +93,7 @@ class ExplicitContinuum:
             self.motion.advance(h / steps, self._bonds.positions(frames)[own])
             forces = np.zeros((len(own), 3))
             forces[own] = self.motion.force[self._nodes]
-            self._wrenches = self._bonds.wrenches(forces, frames)
+            self._wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
             mean += (before + self._wrenches) / (2 * steps)
         return Push(self._wrenches.copy(), mean)
 

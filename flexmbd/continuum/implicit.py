@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
+from flexmbd.continuum.face_averages import FaceAverages
 from flexmbd.continuum.newton import (
     Balance,
+    Conditions,
     Convergence,
     LinearSolver,
     Newton,
@@ -87,7 +89,7 @@ class ImplicitContinuum:
         """Assemble the mass. Collective.
 
         Args:
-            body: undeformed, with rigid interfaces, not used elsewhere.
+            body: undeformed, with interfaces, not used elsewhere.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             solver: of the linear systems.
@@ -97,15 +99,19 @@ class ImplicitContinuum:
         """
         self.body = body
         self._M = body.mass()
-        self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
+        self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
+        self._averages = FaceAverages(body, bonds)
+        self._lend()
         self.frames: tuple[InterfaceFrame, ...] = self._bonds.frames
         self.mass = self._bonds.free_mass
-        dofs = body.displacement_dofs[self._bonds.nodes[self._bonds.own]]
+        self._bonded = bonds.nodes[~bonds.averaged]
+        dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
         self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
         self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
         self._memory = BodyMemory(body)
         self._rest = body.snapshot()
-        self._least = self._round_off()
+        # a residual of this size's `round_off` is rounding's, and good
+        self._least = self._round_off() / _TIGHT.round_off
         self._gravity: FloatArray = np.zeros(3)
         self._state: _Motion | None = None
         self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
@@ -120,11 +126,13 @@ class ImplicitContinuum:
         p, R = self._pose
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
-        a = np.zeros_like(x)
-        a[bonds.nodes] = bonds.accelerations(motion)
-        a = self._rest_of_accelerations(a)
+        v[bonds.nodes] = bonds.velocities(motion)
+        a, carried = np.zeros_like(x), bonds.accelerations(motion)
+        a[self._bonded] = carried[~bonds.averaged]
+        conditions = self._averages.conditions(motion, np.eye(3), lacking=carried)
+        a = self._rest_of_accelerations(a, conditions)
         self._state = _Motion(t, x, v, a, a.copy(), 0.0, a.copy())
-        return self._wrenches(motion, self._inertia(a), a)
+        return bonds.wrenches(self._pushes(self._inertia(a), a), bonds.arms(motion))
 
     def trial(
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
@@ -135,14 +143,14 @@ class ImplicitContinuum:
         if now.h > 0.0:
             auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
         pose = bonds.pose(motion)
-        at_bonds, a_bonds = bonds.positions(motion), bonds.accelerations(motion)
+        carried, a_bonds = bonds.positions(motion), bonds.accelerations(motion)[~bonds.averaged]
         per_x, _ = scheme.slopes(h)
 
         def motion_of(increment: FloatArray) -> _Motion:
             shape = (body.layout.node_x.reshape(-1) + body.displacement + increment).reshape(-1, 3)
             x: FloatArray = pose[0] + shape @ pose[1].T
             a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
-            a[bonds.nodes] = a_bonds
+            a[self._bonded] = a_bonds
             return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
 
         def forces(increment: FloatArray) -> Balance:
@@ -157,12 +165,14 @@ class ImplicitContinuum:
 
         guess = self._guess(now, auxiliary, h, scheme, pose=pose)
         # the first step moves the bonded nodes, and the others with them
-        moved = guess.reshape(-1, 3).copy()
-        moved[bonds.nodes] = self._increment(at_bonds, bonds.nodes, pose)
-        solution = self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent)
+        moved, steps = guess.reshape(-1, 3).copy(), self._increment(carried, bonds.nodes, pose)
+        lacking = steps - moved[bonds.nodes]
+        moved[self._bonded] = steps[~bonds.averaged]
+        conditions = self._averages.conditions(motion, pose[1], lacking=lacking)
+        solution = self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent, conditions)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
-        v[bonds.nodes] = bonds.velocities(motion)
+        v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
         self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
         return self._condense(solution, scheme, h, motion, end, tangent)
 
@@ -203,7 +213,8 @@ class ImplicitContinuum:
         """See `Interior.energies`. Collective."""
         now, bonds = self._started(), self._bonds
         n = self.body.layout.n_owned_nodes
-        bonded, mass = bonds.nodes[bonds.own], bonds.mass[bonds.own]
+        held = bonds.own & ~bonds.averaged
+        bonded, mass = bonds.nodes[held], bonds.mass[held]
         momentum = self._product(now.v).reshape(-1, 3)
         kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
         weight = self._product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
@@ -257,11 +268,11 @@ class ImplicitContinuum:
         extent = float(max(self.body.comm.allgather(largest)))
         return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
 
-    def _rest_of_accelerations(self, a: FloatArray) -> FloatArray:
+    def _rest_of_accelerations(self, a: FloatArray, conditions: Conditions | None) -> FloatArray:
         """Accelerations of the nodes that are not bonded, without internal forces. Collective."""
         matrix = self._M.copy()
         forces = -self._inertia(a).reshape(-1, 1)
-        found = self._newton.solve_columns(matrix, forces)[:, 0]
+        found = self._newton.solve_columns(matrix, forces, conditions)[:, 0]
         self._newton.factorise_next()
         matrix.destroy()
         vector = self.body.vector()
@@ -269,16 +280,23 @@ class ImplicitContinuum:
         vector.scatter_forward()
         return np.asarray(a + vector.array.reshape(-1, 3))
 
-    def _wrenches(self, motion: FrameMotion, residual: FloatArray, a: FloatArray) -> FloatArray:
-        """(k, 6) on the frames: what the bonded nodes are held with, but for their lumped mass. Collective."""
-        return self._bonds.wrenches(self._pushes(residual, a), motion)
+    def _lend(self) -> None:
+        """Take what the frames of averaged interfaces have of their nodes' mass out of the mass matrix. Collective."""
+        bonds = self._bonds
+        mine, diagonal = bonds.own & bonds.averaged, self._M.getDiagonal()
+        diagonal.array.reshape(-1, 3)[bonds.nodes[mine]] -= bonds.mass[mine, None]
+        self._M.setDiagonal(diagonal)
 
     def _pushes(self, residual: FloatArray, a: FloatArray) -> FloatArray:
-        """(bonded nodes, 3) N, on the frames, from the residual (owned dofs,) in inertial axes."""
+        """(interface nodes, 3) N, on the frames, from the residual (owned dofs,) in inertial axes.
+
+        What the nodes are held with, but for the lumped mass of the bonded ones.
+        """
         bonds = self._bonds
         forces = np.zeros((len(bonds.nodes), 3))
         forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
-        return np.asarray(forces + bonds.mass[:, None] * (a[bonds.nodes] - self._gravity))
+        inertia = bonds.mass[:, None] * (a[bonds.nodes] - self._gravity)
+        return np.where(bonds.averaged[:, None], forces, forces + inertia)
 
     def _condense(
         self,
@@ -299,9 +317,10 @@ class ImplicitContinuum:
         matrix = tangent(solution.increment)
         whole = matrix.copy()
         columns = range(6 * len(self.frames))
-        arms = bonds.arms(motion)
+        arms = end.x[nodes] - motion.p[bonds.frame_of]
         moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
         left = np.zeros((body.n_owned, len(columns)))
+        turned = np.zeros_like(left)
         for j, (dx, da, turn, shift) in enumerate(moves):
             # what the nodes move against the body's axes, which the first frame carries
             against = np.zeros_like(end.x)
@@ -310,26 +329,31 @@ class ImplicitContinuum:
                 against -= shift + np.cross(turn, end.x - motion.p[0])
             accelerations: FloatArray = (-1.0 / per_x) * against
             accelerations[nodes] += da
-            turned = np.cross(turn, internal.reshape(-1, 3)) if j < 6 else 0.0
-            change = _times(whole, against @ R, n) @ R.T + self._product(accelerations).reshape(-1, 3) + turned
+            change = _times(whole, against @ R, n) @ R.T + self._product(accelerations).reshape(-1, 3)
+            if j < 6:
+                change += np.cross(turn, internal.reshape(-1, 3))
             left[:, j] = (change @ R).reshape(-1)
-        moved = self._newton.solve_columns(matrix, -left)
+            # the forces that keep the averages turn with their frame
+            kept, mine = np.zeros((n, 3)), bonds.own & bonds.averaged & (bonds.frame_of == j // 6)
+            kept[nodes[mine]] = np.cross(turn, pushes[mine])
+            turned[:, j] = (kept @ R).reshape(-1)
+        conditions = self._averages.conditions(motion, R)
+        moved = self._newton.solve_columns(matrix, -left - turned, conditions)
         derivative = np.zeros((len(columns), len(columns)))
-        for j, (_, da, _, _) in enumerate(moves):
+        for j, (_, da, turn, _) in enumerate(moves):
             change = left[:, j] + _times(whole, moved[:, j].reshape(-1, 3), n).reshape(-1)
             forces = np.zeros((len(nodes), 3))
             forces[bonds.own] = -(change.reshape(-1, 3) @ R.T)[nodes[bonds.own]]
-            forces += bonds.mass[:, None] * da
-            wrench = bonds.wrenches(forces, motion)
-            # the arms turn with their frame
-            k, axis = divmod(j, 6)
-            if axis >= 3:
-                mine = bonds.own & (bonds.frame_of == k)
-                turned_arms = np.cross(np.eye(3)[axis - 3], arms[mine])
-                wrench[k, 3:] += bonds.total(np.cross(turned_arms, pushes[mine]).sum(axis=0))
+            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
+            # the arms turn with their frame, and averaged nodes move
+            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], np.cross(turn, arms), 0.0)
+            mine = bonds.own & bonds.averaged
+            swung[mine] += moved[:, j].reshape(-1, 3)[nodes[mine]] @ R.T
+            wrench = bonds.wrenches(forces, arms)
+            wrench[:, 3:] += bonds.wrenches(pushes, swung)[:, 3:]
             derivative[:, j] = wrench.reshape(-1)
         whole.destroy()
-        return bonds.wrenches(pushes, motion), derivative
+        return bonds.wrenches(pushes, arms), derivative
 
 
 _NODAL = ("x", "v", "a", "auxiliary", "a_before")
@@ -346,10 +370,10 @@ def _times(matrix: PETSc.Mat, nodal: FloatArray, n: int) -> FloatArray:
 def _unit_motion(
     bonds: BondedNodes, arms: FloatArray, motion: FrameMotion, j: int, per_x: float, per_v: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What a unit displacement or rotation of a frame does to the bonded nodes.
+    """What a unit displacement or rotation of a frame does to its nodes.
 
     Returns:
-        (bonded nodes, 3) their displacement and acceleration; (3,) the frame's rotation and shift.
+        (interface nodes, 3) their displacement and acceleration; (3,) the frame's rotation and shift.
     """
     k, axis = divmod(j, 6)
     mine = bonds.frame_of == k
@@ -363,6 +387,10 @@ def _unit_motion(
     arm, w, alpha = arms[mine], motion.w[k], motion.alpha[k]
     moved, dw = np.cross(turn, arm), per_v / per_x * turn
     dx[mine] = moved
+    if bonds.averaged[mine].any():
+        # they go by the scheme as all free nodes do
+        da[mine] = moved / per_x
+        return dx, da, turn, shift
     da[mine] = (
         np.cross(turn / per_x, arm)
         + np.cross(alpha, moved)

@@ -23,18 +23,25 @@ FloatArray = NDArray[np.float64]
 _NO_INERTIA = 1e-9
 
 
-def check_frames(interfaces: Sequence[FoundInterface], rigid_parts: Mapping[str, RigidBody]) -> None:
+def check_frames(
+    interfaces: Sequence[FoundInterface], rigid_parts: Mapping[str, RigidBody], *, may_average: bool = False
+) -> None:
     """Refuse interfaces that cannot be frames in a machine, or rigid parts without one. Not collective.
 
     Raises:
-        InterfaceError: no interface, an averaged one, or a rigid part of another name.
+        InterfaceError: no interface, a rigid part of another name, or an averaged one where none may be.
     """
     names = [found.name for found in interfaces]
     averaged = [found.name for found in interfaces if not isinstance(found, RigidInterface)]
-    if not names or averaged or not set(rigid_parts) <= set(names):
+    if averaged and not may_average:
         raise InterfaceError(
-            f"rigid parts {sorted(rigid_parts)} on interfaces {names}, of which {averaged} are averaged: a body in a "
-            "machine needs an interface, all of them Coupling.RIGID, and a rigid part the name of one"
+            f"interfaces {averaged} are averaged: a body that steps explicitly needs Coupling.RIGID; a body that is "
+            "solved for (ImplicitContinuum) may have them"
+        )
+    if not names or not set(rigid_parts) <= set(names):
+        raise InterfaceError(
+            f"rigid parts {sorted(rigid_parts)} on interfaces {names}: a body in a machine needs an interface, and a "
+            "rigid part the name of one"
         )
 
 

@@ -7,7 +7,7 @@ factor preconditions: a factor costs some twenty times an iteration, and plastic
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -15,6 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.blocks import from_dense, to_dense
 from flexmbd.continuum.updated_lagrangian import InvertedCellError, UpdatedLagrangian
 from flexmbd.errors import ConvergenceError
 
@@ -22,9 +23,6 @@ FloatArray = NDArray[np.float64]
 
 # A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
 _SYMMETRIC = 1e-12
-
-# Columns are solved for to this part of each.
-_COLUMNS = 1e-10
 
 # Line search: how much of the work that the residual does on the step may be left, and the tries.
 _WORK_LEFT, _TRIES = 0.8, 6
@@ -81,6 +79,19 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
+class Conditions:
+    """Linear conditions on a step's displacement, kept by forces along their columns.
+
+    Attributes:
+        columns: (owned dofs, m), orthonormal over all ranks, zero at held dofs.
+        missing: (m,) m, columns^T times the displacement that the first guess lacks.
+    """
+
+    columns: FloatArray
+    missing: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """A step's displacement.
 
@@ -134,6 +145,7 @@ class Newton:
         target: FloatArray,
         forces: Callable[[FloatArray], Balance],
         tangent: Callable[[FloatArray], PETSc.Mat],
+        conditions: Conditions | None = None,
     ) -> Solution:
         """One step. Collective.
 
@@ -142,16 +154,20 @@ class Newton:
             target: (held dofs,) m, their displacement since the last accepted step.
             forces: at a displacement.
             tangent: derivative of their residual; the matrix may be changed.
+            conditions: on the displacement; the residual along their columns is the forces that keep them.
 
         Raises:
             ConvergenceError: on all ranks: it did not converge; the message has the residuals.
         """
         increment, residuals, rule = start.copy(), [], self._convergence
         missing = target - increment[self._held]
+        unmet = conditions
         balance = forces(increment)
         for step in range(rule.most_steps + 1):
-            residuals.append(self._norm(balance.residual[self._free]) / balance.size if balance.size else 0.0)
-            jumps = step == 0 and self._norm(missing) > 0.0
+            left = self._unbalanced(balance.residual, conditions)
+            residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
+            unmoved = self._norm(missing) == 0.0 and not (unmet is not None and bool(unmet.missing.any()))
+            jumps = step == 0 and not unmoved
             stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= rule.round_off
             if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
                 return Solution(increment, tuple(residuals), balance)
@@ -159,40 +175,39 @@ class Newton:
                 break
             if step < 2 or residuals[-1] > self._solver.keeps_below * residuals[-2]:
                 matrix, held = tangent(increment), False
-            change = self._direction(matrix, balance.residual, missing, residuals, held=held)
+            change = self._direction(matrix, left, missing, residuals, held=held, conditions=unmet)
             held = True
             missing = np.zeros_like(missing)
+            if unmet is not None:
+                unmet = replace(unmet, missing=np.zeros_like(unmet.missing))
             increment, balance = self._search(increment, change, balance, forces, full=jumps)
         raise ConvergenceError(
             f"Newton's method did not converge in {rule.most_steps} steps; the residuals were "
             + ", ".join(f"{residual:.1e}" for residual in residuals)
         )
 
-    def solve_columns(self, matrix: PETSc.Mat, block: FloatArray) -> FloatArray:
+    def solve_columns(
+        self, matrix: PETSc.Mat, block: FloatArray, conditions: Conditions | None = None
+    ) -> FloatArray:
         """The inverse of a tangent with held dofs, times columns. Collective.
 
         Args:
             matrix: the tangent, which is changed.
             block: (owned dofs, k); rows of held dofs are not read.
+            conditions: that each of the solutions meets.
 
         Returns:
             (owned dofs, k), zero at held dofs.
         """
         symmetric = self._is_symmetric(matrix)
         self._hold(matrix)
+        self._stale = True  # a factor of this matrix solves for all columns at once
         ksp = self._krylov(matrix, symmetric)
-        ksp.setTolerances(rtol=_COLUMNS, atol=0.0, max_it=200)
-        right, left = matrix.createVecLeft(), matrix.createVecRight()
-        solution = np.zeros_like(block)
-        for k in range(block.shape[1]):
-            right.array[:] = block[:, k]
-            right.array[self._held] = 0.0
-            ksp.solve(right, left)
-            self.iterations += ksp.getIterationNumber()
-            if ksp.getConvergedReason() < 0:
-                self._stale = True
-                raise ConvergenceError("the condensed tangent was not solved for; take a smaller step")
-            solution[:, k] = left.array
+        solution = self._solved(ksp, block)
+        if conditions is not None:
+            meeting = self._solved(ksp, conditions.columns)
+            for k in range(block.shape[1]):
+                solution[:, k] -= self._excess(solution[:, k], meeting, conditions)
         return solution
 
     def factorise_next(self) -> None:
@@ -207,6 +222,7 @@ class Newton:
         residuals: list[float],
         *,
         held: bool,
+        conditions: Conditions | None,
     ) -> FloatArray:
         """Newton's step (local dofs including ghosts,); ``held``: of a matrix that was used before. Collective."""
         right, left = matrix.createVecLeft(), matrix.createVecRight()
@@ -218,6 +234,7 @@ class Newton:
         symmetric = self._is_symmetric(matrix)
         if not held:
             self._hold(matrix)
+            self._stale = self._stale or conditions is not None
         ksp = self._krylov(matrix, symmetric)
         loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
         ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
@@ -231,9 +248,39 @@ class Newton:
                 f"the linear system of a Newton step was not solved ({taken} iterations); take a smaller step"
             )
         left.array[self._held] = missing  # exact, whatever Krylov's method left
+        if conditions is not None:
+            if not held:
+                self._meeting = self._solved(ksp, conditions.columns)
+            left.array[:] -= self._excess(left.array, self._meeting, conditions)
         self._ghosted.array[: self._body.n_owned] = left.array
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
+
+    def _solved(self, ksp: PETSc.KSP, block: FloatArray) -> FloatArray:
+        """The inverse of the factored matrix times a block (owned dofs, k), zero at held dofs. Collective."""
+        free = block.copy()
+        free[self._held] = 0.0
+        right = to_dense(self._body.comm, free)
+        left = right.duplicate()
+        ksp.getPC().getFactorMatrix().matSolve(right, left)
+        solution = from_dense(left)
+        left.destroy()
+        right.destroy()
+        return solution
+
+    def _excess(self, step: FloatArray, meeting: FloatArray, conditions: Conditions) -> FloatArray:
+        """What a step (owned dofs,) that meets no conditions is too much, by the displacements of their forces."""
+        columns = conditions.columns
+        products = self._body.comm.allreduce(columns.T @ np.column_stack([meeting, step]), op=MPI.SUM)
+        shares = np.linalg.solve(products[:, :-1], products[:, -1] - conditions.missing)
+        return np.asarray(meeting @ shares)
+
+    def _unbalanced(self, residual: FloatArray, conditions: Conditions | None) -> FloatArray:
+        """The residual less the forces that keep the conditions. Collective."""
+        if conditions is None:
+            return residual
+        along = self._body.comm.allreduce(conditions.columns.T @ residual, op=MPI.SUM)
+        return np.asarray(residual - conditions.columns @ along)
 
     def _krylov(self, matrix: PETSc.Mat, symmetric: bool) -> PETSc.KSP:
         """Krylov's method on this matrix, with a factor of it or an older one."""
