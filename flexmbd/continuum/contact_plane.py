@@ -19,8 +19,9 @@ _TOUCHING = 1e-9
 class RigidPlane:
     """A plane that nodes may leave and not pass, with Coulomb friction.
 
-    With a penalty a node at the depth d is pushed back by m penalty d / h^2, which keeps its energy: central
-    differences are then stable up to sqrt(1 - penalty / 4) of the step without contact.  With none the push is the
+    With a penalty a node at the depth d is pushed back by m penalty d / h_0^2, which keeps its energy; h_0 is the
+    stable step of the undeformed body without contact, so that the push is the same function of d whatever the
+    steps.  Central differences are then stable up to 1 / sqrt(1 + penalty / 4) of it.  With none the push is the
     one that ends the step on the plane: no depth, no change of the stable step, and the energy with which the
     single node arrived is lost (that of half a cell's layer, which falls as the mesh is refined).
 
@@ -56,10 +57,9 @@ class RigidPlane:
         if self.penalty is not None and not 0.0 < self.penalty < 3.0:
             raise SceneError(f"{self.name}: penalty must be None or between 0 and 3, got {self.penalty!r}")
 
-    @property
-    def step_factor(self) -> float:
-        """What the stable step is multiplied with."""
-        return 1.0 if self.penalty is None else float(np.sqrt(1.0 - self.penalty / 4.0))
+    def stiffness(self, h: float) -> float:
+        """What pushes a node back, per mass and depth, 1/s^2, for a step h (s); zero without penalty."""
+        return 0.0 if self.penalty is None else self.penalty / h**2
 
     def depth(self, x: FloatArray) -> FloatArray:
         """(n,) m, by which nodes at x (n, 3) are behind the plane; negative in front of it."""
@@ -78,7 +78,7 @@ class RigidPlane:
             )
 
     def push(
-        self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float
+        self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float, stiffness: float
     ) -> tuple[FloatArray, FloatArray]:
         """Accelerations (n, 3) of nodes by contact, normal to the plane and along it, m/s^2.
 
@@ -87,14 +87,15 @@ class RigidPlane:
             v: (n, 3) m/s, velocities with which the step is made before a and contact act.
             a: (n, 3) m/s^2, accelerations without contact.
             h: the step, s: places at its end are x + h v + reach (a + contact).
-            reach: h^2, or half of it in a first step, s^2.
+            reach: h^2, or half of it in a first step, s^2, less what damping takes of it.
+            stiffness: 1/s^2, of the penalty.
         """
         normal = np.asarray(self.normal)
         depth = self.depth(x)
         if self.penalty is None:
             size = (depth - h * (v @ normal) - reach * (a @ normal)) / reach
         else:
-            size = self.penalty / h**2 * depth
+            size = stiffness * depth
         size = np.maximum(size, 0.0)
         along = np.zeros_like(x)
         if self.friction > 0.0 and size.any():

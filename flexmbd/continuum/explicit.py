@@ -45,6 +45,7 @@ class ExplicitContinuum:
         rigid_parts: Mapping[str, RigidBody] | None = None,
         planes: Sequence[RigidPlane] = (),
         supports: Sequence[Support] = (),
+        damping: float = 0.0,
     ) -> None:
         """Collect the frames and find the stable step.
 
@@ -54,6 +55,7 @@ class ExplicitContinuum:
                 interface's origin, in the interface's axes.
             planes: what the nodes that are not bonded may meet.
             supports: components of nodes that are not bonded held at zero.
+            damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
 
         Raises:
             InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
@@ -61,7 +63,7 @@ class ExplicitContinuum:
         """
         self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
-        self.motion = NodalMotion(body, supports=supports, planes=planes, bonded=self._nodes)
+        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping, bonded=self._nodes)
         self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
         self._wrenches: FloatArray = np.zeros((len(self.frames), 6))
         self._calls = 0

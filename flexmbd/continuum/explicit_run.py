@@ -83,6 +83,7 @@ class ExplicitRun:
         planes: Sequence[RigidPlane] = (),
         supports: Sequence[Support] = (),
         gravity: ArrayLike = (0.0, 0.0, 0.0),
+        damping: float = 0.0,
     ) -> None:
         """Set the body off, undeformed, where the mesh is.
 
@@ -92,13 +93,14 @@ class ExplicitRun:
             planes: what nodes may meet.
             supports: components of nodes held at zero.
             gravity: (3,) m/s^2.
+            damping: 1/s, force per mass and velocity.
 
         Raises:
             SceneError: the body begins behind a plane, or the velocity is not of that shape.
             MeshError: a support is on no facet group of the mesh.
             FormulationError: the mass cannot be lumped.
         """
-        self.motion = NodalMotion(body, supports=supports, planes=planes)
+        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping)
         self.motion.begin(np.zeros(3), np.eye(3), np.asarray(gravity, dtype=float))
         x = self.motion.x
         given = np.asarray(velocity(x) if callable(velocity) else velocity, dtype=float)
