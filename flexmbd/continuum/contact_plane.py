@@ -20,8 +20,8 @@ class RigidPlane:
     """A plane that nodes may leave and not pass, with Coulomb friction.
 
     With a penalty a node at the depth d is pushed back by m penalty d / h_0^2, which keeps its energy; h_0 is the
-    stable step of the undeformed body without contact, so that the push is the same function of d whatever the
-    steps.  Central differences are then stable up to 1 / sqrt(1 + penalty / 4) of it.  With none the push is the
+    stable step of the undeformed body in contact, so that the push is the same function of d whatever the steps.
+    It is sqrt(1 - penalty / 4) of the stable step without contact.  With none the push is the
     one that ends the step on the plane: no depth, no change of the stable step, and the energy with which the
     single node arrived is lost (that of half a cell's layer, which falls as the mesh is refined).
 
@@ -58,8 +58,12 @@ class RigidPlane:
             raise SceneError(f"{self.name}: penalty must be None or between 0 and 3, got {self.penalty!r}")
 
     def stiffness(self, h: float) -> float:
-        """What pushes a node back, per mass and depth, 1/s^2, for a step h (s); zero without penalty."""
-        return 0.0 if self.penalty is None else self.penalty / h**2
+        """What pushes a node back, per mass and depth, 1/s^2; zero without penalty.
+
+        Args:
+            h: stable step of the undeformed body without contact, s.
+        """
+        return 0.0 if self.penalty is None else self.penalty / ((1.0 - self.penalty / 4.0) * h**2)
 
     def depth(self, x: FloatArray) -> FloatArray:
         """(n,) m, by which nodes at x (n, 3) are behind the plane; negative in front of it."""
