@@ -18,6 +18,7 @@ from flexmbd.integrate.radau_iia import RadauIIA as RadauIIA
 from flexmbd.integrate.tableau import Pair as Pair
 from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint
+from flexmbd.multibody import output as output
 from flexmbd.multibody.body import FlexibleBody as FlexibleBody
 from flexmbd.multibody.body import RigidBody as RigidBody
 from flexmbd.multibody.continuum_body import ContinuumBody as ContinuumBody

@@ -6,7 +6,7 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -18,23 +18,29 @@ from flexmbd.errors import SceneError
 from flexmbd.event import Event
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.linearized import LinearizedMachine
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody
 from flexmbd.multibody.enforcement import Enforcement, Way
+from flexmbd.multibody.equilibrium import find_equilibrium
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.initial import Start, consistent_start
+from flexmbd.multibody.initial import Start, consistent_start, match_motion
 from flexmbd.multibody.interiors import InteriorForce
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.linearize import linearize
+from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
+from flexmbd.multibody.ports import Input, lay_ports, leave_out
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
+from flexmbd.multibody.working_point import WorkingPoint
 from flexmbd.simulation import Saves, check_times, run
 from flexmbd.stepping import evaluate_inputs, new_snapshot
 from flexmbd.trajectory import Trajectory
@@ -141,14 +147,20 @@ class System:
         Raises:
             SceneError: it acts on a joint or frame of another scene, or one that cannot take it.
         """
+        self._check_force(force)
+        self._forces.append(force)
+        return force
+
+    def _check_force(self, force: Force) -> None:
         for connection in force.connections:
-            if not any(connection is c for c in self._connections):
-                raise SceneError(f"joint {connection.name!r} is not in this scene")
+            self._refuse_foreign_joint(connection)
         for frame in force.frames:
             self._refuse_foreign(frame)
         force.check()
-        self._forces.append(force)
-        return force
+
+    def _refuse_foreign_joint(self, connection: Connection) -> None:
+        if not any(connection is c for c in self._connections):
+            raise SceneError(f"joint {connection.name!r} is not in this scene")
 
     def _refuse_foreign(self, frame: Frame) -> None:
         if frame.body is not self.ground and not any(frame.body is b for b in self._bodies):
@@ -180,7 +192,11 @@ class System:
             SceneError: a body that nothing connects, or a force or motion on a joint that has no
                 coordinate.
         """
-        wanted = {id(c) for force in self._forces for c in force.connections}
+        return self._compile(())
+
+    def _compile(self, more: Sequence[Force]) -> CompiledScene:
+        """As ``compile``, with ``more`` forces."""
+        wanted = {id(c) for force in (*self._forces, *more) for c in force.connections}
         wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
         for c in self._connections:
             if any(given is not None for given in (c.position, c.velocity, c.motion)):
@@ -188,7 +204,7 @@ class System:
         together = [body.parts for body in self._continua]
         topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = np.array(self.gravity, dtype=np.float64)
-        forces = [*self._forces, *(InteriorForce(body) for body in self._continua)]
+        forces = [*self._forces, *(InteriorForce(body) for body in self._continua), *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:
@@ -198,7 +214,10 @@ class System:
             SceneError: as ``compile``.
             AssemblyError: the mechanism cannot be assembled.
         """
-        scene = self.compile()
+        return self._start(self.compile(), t)
+
+    def _start(self, scene: CompiledScene, t: float) -> Start:
+        """The consistent start of a compiled scene."""
         if self.team.is_root:
             announce(_STARTING)
         work = new_work(scene.plan)
@@ -224,6 +243,85 @@ class System:
         mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         return start
+
+    def equilibrium(self, *, t: float = 0.0) -> WorkingPoint:
+        """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
+
+        Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.
+
+        Args:
+            t: s, at which forces and motions are taken.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking.
+        """
+        start = self.start(t=t)
+        self._refuse_interiors(start.scene)
+        work = new_work(start.scene.plan)
+        evaluate_inputs(start.scene, work, t)
+        return find_equilibrium(start, work)
+
+    def linearize(
+        self,
+        *,
+        inputs: Sequence[Input] = (),
+        disturbances: Sequence[Input] = (),
+        outputs: Sequence[Output] = (),
+        about: WorkingPoint | Trajectory | None = None,
+        t: float = 0.0,
+    ) -> LinearizedMachine:
+        """Linearise about an equilibrium or a steady motion, one whose accelerations are zero.
+
+        Args:
+            inputs: the columns of V.  Of a JointTorque or JointForce per N m or N of its value, of another force
+                by functions of time per unit of each, of a FrameForce by numbers per force as given; they need not
+                be in the scene.  Of a joint with a prescribed motion three: displacement, velocity, acceleration.
+            disturbances: the columns of W, alike.
+            outputs: what is observed: fm.output.Position(frame or joint or flexible body), ...
+            about: of ``equilibrium``, or a trajectory, whose end is meant; by default the start.
+            t: s, at which forces and motions are taken; of ``about`` its own.
+
+        Raises:
+            SceneError: the motion is not steady, the constraints are singular there, or an input or output does not
+                fit; the message names it.
+            AssemblyError: as ``start``.
+        """
+        ports = [*inputs, *disturbances]
+        forces = list({id(one): one for one in ports if not isinstance(one, Connection)}.values())
+        for one in ports:
+            if isinstance(one, Connection):
+                self._refuse_foreign_joint(one)
+        added = [force for force in forces if not any(force is other for other in self._forces)]
+        for force in forces:
+            self._check_force(force)
+        whole = self._compile(added)
+        t = float(about.t[-1]) if isinstance(about, Trajectory) else t if about is None else about.t
+        start = self._start(leave_out(whole, added), t)
+        self._refuse_interiors(start.scene)
+        point = _working_point(start, about, t)
+        work = new_work(start.scene.plan)
+        evaluate_inputs(start.scene, work, t)
+        whole = replace(whole, plan=whole.plan._replace(rows=point.scene.plan.rows), row_names=point.scene.row_names)
+        columns = lay_ports(whole, point, work.time, ports)
+        equations = linearize(point, work, columns, outputs)
+        controls = sum(columns.count[: len(inputs)])
+        return LinearizedMachine(
+            equations=equations,
+            point=point,
+            controls=columns.names[:controls],
+            disturbances=columns.names[controls:],
+            motions=columns.motions,
+            bodies={body.name: body for body in self._bodies},
+            team=self.team,
+        )
+
+    def _refuse_interiors(self, scene: CompiledScene) -> None:
+        if scene.interiors is not None:
+            names = ", ".join(repr(body.name) for body in scene.interiors.bodies)
+            raise SceneError(
+                f"body {names} has a state of its own between its frames, which equilibria and linear equations of the "
+                "machine do not hold; reduce it (craig_bampton) where it is elastic"
+            )
 
     def explain(
         self,
@@ -322,6 +420,25 @@ class System:
             saves=saves,
             progress=progress,
         )
+
+
+def _working_point(start: Start, about: WorkingPoint | Trajectory | None, t: float) -> WorkingPoint:
+    """Where to linearise, with the rows of ``start.scene``."""
+    scene = start.scene
+    if about is None:
+        return WorkingPoint(scene, t, start.x, start.v, start.multipliers)
+    if about.scene.velocity_names != scene.velocity_names:
+        raise SceneError(
+            "`about` is of another scene, or the inputs change which joints have coordinates; add the input forces to "
+            "the scene before its equilibrium or simulation"
+        )
+    if isinstance(about, WorkingPoint):
+        return replace(about, scene=scene)
+    x, v = about.x[-1].copy(), about.v[-1].copy()
+    work = new_work(scene.plan)
+    evaluate_inputs(scene, work, t)
+    v, _, multipliers = match_motion(scene, work, x, v, held=np.zeros(scene.nv, bool))
+    return WorkingPoint(scene, t, x, v, multipliers)
 
 
 def _named(integrator: Integrator | str) -> Integrator:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from flexmbd.multibody.kane import WrenchSource
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import lapack_addresses
-from flexmbd.multibody.plan_forces import lay_forces
+from flexmbd.multibody.plan_forces import ForceRows, lay_forces
 from flexmbd.multibody.plan_numbering import Numbering, Slots
 from flexmbd.multibody.plan_rows import lay_penalties, lay_rows
 from flexmbd.multibody.plan_turning import decide_turning
@@ -58,6 +58,7 @@ class CompiledScene:
         wrench_sources: forces on frames that the plan knows as generalised forces alone.
         redundant: names of constraint rows left out as redundant.
         interiors: those of bodies with history; None where there are none.
+        force_rows: id of each force element to its rows of ``plan.forces`` and ``plan.elements``.
     """
 
     plan: Plan
@@ -83,6 +84,7 @@ class CompiledScene:
     wrench_sources: tuple[WrenchSource, ...] = ()
     redundant: tuple[str, ...] = ()
     interiors: Interiors | None = None
+    force_rows: Mapping[int, ForceRows] = field(default_factory=dict)
 
     @property
     def nx(self) -> int:
@@ -223,6 +225,7 @@ def build(
         group_floor=np.array([floor for _, _, floor in b.groups], float),
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
+        force_rows=table.rows_of,
     )
     table.tell_built(scene)
     return scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,14 @@ from flexmbd.multibody.time_function import Compiled, TimeFunction, as_row
 NO_DRIVE = 1
 
 
+@dataclass(frozen=True)
+class ForceRows:
+    """Rows of ``Plan.forces`` and of ``Plan.elements`` that one force element laid out."""
+
+    forces: range
+    elements: range
+
+
 class ForceTable:
     """Growing rows of ``Plan.forces`` and ``Plan.elements``; what force elements lay themselves out in.
 
@@ -34,6 +43,7 @@ class ForceTable:
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
+        rows_of: id of each force element to its rows; not of those that are solved together.
     """
 
     def __init__(self, numbering: Numbering, ground: Body) -> None:
@@ -42,6 +52,7 @@ class ForceTable:
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[LaidInterior] = []
+        self.rows_of: dict[int, ForceRows] = {}
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
@@ -190,6 +201,9 @@ def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> F
     """Let every force element lay itself out, in the order in which they were added."""
     table = ForceTable(numbering, ground)
     for force in forces:
+        first, first_element = len(table.forces), len(table.elements)
         force.lay(table)
+        rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
+        table.rows_of[id(force)] = rows
     table.finish()
     return table

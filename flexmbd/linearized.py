@@ -1,0 +1,301 @@
+"""A linearised machine: its matrices, eigenvalues and shapes, its state space and frequency response."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import Body
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.linearize import LinearEquations
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.team import Team
+from flexmbd.multibody.working_point import WorkingPoint
+from flexmbd.trajectory import NOTHING_SPENT, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_ROUND_OFF = 1e-14  # of the largest entry: what is left of zeros in the matrices
+
+
+class StateSpace(NamedTuple):
+    """ds/dt = A s + B u, outputs = C s + D u; unpacks into scipy.signal.StateSpace(*...) and control.ss(*...)."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearizedMachine:
+    """M dz/dt + C z + K y = V v + W w and dy/dt = Ty y + Tz z + Tv v + Tw w, about a working point.
+
+    y (ny,) are changes of independent coordinates, z (nz,) of independent velocities: small turns in the axes of
+    the body that they turn, else of the coordinate itself.  Where nothing rolls without slip z is dy/dt, and the first
+    equation is M y'' + C y' + K y = V v + W w (Anthonis & Ramon 2003, eq. 8).  Controls v and disturbances w
+    are forces (N, N m, or factors), and of each prescribed motion displacement, velocity and acceleration.
+
+    Attributes:
+        equations: of multibody.linearize.
+        point: the working point.
+        controls, disturbances: names of the columns of V and W.
+        motions: first columns, in (v, w), of displacements that are followed by their rates and accelerations.
+        bodies: name to body.
+        team: who writes files.
+    """
+
+    equations: LinearEquations
+    point: WorkingPoint
+    controls: tuple[str, ...]
+    disturbances: tuple[str, ...]
+    motions: tuple[int, ...]
+    bodies: Mapping[str, Body]
+    team: Team
+
+    @property
+    def M(self) -> FloatArray:
+        """(nz, nz) kg, kg m, kg m^2 by the coordinates; of modal coordinates 1."""
+        return self.equations.M
+
+    @property
+    def C(self) -> FloatArray:
+        """(nz, nz) damping and gyroscopic matrix."""
+        return self.equations.C
+
+    @property
+    def K(self) -> FloatArray:
+        """(nz, ny) stiffness matrix, with those of weight, of reactions and of centrifugal forces."""
+        return self.equations.K
+
+    @property
+    def V(self) -> FloatArray:
+        """(nz, controls)."""
+        return self.equations.F[:, : len(self.controls)]
+
+    @property
+    def W(self) -> FloatArray:
+        """(nz, disturbances)."""
+        return self.equations.F[:, len(self.controls) :]
+
+    @property
+    def scene(self) -> CompiledScene:
+        """The compiled scene."""
+        return self.point.scene
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """(ny,) names of y."""
+        return tuple(self.scene.velocity_names[k] for k in self.equations.by.y)
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """(nz,) names of z: those of the coordinates whose rates they are."""
+        return tuple(self.scene.velocity_names[k] for k in self.equations.by.z)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(name for one in self.equations.outputs for name in one.names)
+
+    @cached_property
+    def _system(self) -> tuple[FloatArray, FloatArray]:
+        """Of s = (y, z): ds/dt = A s + B (v, w)."""
+        e = self.equations
+        right = np.hstack([_cleaned(-e.K), _cleaned(-e.C), e.F])
+        rates = np.asarray(np.linalg.solve(e.M, right), dtype=np.float64)
+        first = np.hstack([_cleaned(e.by.Ty), e.by.Tz, e.by.Tu])
+        whole = np.vstack([first, rates])
+        n = len(e.by.y) + len(e.by.z)
+        return whole[:, :n], whole[:, n:]
+
+    @cached_property
+    def _observed(self) -> tuple[FloatArray, FloatArray]:
+        """Outputs = C s + D (v, w)."""
+        by, (A, B) = self.equations.by, self._system
+        rate = self._rates()
+        states, inputs = [np.zeros((0, len(A)))], [np.zeros((0, B.shape[1]))]
+        for one in self.equations.outputs:
+            if one.order == 0:
+                C, D = np.hstack([one.L @ by.Xy, np.zeros((len(one.L), len(by.z)))]), one.L @ by.Xu
+            else:
+                C, D = np.hstack([one.L @ by.Vy + one.G @ by.Xy, one.L @ by.Vz]), one.L @ by.Vu + one.G @ by.Xu
+            if one.order == 2:
+                C, D = C @ A, C @ B + D @ rate
+            states.append(C)
+            inputs.append(D)
+        return np.vstack(states), np.vstack(inputs)
+
+    def _rates(self) -> FloatArray:
+        """(nu, nu) rates of the inputs by the inputs, where one is another's."""
+        nu = len(self.controls) + len(self.disturbances)
+        rate = np.zeros((nu, nu))
+        for k in self.motions:
+            rate[[k, k + 1], [k + 1, k + 2]] = 1.0
+        return rate
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the state space's inputs: controls, then disturbances, of each motion the acceleration alone."""
+        names = self.controls + self.disturbances
+        return tuple(name for k, name in enumerate(names) if k not in self._followed)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state space's states: coordinates, velocities, then each motion and its rate."""
+        names = self.controls + self.disturbances
+        moved = [names[k + order] for k in self.motions for order in (0, 1)]
+        return (*self.coordinates, *(f"rate of {name}" for name in self.velocities), *moved)
+
+    @property
+    def _followed(self) -> list[int]:
+        """Columns of (v, w) that are states of the state space: motions and their rates."""
+        return [k + order for k in self.motions for order in (0, 1)]
+
+    def state_space(self) -> StateSpace:
+        """First-order form: states as ``states`` names them, inputs as ``inputs``, outputs as ``outputs``.
+
+        Prescribed motions enter by their accelerations (m/s^2 or rad/s^2), two states integrating each.
+        """
+        (A, B), (C, D) = self._system, self._observed
+        nu, followed = B.shape[1], self._followed
+        given = np.setdiff1d(np.arange(nu), followed)
+        rate = self._rates()
+        lower = np.hstack([np.zeros((len(followed), len(A))), rate[np.ix_(followed, followed)]])
+        return StateSpace(
+            np.vstack([np.hstack([A, B[:, followed]]), lower]),
+            np.vstack([B[:, given], rate[np.ix_(followed, given)]]),
+            np.hstack([C, D[:, followed]]),
+            D[:, given],
+        )
+
+    def frequency_response(self, omega: ArrayLike) -> ComplexArray:
+        """(k, outputs, inputs) amplitudes at angular frequencies ``omega`` (k,) rad/s.
+
+        Of a prescribed motion per unit of displacement, not of acceleration.
+
+        Raises:
+            SceneError: the machine vibrates freely at one of them, undamped.
+        """
+        frequency = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+        (A, B), (C, D) = self._system, self._observed
+        given = [k for k in range(B.shape[1]) if k not in {m + order for m in self.motions for order in (1, 2)}]
+        found = np.zeros((len(frequency), len(C), len(given)), complex)
+        for k, s in enumerate(1j * frequency):
+            share = np.eye(B.shape[1], dtype=complex)
+            for m in self.motions:
+                share[m + 1, m], share[m + 2, m] = s, s * s
+            share = share[:, given]
+            try:
+                states = np.linalg.solve(s * np.eye(len(A)) - A, B @ share)
+            except np.linalg.LinAlgError as reason:
+                raise SceneError(
+                    f"at {frequency[k]:g} rad/s the machine moves without any input, so that no amplitude answers it; "
+                    "ask beside that frequency, or damp the machine"
+                ) from reason
+            found[k] = C @ states + D @ share
+        return found
+
+    @cached_property
+    def _modes(self) -> tuple[ComplexArray, ComplexArray]:
+        values, vectors = scipy.linalg.eig(self._system[0])
+        order = np.lexsort((-values.imag, np.abs(values)))
+        return values[order], vectors[:, order]
+
+    def eigenvalues(self) -> ComplexArray:
+        """(ny + nz,) 1/s, in ascending size, of pairs the one with positive imaginary part first."""
+        return self._modes[0].copy()
+
+    def frequencies(self) -> FloatArray:
+        """Hz, |eigenvalue| / (2 pi) of the vibrations, in ascending order; of what does not swing there is none."""
+        values = self.eigenvalues()
+        return np.abs(values[self._swings]) / (2.0 * np.pi)
+
+    def damping_ratios(self) -> FloatArray:
+        """Of the vibrations, as ``frequencies``: minus the real part of the eigenvalue over its size."""
+        values = self.eigenvalues()[self._swings]
+        return -values.real / np.abs(values)
+
+    @property
+    def _swings(self) -> NDArray[np.int64]:
+        values = self._modes[0]
+        return np.flatnonzero(values.imag > 1e-9 * np.abs(values))
+
+    def shapes(self) -> tuple[ComplexArray, ComplexArray]:
+        """Changes of configuration and velocity (ny + nz, nv) of each eigenvalue, as tangent vectors of the machine.
+
+        The largest entry, over 1 rad or the machine's extent, is 1.
+        """
+        by, (_, vectors) = self.equations.by, self._modes
+        y, z = vectors[: len(by.y)].T, vectors[len(by.y) :].T
+        places, rates = y @ by.Xy.T, y @ by.Vy.T + z @ by.Vz.T
+        sizes = np.abs(places) / self.scene.group_full[self.scene.group_of]
+        largest = places[np.arange(len(places)), np.argmax(sizes, axis=1)] / np.maximum(sizes.max(axis=1), 1e-300)
+        scale = np.where(np.abs(largest) > 0.0, largest, 1.0)[:, None]
+        return places / scale, rates / scale
+
+    def mode_motion(self, k: int, *, amplitude: float = 0.1, periods: float = 1.0, instants: int = 120) -> Trajectory:
+        """Eigenvalue k's motion added to the steady one, to be filmed, plotted or asked as any trajectory.
+
+        A vibration is drawn at constant size; what does not swing from ``amplitude`` down, or up to it.
+
+        Args:
+            k: which of ``eigenvalues``.
+            amplitude: the largest coordinate (rad, or of the machine's extent).
+            periods: how many, or time constants.
+            instants: how many are computed, evenly in time.
+
+        Raises:
+            SceneError: there is no such eigenvalue, or it is zero.
+        """
+        values = self._modes[0]
+        if not 0 <= k < len(values):
+            raise SceneError(f"there are eigenvalues 0 to {len(values) - 1}, not {k}")
+        if abs(values[k]) <= 1e-9 * np.abs(values).max():
+            raise SceneError(f"eigenvalue {k} is zero: nothing vibrates or decays; choose another")
+        swings = abs(values[k].imag) > 1e-9 * abs(values[k])
+        span = periods * (2.0 * np.pi / abs(values[k].imag) if swings else 1.0 / abs(values[k].real))
+        rate = 1j * values[k].imag if swings else values[k]
+        t = np.linspace(0.0, span, instants)
+        growth = amplitude * np.exp(rate * t - max(0.0, rate.real) * span)
+        shape, speed = (part[k] for part in self.shapes())
+        x = np.empty((instants, self.scene.nx))
+        for i, (time, factor) in enumerate(zip(t, growth, strict=True)):
+            carried = np.empty_like(self.point.x)
+            retract(self.scene.plan, self.point.x, self.point.v * time, carried)
+            retract(self.scene.plan, carried, (factor * shape).real, x[i])
+        moved = np.outer(growth, speed)
+        return Trajectory(
+            scene=self.scene,
+            t=t,
+            x=x,
+            v=self.point.v + moved.real,
+            a=(rate * moved).real,
+            multipliers=np.tile(self.point.multipliers, (instants, 1)),
+            stats=NOTHING_SPENT,
+            bodies=self.bodies,
+            team=self.team,
+        )
+
+    def plot(self, omega: ArrayLike, *, path: str | Path | None = None, title: str = "") -> Figure:
+        """Draw the frequency response, see ``flexmbd.visual.plot_response``."""
+        import flexmbd.visual as visual  # matplotlib loads only here
+
+        return visual.plot_response(self, omega, path=path, title=title)
+
+
+def _cleaned(matrix: FloatArray) -> FloatArray:
+    """Round-off made zeros, so that what turns or rolls freely has eigenvalues that are zero."""
+    return np.where(np.abs(matrix) > _ROUND_OFF * np.abs(matrix).max(initial=0.0), matrix, 0.0)

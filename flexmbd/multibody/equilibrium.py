@@ -1,0 +1,143 @@
+"""Equilibria and steady motions by Newton's method, downhill where the machine is unstable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.derivatives import Derivatives, derive, turning
+from flexmbd.multibody.elimination import Elimination, Prescribed, eliminate
+from flexmbd.multibody.initial import Start
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.kernels.residual import residual
+from flexmbd.multibody.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.working_point import WorkingPoint
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 200
+_STEP = 0.3  # rad, or of the machine's extent: the longest step
+_CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
+_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
+_HALVINGS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """What is lacking at a state: (nz,) forces, and what they are made of."""
+
+    x: FloatArray
+    v: FloatArray
+    multipliers: FloatArray
+    of: Derivatives
+    by: Elimination
+    lacking: FloatArray
+    parts: FloatArray
+    mass: FloatArray
+
+    @property
+    def size(self) -> float:
+        """The lacking forces' size, over the square root of the mass that each moves."""
+        return float(np.sqrt(self.lacking @ np.linalg.solve(self.mass, self.lacking)))
+
+
+def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
+    """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
+
+    Near it these are Newton's steps.  Where the machine is unstable, directions of negative stiffness are taken
+    downhill, so that not the nearest equilibrium is found but one that the machine would settle in.  A start in an
+    unstable equilibrium is one.
+
+    Args:
+        start: the consistent start.
+        work: scratch; ``work.time`` holds the functions of time.
+
+    Raises:
+        SceneError: nothing balances; the message names the coordinate where most is lacking.
+    """
+    scene = start.scene
+    here = _balance(scene, work, start.x, start.v)
+    for _ in range(_ITERATIONS):
+        step, stable = _newton_step(scene, here)
+        size = float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
+        step *= min(1.0, _STEP / max(size, 1e-300))
+        there = _balance(scene, work, _moved(scene, work, here.x, step), here.v)
+        for _ in range(_HALVINGS if stable and size > _CONVERGED else 0):
+            if there.size <= here.size:
+                break
+            step *= 0.5
+            there = _balance(scene, work, _moved(scene, work, here.x, step), here.v)
+        here = there
+        if stable and size <= _CONVERGED:
+            return WorkingPoint(scene, float(work.time[-1, 0]), here.x, here.v, here.multipliers)
+    worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
+    name = scene.velocity_names[here.by.z[worst]]
+    raise SceneError(
+        f"no equilibrium found in {_ITERATIONS} steps: at {name!r} a force of {-here.lacking[worst]:.6g} (N, N m, or "
+        "modal) stays unbalanced; nothing holds it there, or start nearer to the equilibrium"
+    )
+
+
+def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
+    """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
+    m, nv = len(scene.plan.rows), scene.nv
+    v, _ = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    force = np.zeros(nv)
+    residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
+    scene.refuse_failed(work)
+    nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
+    of = derive(scene.plan, work, x, v, np.zeros(m))
+    by = eliminate(scene, of, turning(scene.plan, v), nothing)
+    free = scene.plan.free
+    multipliers = np.zeros(m)
+    if m:
+        # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
+        mass = of.mass[np.ix_(free, free)]
+        J = of.jacobian[:, free]
+        weighted = np.linalg.solve(mass, J.T)
+        multipliers = -np.linalg.solve(J @ weighted, weighted.T @ force[free])
+        of = derive(scene.plan, work, x, v, multipliers)
+    parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
+    mass = by.Vz.T @ of.mass @ by.Vz
+    return _Balance(x, v, multipliers, of, by, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+
+
+def _newton_step(scene: CompiledScene, here: _Balance) -> tuple[FloatArray, bool]:
+    """A step (nv,) and whether it is Newton's own, nothing about it being unstable.
+
+    Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
+    are balanced.
+    """
+    Vz = here.by.Vz
+    stiffness = Vz.T @ here.of.stiffness @ Vz
+    if not len(stiffness):
+        return np.zeros(scene.nv), True
+    rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
+    floor = len(rates) * 1e-14 * float(np.abs(rates).max())
+    stable = bool((rates >= -floor).all())
+    idle = np.abs(rates) <= floor
+    pull, parts = shapes.T @ here.lacking, np.abs(shapes).T @ here.parts
+    pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
+    if stable and not idle.any():
+        step = -np.linalg.solve(stiffness, here.lacking)
+    else:
+        step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
+    return Vz @ step, stable
+
+
+def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -> FloatArray:
+    """Configuration after a step, with its loops closed."""
+    moved = np.empty_like(x)
+    retract(scene.plan, x, step, moved)
+    try:
+        return close_loops(scene, work, moved, np.zeros(scene.nv, bool))[0]
+    except AssemblyError as reason:
+        raise SceneError(
+            f"no equilibrium found: on the way to it the loops do not close ({reason}); start nearer to it"
+        ) from reason
