@@ -126,7 +126,8 @@ class LinearizedMachine:
         """Outputs = C s + D (v, w)."""
         by, (A, B) = self.equations.by, self._system
         rate = self._rates()
-        states, inputs = [np.zeros((0, len(A)))], [np.zeros((0, B.shape[1]))]
+        states: list[FloatArray] = [np.zeros((0, len(A)))]
+        inputs: list[FloatArray] = [np.zeros((0, B.shape[1]))]
         for one in self.equations.outputs:
             if one.order == 0:
                 C, D = np.hstack([one.L @ by.Xy, np.zeros((len(one.L), len(by.z)))]), one.L @ by.Xu
@@ -153,6 +154,18 @@ class LinearizedMachine:
         return tuple(name for k, name in enumerate(names) if k not in self._followed)
 
     @property
+    def drivers(self) -> tuple[str, ...]:
+        """Names of the inputs of ``frequency_response``: as ``inputs``, but of each motion the displacement alone."""
+        names = self.controls + self.disturbances
+        return tuple(names[k] for k in self._driving)
+
+    @property
+    def _driving(self) -> list[int]:
+        """Columns of (v, w) without rates and accelerations of motions."""
+        beside = {k + order for k in self.motions for order in (1, 2)}
+        return [k for k in range(len(self.controls) + len(self.disturbances)) if k not in beside]
+
+    @property
     def states(self) -> tuple[str, ...]:
         """Names of the state space's states: coordinates, velocities, then each motion and its rate."""
         names = self.controls + self.disturbances
@@ -170,7 +183,7 @@ class LinearizedMachine:
         Prescribed motions enter by their accelerations (m/s^2 or rad/s^2), two states integrating each.
         """
         (A, B), (C, D) = self._system, self._observed
-        nu, followed = B.shape[1], self._followed
+        nu, followed = B.shape[1], np.array(self._followed, np.int64)
         given = np.setdiff1d(np.arange(nu), followed)
         rate = self._rates()
         lower = np.hstack([np.zeros((len(followed), len(A))), rate[np.ix_(followed, followed)]])
@@ -182,7 +195,7 @@ class LinearizedMachine:
         )
 
     def frequency_response(self, omega: ArrayLike) -> ComplexArray:
-        """(k, outputs, inputs) amplitudes at angular frequencies ``omega`` (k,) rad/s.
+        """(k, outputs, drivers) amplitudes at angular frequencies ``omega`` (k,) rad/s.
 
         Of a prescribed motion per unit of displacement, not of acceleration.
 
@@ -191,7 +204,7 @@ class LinearizedMachine:
         """
         frequency = np.atleast_1d(np.asarray(omega, dtype=np.float64))
         (A, B), (C, D) = self._system, self._observed
-        given = [k for k in range(B.shape[1]) if k not in {m + order for m in self.motions for order in (1, 2)}]
+        given = self._driving
         found = np.zeros((len(frequency), len(C), len(given)), complex)
         for k, s in enumerate(1j * frequency):
             share = np.eye(B.shape[1], dtype=complex)
@@ -242,8 +255,9 @@ class LinearizedMachine:
         y, z = vectors[: len(by.y)].T, vectors[len(by.y) :].T
         places, rates = y @ by.Xy.T, y @ by.Vy.T + z @ by.Vz.T
         sizes = np.abs(places) / self.scene.group_full[self.scene.group_of]
-        largest = places[np.arange(len(places)), np.argmax(sizes, axis=1)] / np.maximum(sizes.max(axis=1), 1e-300)
-        scale = np.where(np.abs(largest) > 0.0, largest, 1.0)[:, None]
+        largest = places[np.arange(len(places)), np.argmax(sizes, axis=1)]
+        phase = np.exp(1j * np.angle(largest))
+        scale = (phase * np.maximum(sizes.max(axis=1, initial=0.0), 1e-300))[:, None]
         return places / scale, rates / scale
 
     def mode_motion(self, k: int, *, amplitude: float = 0.1, periods: float = 1.0, instants: int = 120) -> Trajectory:

@@ -291,6 +291,8 @@ class System:
         for one in ports:
             if isinstance(one, Connection):
                 self._refuse_foreign_joint(one)
+            elif not hasattr(one, "lay"):
+                raise SceneError(f"{one!r} is no input; give a force element, or a joint whose motion is prescribed")
         added = [force for force in forces if not any(force is other for other in self._forces)]
         for force in forces:
             self._check_force(force)
@@ -317,10 +319,10 @@ class System:
 
     def _refuse_interiors(self, scene: CompiledScene) -> None:
         if scene.interiors is not None:
-            names = ", ".join(repr(body.name) for body in scene.interiors.bodies)
+            names = ", ".join(f"body {body.name!r}" for body in scene.interiors.bodies)
             raise SceneError(
-                f"body {names} has a state of its own between its frames, which equilibria and linear equations of the "
-                "machine do not hold; reduce it (craig_bampton) where it is elastic"
+                f"{names}: what lies between the frames of a body with history has a state of its own, which "
+                "equilibria and linear equations do not hold; where it stays elastic, reduce it (craig_bampton)"
             )
 
     def explain(

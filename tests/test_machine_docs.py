@@ -11,7 +11,7 @@ import pytest
 import flexmbd as fm
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("simulation", "machine", "joints", "forces", "integrators", "bodies_with_history")
+PAGES = ("simulation", "machine", "joints", "forces", "integrators", "bodies_with_history", "linearized")
 
 
 def blocks(page):
@@ -85,6 +85,23 @@ def test_forces(tmp_path, monkeypatch):
     assert found["sum_of_all"] == pytest.approx([-62.5], rel=1e-12)
     # and with the water's 2 kg at 0.3 m the rod falls from the horizontal at
     assert found["fall"].a[0] == pytest.approx([-1.2 * 9.81 * 0.3 / (0.04 + 1.2 * 0.3**2 + 2.0 * 0.3**2)], rel=1e-9)
+
+
+def test_linearized(tmp_path, monkeypatch):
+    """A crane: a trolley of 50 kg, a load of 20 kg 3 m below it, its hoist's spring beside."""
+    found = run("linearized", tmp_path, monkeypatch)
+    stretch = 20.0 * 9.81 / 8e4
+    assert found["eq"].beta(found["hoist"]) == pytest.approx(-stretch, rel=1e-9)
+    length = 3.0 + stretch
+    swing = np.sqrt(9.81 / length * (1.0 + 20.0 / 50.0)) / (2.0 * np.pi)
+    bounce = np.sqrt(8e4 / 20.0) / (2.0 * np.pi)
+    np.testing.assert_allclose(found["lin"].frequencies(), [swing, bounce], rtol=1e-6)
+    assert found["damping"][1] == pytest.approx(100.0 / (2.0 * np.sqrt(8e4 * 20.0)), rel=1e-6)
+    # far above the swing's frequency the load stays where it is, and the trolley moves alone
+    np.testing.assert_allclose(found["far"], -1.0 / (50.0 * (2.0 * np.pi * 300.0) ** 2), rtol=1e-3)
+    assert found["signal"].A.shape == (6, 6)
+    assert (tmp_path / "crane.png").exists()
+    assert (tmp_path / "swing.gif").exists()
 
 
 def test_integrators(tmp_path, monkeypatch):

@@ -42,8 +42,8 @@ def derive(plan: Plan, work: Work, x: FloatArray, v: FloatArray, multipliers: Fl
     tw = new_tangent_work(plan, nv)
     found = np.zeros((3, nv, nv))
     slopes = np.zeros((3, *tw.rate_jacobian.shape))
-    for matrix, slope, weights in zip(found, slopes, np.eye(3), strict=True):
-        tangent(plan, work, tw, x, v, np.zeros(nv), multipliers, *weights, matrix)
+    for matrix, slope, (per_x, per_v, per_a) in zip(found, slopes, np.eye(3), strict=True):
+        tangent(plan, work, tw, x, v, np.zeros(nv), multipliers, per_x, per_v, per_a, matrix)
         slope[:] = tw.rate_jacobian
     return Derivatives(found[2], found[1], found[0], tw.jacobian.copy(), slopes[0])
 

@@ -109,7 +109,7 @@ def eliminate(scene: CompiledScene, of: Derivatives, turning: FloatArray, given:
 
 
 def _split(J: FloatArray, names: Sequence[str]) -> tuple[IntArray, IntArray]:
-    """Independent and bound columns of J (m, n), whose columns are to be of one unit; in their order, in that of pivots.
+    """Independent and bound columns of J (m, n), which are to be of one unit; in their order, in that of pivots.
 
     Raises:
         SceneError: a row depends on the others.
@@ -125,7 +125,7 @@ def _split(J: FloatArray, names: Sequence[str]) -> tuple[IntArray, IntArray]:
     if rank < m:
         redundant = ", ".join(repr(names[k]) for k in order[rank:])
         raise SceneError(
-            f"the constraints are singular here: {redundant} hold(s) nothing that the others do not, so that the linear "
+            f"the constraints are singular here: {redundant} hold(s) nothing that the others do not, so that linear "
             "equations do not tell how the loops go on; linearise about another configuration"
         )
     _, _, order = scipy.linalg.qr(scaled, mode="economic", pivoting=True)

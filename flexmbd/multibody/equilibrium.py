@@ -95,13 +95,13 @@ def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> 
     of = derive(scene.plan, work, x, v, np.zeros(m))
     by = eliminate(scene, of, turning(scene.plan, v), nothing)
     free = scene.plan.free
-    multipliers = np.zeros(m)
+    multipliers: FloatArray = np.zeros(m)
     if m:
         # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
         mass = of.mass[np.ix_(free, free)]
         J = of.jacobian[:, free]
         weighted = np.linalg.solve(mass, J.T)
-        multipliers = -np.linalg.solve(J @ weighted, weighted.T @ force[free])
+        multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
         of = derive(scene.plan, work, x, v, multipliers)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
@@ -26,7 +27,9 @@ from flexmbd.multibody.working_point import WorkingPoint
 FloatArray = NDArray[np.float64]
 
 _STEADY = 1e-6  # of the forces at play, or of 1 rad and the machine's extent times the stiffness
+_NOISE = 1e-6  # of the largest forces at play, times this much
 _SAME = 1e-7  # of a matrix' entries of the same units: what may change along a steady motion
+_AT_REST = 1e-5  # rad, or of the extent, within the slowest vibration
 _AHEAD = (0.3, 1.1)  # how far along the motion (rad, or of the extent) that is looked at
 
 
@@ -61,7 +64,8 @@ def linearize(point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[O
     by = eliminate(scene, of, turn, ports.given)
     _refuse_unsteady(point, work, of, by)
     slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
-    _refuse_changing(point, work, of, slopes, outputs)
+    if not _is_at_rest(point, of, by):
+        _refuse_changing(point, work, of, slopes, outputs)
     M, C, K, F = _reduce(of, by, ports)
     if len(by.y) == len(by.z):
         C, K, F, by = _second_order(M, C, K, F, by, ports.given)
@@ -121,7 +125,9 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
     size = scene.group_full[scene.group_of]
     stiff = np.abs(of.stiffness) @ size
     lacking = by.Vz.T @ left
-    scale = np.abs(by.Vz).T @ (parts + stiff)
+    # what round-off of the largest forces leaves where next to nothing acts is balanced
+    noise = _NOISE * float(np.max(parts * size, initial=0.0)) / size
+    scale = np.abs(by.Vz).T @ (parts + stiff + noise)
     worst = int(np.argmax(np.abs(lacking) - _STEADY * scale)) if len(lacking) else 0
     if len(lacking) and np.abs(lacking[worst]) > _STEADY * scale[worst]:
         raise SceneError(
@@ -131,15 +137,24 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
         )
 
 
+def _is_at_rest(point: WorkingPoint, of: Derivatives, by: Elimination) -> bool:
+    """Whether nothing moves, or so little that the machine's own vibrations are over before it is seen."""
+    size = point.scene.group_full[point.scene.group_of]
+    speed = float(np.max(np.abs(point.v) / size, initial=0.0))
+    stiffness, mass = (by.Vz.T @ part @ by.Vz for part in (of.stiffness, of.mass))
+    if speed == 0.0 or not len(mass):
+        return speed == 0.0
+    rates = np.sqrt(np.abs(scipy.linalg.eigvalsh(0.5 * (stiffness + stiffness.T), mass)))
+    return speed <= _AT_REST * float(np.min(rates[rates > _SAME * rates.max(initial=0.0)], initial=np.inf)) < np.inf
+
+
 def _refuse_changing(
     point: WorkingPoint, work: Work, of: Derivatives, slopes: Sequence[Slopes], outputs: Sequence[Output]
 ) -> None:
     """Raise SceneError where the equations change along the motion, for then they are not those of a steady one."""
     scene = point.scene
     size = scene.group_full[scene.group_of]
-    speed = float(np.max(np.abs(point.v) / size, initial=0.0))
-    if speed == 0.0:
-        return
+    speed = float(np.max(np.abs(point.v) / size))
     for distance in _AHEAD:
         x = np.empty_like(point.x)
         retract(scene.plan, point.x, point.v * (distance / speed), x)

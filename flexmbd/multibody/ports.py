@@ -66,9 +66,10 @@ def lay_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inpu
         if isinstance(one, Connection):
             row = _motion_row(scene, one)
             motions.append((len(columns), row))
-            found = [(f"{order}motion of {one.name}", np.zeros(scene.nv)) for order in _ORDERS]
-            for k, (_, column) in enumerate(found):
-                column[:] = _penalised(scene, point, times, row, k)
+            found = [
+                (f"{order}motion of {one.name}", _penalised(scene, point, times, row, k))
+                for k, order in enumerate(_ORDERS)
+            ]
         else:
             found = _columns(scene, point, one)
         columns += found
@@ -86,13 +87,14 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
     what = getattr(force, "what", type(force).__name__)
     elements = scene.plan.elements[rows.elements.start : rows.elements.stop]
     plan = scene.plan._replace(forces=scene.plan.forces[rows.forces.start : rows.forces.stop], elements=elements)
-    if not np.isin(elements[:, at.EL_KIND], _GIVEN).all() or len(elements) + len(plan.forces) == 0:
+    if not np.isin(elements[:, at.EL_KIND], _GIVEN).all():
         raise SceneError(
             f"{what} follows the machine's state and is no input; give a JointTorque, JointForce, FrameForce or "
             "DistributedLoad, or a joint with a prescribed motion"
         )
     scales = sorted({int(k) for k in (*plan.forces[:, at.FORCE_TIME], *elements[:, at.EL_TIME]) if k >= 0})
     found = []
+    several = len(scales) + int((elements[:, at.EL_TIME] < 0).any()) > 1
     for scale in ([-1] if (elements[:, at.EL_TIME] < 0).any() else []) + scales:
         acting = plan._replace(
             forces=plan.forces[plan.forces[:, at.FORCE_TIME] == scale],
@@ -101,10 +103,9 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
         unit = np.ones((len(scene.plan.times) + 1, 3))
         none = acting._replace(forces=acting.forces[:0], elements=acting.elements[:0])
         column = _asked(none, point, unit) - _asked(acting, point, unit)
-        if not column.any():
-            raise SceneError(f"{what} as an input does nothing: it acts on nothing that can move, or its size is zero")
-        several = len(scales) + int((elements[:, at.EL_TIME] < 0).any()) > 1
         found.append((scene.time_names[scale] if several and scale >= 0 else what, column))
+    if not any(column.any() for _, column in found):
+        raise SceneError(f"{what} as an input does nothing: its size is zero, or it acts where nothing can move")
     return found
 
 
@@ -142,8 +143,7 @@ def _penalised(scene: CompiledScene, point: WorkingPoint, times: FloatArray, row
     step = 1e-3
     moved = times.copy()
     moved[row, order] += step
-    difference: FloatArray = (_asked(scene.plan, point, times) - _asked(scene.plan, point, moved)) / step
-    return difference
+    return np.asarray((_asked(scene.plan, point, times) - _asked(scene.plan, point, moved)) / step, dtype=np.float64)
 
 
 def _prescribed(scene: CompiledScene, motions: Sequence[tuple[int, int]], nu: int) -> Prescribed:

@@ -1,0 +1,92 @@
+"""Frequency responses, drawn with matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import PictureError
+from flexmbd.multibody.team import Team
+from flexmbd.visual.destination import checked_path, write
+from flexmbd.visual.library import load
+from flexmbd.visual.series import SUFFIXES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+
+class Responding(Protocol):
+    """What has a frequency response: a linearised machine."""
+
+    @property
+    def team(self) -> Team:
+        """Who writes files."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Names of what drives it."""
+
+    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """(k, outputs, drivers) amplitudes at rad/s."""
+
+
+def plot_response(
+    machine: Responding, omega: ArrayLike, *, path: str | Path | None = None, title: str = ""
+) -> Figure:
+    """Draw gain and phase of every output over frequency, a line for each output and input that answers at all.
+
+    Collective over the machine's team where ``path`` is given; its root writes.
+
+    Args:
+        machine: linearised, with inputs and outputs.
+        omega: (k,) rad/s, positive and ascending.
+        path: .png, .pdf or .svg to write; without it the figure is pyplot's.
+        title: of the picture.
+
+    Raises:
+        PictureError: no inputs or outputs, bad frequencies, or the file cannot be written.
+    """
+    target = None if path is None else checked_path(path, SUFFIXES)
+    frequency = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+    if not machine.outputs or not machine.drivers:
+        raise PictureError("a frequency response needs inputs and outputs; name them in `linearize`")
+    if not (frequency > 0.0).all() or not (np.diff(frequency) > 0.0).all():
+        raise PictureError("the frequencies of a response must be positive and ascending (rad/s)")
+    response = machine.frequency_response(frequency)
+    owner = load("matplotlib.pyplot").figure if target is None else load("matplotlib.figure").Figure
+    figure: Figure = owner(figsize=(8.0, 6.0), layout="constrained")
+    gain, phase = figure.subplots(2, 1, sharex=True)
+    for i, output in enumerate(machine.outputs):
+        for j, name in enumerate(machine.drivers):
+            values = response[:, i, j]
+            if np.abs(values).max() <= 1e-12 * np.abs(response).max():
+                continue
+            gain.loglog(frequency / (2.0 * np.pi), np.abs(values), label=f"{output} by {name}", linewidth=1.4)
+            turn = np.degrees(np.unwrap(np.angle(values)))
+            phase.semilogx(frequency / (2.0 * np.pi), turn, linewidth=1.4)
+    gain.set_ylabel("gain")
+    gain.legend(frameon=False, fontsize="small")
+    gain.set_title(title)
+    phase.set_ylabel("phase in degrees")
+    phase.set_xlabel("frequency in Hz")
+    for axes in (gain, phase):
+        axes.grid(color="0.9")
+        axes.spines[["top", "right"]].set_visible(False)
+    if target is not None:
+        error = None
+        if machine.team.is_root:
+            try:
+                write(target, lambda temporary: figure.savefig(temporary, dpi=150))
+            except PictureError as caught:
+                error = caught
+        machine.team.fail(error)
+    return figure

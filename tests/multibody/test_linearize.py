@@ -1,0 +1,344 @@
+"""Linearised machines against closed forms, and against differences of the nonlinear equations of motion."""
+
+from __future__ import annotations
+
+import bicycle
+import numpy as np
+import pytest
+from particles import particle_body
+
+import flexmbd as fm
+from flexmbd.multibody.initial import consistent_start
+from flexmbd.multibody.kernels.joints import retract
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.series import frame_series
+from flexmbd.multibody.plan import add_probe
+from flexmbd.stepping import evaluate_inputs
+
+G = 9.81
+
+
+def chain(links, *, length=1.0):
+    """Equal point masses on massless bars, hanging."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    end, joints = scene.ground.frame(), []
+    for k in range(links):
+        bob = scene.add(fm.RigidBody(1.3, (1e-12, 1e-12, 1e-12), (0.0, 0.0, -length)), name=f"bob {k}")
+        joints.append(scene.connect(fm.joint.Revolute("y"), end, bob.frame(), name=f"hinge {k}"))
+        end = bob.frame(p=(0.0, 0.0, -length))
+    return scene, joints
+
+
+def test_a_hanging_chain_swings_at_the_zeros_of_laguerres_polynomial():
+    """Daniel Bernoulli's: omega^2 = g/l times the zeros of L_n."""
+    scene, joints = chain(5, length=0.7)
+    joints[0].position, joints[3].position = 2.8, -1.0
+    lin = scene.linearize(about=scene.equilibrium())
+    zeros = np.polynomial.laguerre.lagroots(np.eye(6)[5])
+    expected = np.sqrt(G / 0.7 * zeros) / (2.0 * np.pi)
+    np.testing.assert_allclose(lin.frequencies(), expected, rtol=1e-9)
+    np.testing.assert_allclose(lin.damping_ratios(), 0.0, atol=1e-12)
+    assert lin.coordinates == tuple(f"hinge {k}.angle" for k in range(5))
+
+
+@pytest.mark.parametrize("speed", [0.0, 3.5, 5.0, 8.0])
+def test_bicycle(speed):
+    """M, C, K in roll and steer and the eigenvalues of Meijaard et al. 2007."""
+    scene, _, steer = bicycle.bicycle(speed)
+    lin = scene.linearize(inputs=[fm.force.JointTorque(steer, 1.0)])
+    roll = [lin.velocities.index(name) for name in ("ride.wx", "steer.angle")]
+    lean = [lin.coordinates.index(name) for name in ("ride.wx", "steer.angle")]
+    stiffness = G * bicycle.K0 + speed**2 * bicycle.K2
+    np.testing.assert_allclose(lin.M[np.ix_(roll, roll)], bicycle.M, rtol=1e-9)
+    np.testing.assert_allclose(lin.C[np.ix_(roll, roll)], speed * bicycle.C1, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(lin.K[np.ix_(roll, lean)], stiffness, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(lin.V[roll, 0], [0.0, 1.0], atol=1e-12)
+    rates = -np.linalg.solve(bicycle.M, np.hstack([stiffness, speed * bicycle.C1]))
+    expected = np.linalg.eigvals(np.vstack([np.eye(4)[2:], rates]))
+    found = lin.eigenvalues()
+    assert len(found) == 10  # seven positions and three velocities, of which six are free
+    np.testing.assert_array_equal(found[:6], 0.0)
+    np.testing.assert_allclose(np.sort_complex(found[6:]), np.sort_complex(expected), rtol=1e-8)
+
+
+def test_bicycle_at_the_published_digits():
+    found = bicycle.bicycle(5.0)[0].linearize().eigenvalues()[6:]
+    published = [-0.32286643, -0.77534188 + 4.46486771j, -0.77534188 - 4.46486771j, -14.07838969]
+    np.testing.assert_allclose(found, published, atol=6e-9)
+    still = bicycle.bicycle(0.0)[0].linearize().eigenvalues()[6:]
+    np.testing.assert_allclose(np.sort(still.real), [-5.53094372, -3.13164325, 3.13164325, 5.53094372], atol=6e-9)
+
+
+def test_bicycle_weaves_and_capsizes_at_the_published_speeds():
+    """The weave's real part, and the capsize eigenvalue, change sign there."""
+    for speed, which in ((4.29238253634111, "weave"), (6.02426201538837, "capsize")):
+        found = bicycle.bicycle(speed)[0].linearize().eigenvalues()[6:]
+        swings = np.abs(found.imag) > 1.0
+        part = found[swings] if which == "weave" else found[~swings]
+        assert np.abs(part.real).min() < 1e-11
+
+
+def test_whirl_of_a_rotor():
+    """A disc on a gimbal with springs: A w^2 -+ C spin w - k = 0."""
+    across, along, stiffness, spin = 0.06, 0.1, 40.0, 30.0
+    scene = fm.System()
+    gimbal = scene.add(fm.RigidBody(1.0, (1e-12, 1e-12, 1e-12)), name="gimbal")
+    disc = scene.add(fm.RigidBody(2.0, (across, across, along)), name="disc")
+    tilt = scene.connect(fm.joint.Universal("x", "y"), scene.ground.frame(), gimbal.frame(), name="tilt")
+    axle = scene.connect(fm.joint.Revolute("z"), gimbal.frame(), disc.frame(), name="axle")
+    for k in range(2):
+        scene.add_force(fm.force.JointSpring(tilt, stiffness, 0.0, 0.0, coordinate=k))
+    axle.prescribe(lambda t: (spin * t, spin, 0.0))
+    lin = scene.linearize()
+    root = np.sqrt((0.5 * along * spin) ** 2 + across * stiffness)
+    expected = np.sort([root - 0.5 * along * spin, root + 0.5 * along * spin]) / across
+    np.testing.assert_allclose(2.0 * np.pi * lin.frequencies(), expected, rtol=1e-9)
+    np.testing.assert_allclose(lin.C, -lin.C.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("spin", [15.0, 40.0])
+def test_a_sleeping_top(spin):
+    """On a spherical joint, whose coordinates turn with the top: A w^2 - C spin w + m g l = 0, seen from the top."""
+    mass, arm, across, along = 1.5, 0.2, 0.03, 0.01
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    top = scene.add(fm.RigidBody(mass, (across, across, along), (0.0, 0.0, arm)), name="top")
+    tip = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame(), name="tip")
+    tip.velocity = [0.0, 0.0, spin]
+    found = scene.linearize().eigenvalues()
+    inertia = across + mass * arm**2
+    nutation = np.roots([inertia, -along * spin, mass * G * arm]).astype(complex)
+    seen = 1j * (nutation - spin)  # of exp(i w t) in axes that turn with the spin
+    expected = np.concatenate([seen, seen.conj(), [0.0, 0.0]])
+    key = np.lexsort((np.round(expected.imag, 6), np.round(expected.real, 6)))
+    other = np.lexsort((np.round(found.imag, 6), np.round(found.real, 6)))
+    np.testing.assert_allclose(found[other], expected[key], rtol=1e-8, atol=1e-8)
+
+
+# the nonlinear machine that the linear one is held against
+
+
+def loaded(limb_seed=3):
+    """A cart on a prescribed guide, a flexible limb on it at rest under its weight, and a loop through a bar."""
+    scene = fm.System(gravity=(0.4, 0.0, -G))
+    cart = scene.add(fm.RigidBody(2.0, (0.1, 0.1, 0.1), (0.0, 0.1, 0.05)), name="cart")
+    guide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), cart.frame(), name="guide")
+    guide.prescribe(lambda t: (0.0, 0.0, 0.0))
+    limb = scene.add(fm.FlexibleBody(particle_body(limb_seed, modes=3, damping=1.0).record), name="limb")
+    hinge = scene.connect(fm.joint.Revolute("y"), cart.frame(p=(0.1, 0.0, 0.3)), limb.frame("root"), name="hinge")
+    hand = scene.add(fm.RigidBody(0.5, (0.01, 0.02, 0.02), (0.05, 0.02, 0.1)), name="hand")
+    wrist = scene.connect(fm.joint.Spherical(), limb.frame("tip"), hand.frame(), name="wrist")
+    scene.add_force(fm.force.JointSpring(hinge, 30.0, 0.1, 0.5))
+    scene.add_force(fm.force.Bushing(limb.frame("tip"), hand.frame(), np.diag([0, 0, 0, 9.0, 8, 7]), 0.2 * np.eye(6)))
+    return scene, guide, hinge, wrist, limb, hand
+
+
+def loop():
+    """A four-bar whose ground slides by a prescribed closure, sprung, at rest under its weight."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    crank = scene.add(fm.RigidBody(1.0, (0.02, 0.03, 0.02), (0.1, 0.0, 0.0)), name="crank")
+    rod = scene.add(fm.RigidBody(1.5, (0.02, 0.05, 0.05), (0.25, 0.0, 0.0)), name="rod")
+    slide = scene.add(fm.RigidBody(0.7, (0.01, 0.01, 0.01), (0.0, 0.02, 0.0)), name="slide")
+    turn = fm.joint.Revolute("y")
+    hinge = scene.connect(turn, scene.ground.frame(), crank.frame(), name="hinge")
+    scene.connect(turn, crank.frame(p=(0.3, 0.0, 0.0)), rod.frame(), name="knee")
+    scene.connect(turn, rod.frame(p=(0.6, 0.0, 0.0)), slide.frame(), name="ankle")
+    base = scene.add(fm.RigidBody(3.0, (0.1, 0.1, 0.1)), name="base")
+    scene.connect(fm.joint.Prismatic("x"), base.frame(), slide.frame(), name="rail")
+    lift = scene.connect(
+        fm.joint.Prismatic("z"), scene.ground.frame(), base.frame(), name="lift", way=fm.Way.CONSTRAINTS
+    )
+    lift.prescribe(lambda t: (0.05, 0.0, 0.0))
+    scene.add_force(fm.force.JointSpring(hinge, 60.0, -0.4, 0.8))
+    hinge.position = -0.5
+    return scene, hinge, lift, rod
+
+
+def compare(scene, lin, variant, outputs, *, step=2e-4, rtol=1e-8, idle=()):
+    """A, B, C, D against differences of accelerations and kinematics of the nonlinear machine.
+
+    ``variant(name, value)`` is a scene in which one input of V or W has that value more; outputs are (name of a
+    body, place on it), of which position, velocity and acceleration are seen.
+    """
+    e, point = lin.equations, lin.point
+    y, z = e.by.y, e.by.z
+    names = [*lin.controls, *lin.disturbances]
+
+    def state(name, dy, dz, value):
+        changed = scene if name is None else variant(name, value)
+        compiled = changed.compile().keep_rows(
+            [k for k, row in enumerate(changed.compile().row_names) if row in lin.scene.row_names]
+        )
+        work = new_work(compiled.plan)
+        evaluate_inputs(compiled, work, 0.0)
+        near, move = np.empty_like(point.x), np.zeros(compiled.nv)
+        move[y] = dy
+        retract(compiled.plan, point.x, move, near)
+        v = point.v.copy()
+        v[z] += dz
+        held_x, held_v = np.zeros((2, compiled.nv), bool)
+        held_x[y], held_v[z] = True, True
+        start = consistent_start(compiled, work, near, v, held_x=held_x, held_v=held_v)
+        return np.concatenate([start.a[z], *(nonlinear_motion(start, frame(changed, *seen)) for seen in outputs)])
+
+    def slope(name, dy, dz, value):
+        parts = [state(name, k * step * dy, k * step * dz, k * step * value) for k in (1, -1, 2, -2)]
+        return (8.0 * (parts[0] - parts[1]) - (parts[2] - parts[3])) / (12.0 * step)
+
+    found = [slope(None, unit, 0.0 * point.v[z], 0.0) for unit in np.eye(len(y))]
+    found += [slope(None, np.zeros(len(y)), unit, 0.0) for unit in np.eye(len(z))]
+    found += [slope(name, np.zeros(len(y)), np.zeros(len(z)), 1.0) for name in names]
+    A, B = lin._system
+    C, D = lin._observed
+    mine = np.hstack([np.vstack([A[len(y) :], C]), np.vstack([B[len(y) :], D])])
+    expected = np.array(found).T
+    error = np.abs(mine - expected) / (np.abs(expected).max(axis=1, keepdims=True) + 0.05)
+    assert error.max() < rtol, (error.max(), np.unravel_index(error.argmax(), error.shape))
+    acts = np.abs(expected[:, len(y) + len(z) :]).max(axis=0) > 1e-3
+    assert [name for name, does in zip(names, acts, strict=True) if not does] == list(idle)
+
+
+def frame(scene, name, place):
+    return next(body for body in scene._bodies if body.name == name).frame(p=place)
+
+
+def nonlinear_motion(start, frame):
+    """(9,) position, velocity, acceleration."""
+    plan, out = add_probe(start.scene, frame), np.zeros((1, 21))
+    frame_series(plan, new_work(plan), len(plan.frames) - 1, start.x[None], start.v[None], start.a[None], out)
+    return out[0, [0, 1, 2, 12, 13, 14, 18, 19, 20]]
+
+
+def watch(frame):
+    return [fm.output.Position(frame), fm.output.Velocity(frame), fm.output.Acceleration(frame)]
+
+
+MOTIONS = {"motion of ": 0, "rate of motion of ": 1, "acceleration of motion of ": 2}
+
+
+def moved(joint, name, value, base=0.0):
+    """Let the prescribed motion ``name`` have a value beyond its own."""
+    order = MOTIONS[name.removesuffix(joint.name)]
+    values = np.array([base, 0.0, 0.0]) + value * np.eye(3)[order]
+    joint.prescribe(lambda t: tuple(values))
+
+
+def test_flexible_machine_against_differences():
+    scene, guide, hinge, _, _, hand = loaded()
+    torque, push = fm.force.JointTorque(hinge, 1.0), fm.force.FrameForce(hand.frame(p=(0.1, 0.0, 0.2)), (1.0, 2.0, 0.5))
+    eq = scene.equilibrium()
+    seen = ("hand", (0.2, 0.1, 0.0))
+    lin = scene.linearize(about=eq, inputs=[torque, push], disturbances=[guide], outputs=watch(frame(scene, *seen)))
+    assert lin.V.shape == (7, 2)
+    assert lin.W.shape == (7, 3)
+
+    def variant(name, value):
+        other, guide, hinge, _, _, hand = loaded()
+        if "motion" in name:
+            moved(guide, name, value)
+        elif "Torque" in name:
+            other.add_force(fm.force.JointTorque(hinge, value))
+        else:
+            force = tuple(value * np.array([1.0, 2.0, 0.5]))
+            other.add_force(fm.force.FrameForce(hand.frame(p=(0.1, 0.0, 0.2)), force))
+        return other
+
+    compare(scene, lin, variant, [seen])
+
+
+def test_loop_against_differences():
+    """A closure's prescribed motion enters by the loop, and the reactions' change by the stiffness."""
+    scene, hinge, lift, _ = loop()
+    eq = scene.equilibrium()
+    assert np.abs(eq.multipliers).max() > 20.0
+    seen = ("rod", (0.3, 0.0, 0.1))
+    torque = fm.force.JointTorque(hinge, 1.0)
+    lin = scene.linearize(about=eq, inputs=[torque], disturbances=[lift], outputs=watch(frame(scene, *seen)))
+    assert lin.M.shape == (1, 1)
+
+    def variant(name, value):
+        other, hinge, lift, _ = loop()
+        if "motion" in name:
+            moved(lift, name, value, base=0.05)
+        else:
+            other.add_force(fm.force.JointTorque(hinge, value))
+        return other
+
+    compare(scene, lin, variant, [seen])
+
+
+def rotor(speed=3.0):
+    """A hub at constant speed, a flexible blade on it that bends outwards, and a pendulum at its tip."""
+    scene = fm.System()
+    hub = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="hub")
+    axle = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), hub.frame(), name="axle")
+    axle.prescribe(lambda t: (speed * t, speed, 0.0))
+    blade = scene.add(fm.FlexibleBody(particle_body(8, modes=3, damping=2.0, size=0.1).record), name="blade")
+    scene.connect(fm.joint.Fixed(), hub.frame(p=(0.05, 0.0, 0.0)), blade.frame("root"), name="root")
+    bob = scene.add(fm.RigidBody(0.02, (1e-4, 2e-4, 2e-4), (0.1, 0.02, 0.0)), name="bob")
+    flap = scene.connect(fm.joint.Revolute("y"), blade.frame("tip"), bob.frame(), name="flap")
+    scene.add_force(fm.force.JointSpring(flap, 2.0, 0.0, 0.01))
+    return scene, axle, flap, blade
+
+
+def test_rotor_against_differences():
+    """Coriolis and centrifugal terms, and the speed as an input."""
+    scene, axle, flap, _ = rotor()
+    eq = scene.equilibrium()
+    lin = scene.linearize(about=eq, inputs=[fm.force.JointTorque(flap, 1.0)], disturbances=[axle])
+    assert np.abs(lin.C - lin.C.T).max() > 0.1
+
+    def variant(name, value):
+        other, axle, flap, _ = rotor()
+        if "motion" in name:
+            order = MOTIONS[name.removesuffix("axle")]
+            values = np.array([0.0, 3.0, 0.0]) + value * np.eye(3)[order]
+            axle.prescribe(lambda t: tuple(values))
+        else:
+            other.add_force(fm.force.JointTorque(flap, value))
+        return other
+
+    # turning by an angle changes nothing
+    assert not lin.W[:, 0].any() or np.abs(lin.W[:, 0]).max() < 1e-9 * np.abs(lin.W).max()
+    compare(scene, lin, variant, [], idle=("motion of axle",))
+
+
+def test_rolling_machine_against_differences():
+    """The bicycle with a passenger's push and a swinging weight, at speed."""
+
+    def riding(push=(0.0, 0.0, 0.0), torque=0.0):
+        scene, body, steer = bicycle.bicycle(4.0)
+        weight = scene.add(fm.RigidBody(3.0, (0.1, 0.1, 0.05), (0.0, 0.0, -0.4)), name="weight")
+        swing = scene.connect(fm.joint.Revolute("x"), body.frame(p=(0.2, 0.0, 0.9)), weight.frame(), name="swing")
+        scene.add_force(fm.force.JointSpring(swing, 3.0, 0.0, 0.2))
+        scene.add_force(fm.force.FrameForce(body.frame(p=(0.3, 0.1, 1.2)), push))
+        scene.add_force(fm.force.JointTorque(steer, torque))
+        return scene, body, steer
+
+    scene, body, steer = riding()
+    push = fm.force.FrameForce(body.frame(p=(0.3, 0.1, 1.2)), (0.0, 1.0, 0.3))
+    seen = ("frame", (0.2, 0.1, 0.4))
+    torque = fm.force.JointTorque(steer, 1.0)
+    lin = scene.linearize(inputs=[torque, push], outputs=watch(frame(scene, *seen)))
+    assert lin.K.shape == (4, 8)
+
+    def variant(name, value):
+        push = value * np.array([0.0, 1.0, 0.3])
+        return riding(torque=value)[0] if "Torque" in name else riding(push=tuple(push))[0]
+
+    compare(scene, lin, variant, [seen])
+
+
+def test_frequency_response_is_that_of_the_state_space():
+    """Per displacement the response of accelerations over -omega^2."""
+    scene, guide, hinge, _, limb, hand = loaded()
+    outputs = [fm.output.Position(hand.frame()), fm.output.Position(limb), fm.output.Rotation(hand.frame())]
+    torque = fm.force.JointTorque(hinge, 1.0)
+    lin = scene.linearize(about=scene.equilibrium(), inputs=[torque], disturbances=[guide], outputs=outputs)
+    omega = np.array([0.7, 5.0, 31.0])
+    response = lin.frequency_response(omega)
+    assert response.shape == (3, 9, 2)
+    assert lin.drivers == ("JointTorque on joint 'hinge'", "motion of guide")
+    A, B, C, D = lin.state_space()
+    for s, found in zip(1j * omega, response, strict=True):
+        expected = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+        np.testing.assert_allclose(found, expected * [1.0, s**2], rtol=1e-9, atol=1e-12)
