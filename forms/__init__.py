@@ -4,6 +4,7 @@ The contract of such a file is `flexmbd.continuum.formulation.Formulation`. A fo
 live here: any module that satisfies the contract can be handed to the continuum side.
 """
 
+from flexmbd.forms import beam_exact as beam_exact
 from flexmbd.forms import beam_timoshenko as beam_timoshenko
 from flexmbd.forms import hencky_plasticity as hencky_plasticity
 from flexmbd.forms import j2_plasticity as j2_plasticity

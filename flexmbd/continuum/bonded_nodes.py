@@ -62,8 +62,9 @@ class BondedNodes:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
                 with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
                 rigid part helps.
-            FormulationError: the mass cannot be lumped.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
         """
+        body.check_displacement_alone()
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)
         self._comm = body.comm

@@ -93,9 +93,10 @@ class NodalMotion:
 
         Raises:
             MeshError: a support is on no facet group of the mesh.
-            FormulationError: the mass cannot be lumped.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
             SceneError: the ranks were given different supports, planes or damping; damping is negative, or no number.
         """
+        body.check_displacement_alone()
         planes_told = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")

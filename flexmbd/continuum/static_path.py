@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -83,8 +83,21 @@ def held_dofs(body: UpdatedLagrangian, groups: Mapping[str, str]) -> NDArray[np.
         wrong = set(axes) - set("xyz")
         if wrong or not axes:
             raise MeshError(f"facet group {name!r} is held along {axes!r}; give axes out of 'xyz'")
-        nodes = body.layout.nodes_on(2, body.mesh.facets(name))
+        nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(name))
         found += [body.displacement_dofs[nodes, "xyz".index(axis)] for axis in axes]
+    dofs = np.unique(np.concatenate(found)).astype(np.int32)
+    return dofs[dofs < body.n_owned]
+
+
+def clamped_dofs(body: UpdatedLagrangian, groups: Iterable[str]) -> NDArray[np.int32]:
+    """Owned dofs of facet groups that do not move at all, nor turn where there are rotations. Collective.
+
+    Raises:
+        MeshError: on all ranks: no such facet group.
+    """
+    found: list[NDArray[np.int32]] = [np.empty(0, dtype=np.int32)]
+    for name in groups:
+        found.append(body.layout.kinematic_dofs_on(body.mesh.dim - 1, body.mesh.facets(name)))
     dofs = np.unique(np.concatenate(found)).astype(np.int32)
     return dofs[dofs < body.n_owned]
 

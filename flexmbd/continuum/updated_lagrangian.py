@@ -95,8 +95,8 @@ class UpdatedLagrangian:
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
-                cell or the degree; formulations of both references; a degree unlike the geometry's;
-                unknowns besides the displacement.
+                cell or the degree; formulations of both references; of the updated one a degree unlike
+                the geometry's, or unknowns besides the displacement.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
         """
@@ -145,8 +145,25 @@ class UpdatedLagrangian:
     @property
     def node_x(self) -> FloatArray:
         """(local nodes including ghosts, 3) m, of the last accepted step, in body axes."""
-        x: FloatArray = self.layout.node_x + self.displacement.reshape(-1, 3)
+        x: FloatArray = self.layout.node_x + self.displacement[self.displacement_dofs]
         return x
+
+    @property
+    def has_rotations(self) -> bool:
+        """Whether there are unknowns besides the displacement, as a beam's rotations."""
+        return self.layout.displacement_dofs.size != self.layout.n_local
+
+    def check_displacement_alone(self) -> None:
+        """Refuse unknowns besides the displacement, whose inertia is not a mass; the same on every rank.
+
+        Raises:
+            FormulationError: there are some.
+        """
+        if self.has_rotations:
+            raise FormulationError(
+                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body that moves by itself "
+                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.static_path"
+            )
 
     @property
     def displacement_dofs(self) -> NDArray[np.int32]:
@@ -317,6 +334,8 @@ class UpdatedLagrangian:
         Raises:
             InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
         """
+        if self.has_rotations:  # a beam's sections, not its cells, have an outside
+            return
         inverted: int | None = None
         stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
         with self.present_mesh():
@@ -402,9 +421,9 @@ class UpdatedLagrangian:
                 f"{references['UPDATED']} moves the mesh with the body, so degree={self.degree} needs a mesh of "
                 f"degree {self.degree}, and this one has degree {geometry}"
             )
-        if self.layout.displacement_dofs.size != self.layout.n_local:
+        if "UPDATED" in references and self.has_rotations:
             raise FormulationError(
-                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body with history has not"
+                f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
             )
 
 
