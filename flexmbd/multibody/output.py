@@ -16,12 +16,13 @@ from flexmbd.multibody.derivatives import derive
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.plan import CompiledScene, add_probe
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.working_point import frame_motion
 
 FloatArray = NDArray[np.float64]
 
 #: What may be observed: a frame's origin (m, inertial axes), a joint's coordinates, a body's modal coordinates.
-Observed: TypeAlias = Frame | Connection | FlexibleBody
+Observed: TypeAlias = Frame | Connection | FlexibleBody | PseudoRigidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) 
     if isinstance(of, Frame):
         L, G = _frame_slopes(scene, x, v, of, turns=isinstance(output, Rotation))
         return Slopes(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
-    if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody):
+    if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody | PseudoRigidBody):
         raise SceneError(f"an output {type(output).__name__} of {of!r}: there is none; give a frame")
     slots = (scene.joint_slots if isinstance(of, Connection) else scene.modal_slots).get(id(of))
     if slots is None:

@@ -13,6 +13,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.series import frame_series
 from flexmbd.multibody.plan import CompiledScene, add_probe
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 
 FloatArray = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ class WorkingPoint:
         values = self.x[slots.x]
         return values[0] if len(values) == 1 else values.copy()
 
-    def q(self, body: FlexibleBody) -> FloatArray:
+    def q(self, body: FlexibleBody | PseudoRigidBody) -> FloatArray:
         """(n,) modal coordinates of a body."""
         slots = self.scene.modal_slots.get(id(body))
         if slots is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bicycle
 import numpy as np
 import pytest
@@ -342,3 +344,29 @@ def test_frequency_response_is_that_of_the_state_space():
     for s, found in zip(1j * omega, response, strict=True):
         expected = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
         np.testing.assert_allclose(found, expected * [1.0, s**2], rtol=1e-9, atol=1e-12)
+
+
+def test_a_pseudo_rigid_block_on_a_pivot_against_differences():
+    """It stretches under its weight; its own modes of the machine, and the pivot's turn."""
+
+    def hung(torque=0.0):
+        scene = fm.System(gravity=(0.0, 0.0, -G))
+        solid = fm.Solid.box((0.3, 0.1, 0.2), density=1000.0)
+        block = fm.PseudoRigidBody(solid, fm.StVenantKirchhoff(E=2e4, nu=0.3), damping=0.05)
+        scene.add(block, name="block")
+        arm = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="arm")
+        pivot = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), arm.frame(), name="pivot")
+        scene.connect(fm.joint.Spherical(), arm.frame((0.0, 0.0, -0.4)), block.frame(solid.com), name="hook")
+        corner = block.frame((0.1, 0.0, 0.1))
+        scene.add_force(fm.force.SpringDamper(arm.frame((0.2, 0.0, 0.0)), corner, 300.0, 0.1, 0.5))
+        scene.add_force(fm.force.SpringDamper(arm.frame((0.0, 0.2, 0.0)), corner, 200.0, 0.1, 0.5))
+        scene.add_force(fm.force.JointTorque(pivot, torque))
+        return scene, block, pivot
+
+    scene, block, pivot = hung()
+    eq = scene.equilibrium()
+    assert np.abs(eq.q(block)).max() > 1e-4
+    outputs = [fm.output.Velocity(block)]
+    lin = scene.linearize(about=eq, inputs=[fm.force.JointTorque(pivot, 1.0)], outputs=outputs)
+    assert lin.M.shape == (10, 10)
+    compare(scene, replace(lin, equations=replace(lin.equations, outputs=())), lambda _, value: hung(value)[0], [])
