@@ -134,7 +134,7 @@ def loaded(limb_seed=3):
     return scene, guide, hinge, wrist, limb, hand
 
 
-def loop():
+def loop(enforce=None):
     """A four-bar whose ground slides by a prescribed closure, sprung, at rest under its weight."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     crank = scene.add(fm.RigidBody(1.0, (0.02, 0.03, 0.02), (0.1, 0.0, 0.0)), name="crank")
@@ -147,7 +147,8 @@ def loop():
     base = scene.add(fm.RigidBody(3.0, (0.1, 0.1, 0.1)), name="base")
     scene.connect(fm.joint.Prismatic("x"), base.frame(), slide.frame(), name="rail")
     lift = scene.connect(
-        fm.joint.Prismatic("z"), scene.ground.frame(), base.frame(), name="lift", way=fm.Way.CONSTRAINTS
+        fm.joint.Prismatic("z"), scene.ground.frame(), base.frame(), name="lift", way=fm.Way.CONSTRAINTS,
+        enforce=enforce,
     )
     lift.prescribe(lambda t: (0.05, 0.0, 0.0))
     scene.add_force(fm.force.JointSpring(hinge, 60.0, -0.4, 0.8))
@@ -247,25 +248,26 @@ def test_flexible_machine_against_differences():
     compare(scene, lin, variant, [seen])
 
 
-def test_loop_against_differences():
-    """A closure's prescribed motion enters by the loop, and the reactions' change by the stiffness."""
-    scene, hinge, lift, _ = loop()
+@pytest.mark.parametrize("enforce", [None, fm.Penalty(3e3, 20.0)])
+def test_loop_against_differences(enforce):
+    """A closure's prescribed motion enters by the loop, or by a penalty; the reactions' change by the stiffness."""
+    scene, hinge, lift, _ = loop(enforce)
     eq = scene.equilibrium()
-    assert np.abs(eq.multipliers).max() > 20.0
+    assert enforce or np.abs(eq.multipliers).max() > 20.0
     seen = ("rod", (0.3, 0.0, 0.1))
     torque = fm.force.JointTorque(hinge, 1.0)
     lin = scene.linearize(about=eq, inputs=[torque], disturbances=[lift], outputs=watch(frame(scene, *seen)))
-    assert lin.M.shape == (1, 1)
+    assert lin.M.shape == ((4, 4) if enforce else (1, 1))
 
     def variant(name, value):
-        other, hinge, lift, _ = loop()
+        other, hinge, lift, _ = loop(enforce)
         if "motion" in name:
             moved(lift, name, value, base=0.05)
         else:
             other.add_force(fm.force.JointTorque(hinge, value))
         return other
 
-    compare(scene, lin, variant, [seen])
+    compare(scene, lin, variant, [seen], idle=("acceleration of motion of lift",) if enforce else ())
 
 
 def rotor(speed=3.0):
@@ -370,3 +372,19 @@ def test_a_pseudo_rigid_block_on_a_pivot_against_differences():
     lin = scene.linearize(about=eq, inputs=[fm.force.JointTorque(pivot, 1.0)], outputs=outputs)
     assert lin.M.shape == (10, 10)
     compare(scene, replace(lin, equations=replace(lin.equations, outputs=())), lambda _, value: hung(value)[0], [])
+
+
+def test_a_steered_bicycle_against_differences():
+    """A prescribed steering angle, its rate and its acceleration enter by what rolls without slip."""
+    scene, _, steer = bicycle.bicycle(4.0)
+    moved(steer, "motion of steer", 0.0)
+    seen = ("frame", (0.2, 0.1, 0.4))
+    lin = scene.linearize(disturbances=[steer], outputs=watch(frame(scene, *seen)))
+    assert lin.K.shape == (2, 6)
+
+    def variant(name, value):
+        other, _, steer = bicycle.bicycle(4.0)
+        moved(steer, name, value)
+        return other
+
+    compare(scene, lin, variant, [seen])

@@ -209,3 +209,13 @@ def test_bodies_with_history_are_refused():
     scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame("alone"))
     assert "'lattice'" in refusal(scene.linearize)
     assert "'lattice'" in refusal(scene.equilibrium)
+
+
+def test_a_force_of_several_functions_is_as_many_inputs():
+    """Each component by a function of time has a column of its own, beside the one of what is given by numbers."""
+    scene, joints = chain(1)
+    end = joints[0].child.body.frame(p=(0.0, 0.0, -1.0))
+    push = fm.force.FrameForce(end, (lambda t: 7.0, 0.0, lambda t: 0.0), (0.0, 3.0, 0.0))
+    lin = scene.linearize(inputs=[push, fm.force.JointTorque(joints[0], 0.0)])
+    np.testing.assert_allclose(lin.V, [[3.0, -1.0, 0.0, 1.0]], atol=1e-12)
+    assert len(set(lin.controls)) == 4
