@@ -30,6 +30,7 @@ from flexmbd.multibody.homogeneous import CompiledEnergy as CompiledEnergy
 from flexmbd.multibody.homogeneous import StVenantKirchhoff as StVenantKirchhoff
 from flexmbd.multibody.homogeneous import polar as polar
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
+from flexmbd.multibody.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
 from flexmbd.multibody.solid import Solid as Solid
 from flexmbd.multibody.time_function import Motion as Motion
 from flexmbd.multibody.time_function import Sine as Sine
