@@ -102,6 +102,10 @@ def test_linearized(tmp_path, monkeypatch):
     assert found["signal"].A.shape == (6, 6)
     assert (tmp_path / "crane.png").exists()
     assert (tmp_path / "swing.gif").exists()
+    # the bicycle of Meijaard et al. 2007
+    assert found["stable"] == {3.0: False, 5.0: True, 8.0: False}
+    expected = [-0.32286643, -0.77534188 + 4.46486771j, -0.77534188 - 4.46486771j, -14.07838969]
+    np.testing.assert_allclose(found["riding"][5.0].eigenvalues()[6:], expected, atol=6e-9)
 
 
 def test_integrators(tmp_path, monkeypatch):

@@ -119,7 +119,7 @@ def _newton_step(scene: CompiledScene, here: _Balance) -> tuple[FloatArray, bool
     if not len(stiffness):
         return np.zeros(scene.nv), True
     rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
-    floor = len(rates) * 1e-14 * float(np.abs(rates).max())
+    floor = len(rates) * 1e-15 * float(np.abs(rates).max())
     stable = bool((rates >= -floor).all())
     idle = np.abs(rates) <= floor
     pull, parts = shapes.T @ here.lacking, np.abs(shapes).T @ here.parts
