@@ -46,6 +46,7 @@ from flexmbd.stepping import evaluate_inputs, new_snapshot
 from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
@@ -216,12 +217,25 @@ class System:
         """
         return self._start(self.compile(), t)
 
-    def _start(self, scene: CompiledScene, t: float) -> Start:
-        """The consistent start of a compiled scene."""
+    def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
+        """The consistent start of a compiled scene: what joints and bodies are given, or a state found before."""
         if self.team.is_root:
             announce(_STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
+        if about is None:
+            x, v, held_x, held_v = self._given(scene)
+        else:
+            if about.scene.velocity_names != scene.velocity_names:
+                raise SceneError("`about` is of another scene, or the scene has changed since")
+            x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
+        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+        mark_compiled(_STARTING)
+        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
+        return start
+
+    def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+        """x (nx,) and v (nv,) as given for joints and bodies, and which of them (nv,) are to be kept."""
         x, v = scene.start.copy(), np.zeros(scene.nv)
         held_x, held_v = np.zeros((2, scene.nv), bool)
         for connection in self._connections:
@@ -239,10 +253,7 @@ class System:
                 slots = scene.modal_slots[id(body)]
                 x[slots.x], v[slots.v] = body.start()
                 held_x[slots.v] = held_v[slots.v] = True
-        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
-        mark_compiled(_STARTING)
-        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
-        return start
+        return x, v, held_x, held_v
 
     def equilibrium(self, *, t: float = 0.0) -> WorkingPoint:
         """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
@@ -357,6 +368,7 @@ class System:
         rtol: float = 1e-6,
         h: float | None = None,
         t_start: float = 0.0,
+        about: WorkingPoint | None = None,
         integrator: Integrator | Literal["auto"] = "auto",
         events: Sequence[Event] = (),
         checkpoints: Sequence[float] = (),
@@ -373,6 +385,7 @@ class System:
                 machine's extent, and the largest deformation met.
             h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
             t_start: start time (s).
+            about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
             integrator: the method, as fm.RadauIIA(); "auto" chooses by what the scene holds, as
                 ``explain`` says.
             events: what to look for; each is located to the method's own accuracy and listed in the
@@ -400,7 +413,7 @@ class System:
         if checkpoint_file is not None and checkpoint_every is not None:
             saves = Saves(Path(checkpoint_file), checkpoint_every)
         begun = t_start if restart is None else restart.t_start
-        start = self.start(t=begun)
+        start = self._start(self.compile(), begun, about)
         if integrator == "auto":
             method = choose(start, t=begun, rtol=rtol, h=h).method
         else:
