@@ -30,8 +30,16 @@ def test_the_page(tmp_path, monkeypatch, capsys):
     assert "hinge         may yield" in printed
     assert "first yields      1.000 at t = " in printed
     assert printed.rstrip().endswith("yields            nowhere")
+    assert "beyond hinge/rest 1: rest 1, reduced, no history; its frame turns with it; a YieldMonitor tells" in printed
     tips = [
         run.position(body.frame("x_max"))[-1]
         for run, body in ((found["run"], found["arm"]), (found["again"], found["pieces"]["rest 1"]))
     ]
     assert tips[1] == pytest.approx(tips[0], abs=1e-5)
+    # beyond first yield at the clamp, 833 N, the bar gives way more than an elastic one
+    bent, hinge = found["bent"], found["hinge"]
+    tip = bent.position(found["rest"].frame("x_max"))[-1]
+    elastic = 1400.0 / 1200.0 * tips[0][2]
+    assert 1.05 * elastic < tip[2] < 2.0 * elastic
+    work = bent.energies(hinge)["plastic"][-1]
+    assert 0.0 < work < 1400.0 * tip[2] / 2.0

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.blocks import multiply
 from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
 from flexmbd.continuum.face_averages import FaceAverages
@@ -319,36 +320,34 @@ class ImplicitContinuum:
         columns = range(6 * len(self.frames))
         arms = end.x[nodes] - motion.p[bonds.frame_of]
         moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
-        left = np.zeros((body.n_owned, len(columns)))
-        turned = np.zeros_like(left)
+        own, averaged = bonds.own, bonds.own & bonds.averaged
+        # of each column at owned nodes, in inertial axes
+        against, accelerations, turned, kept = np.zeros((4, len(columns), n, 3))
         for j, (dx, da, turn, shift) in enumerate(moves):
             # what the nodes move against the body's axes, which the first frame carries
-            against = np.zeros_like(end.x)
-            against[nodes] = dx
+            against[j, nodes[own]] = dx[own]
             if j < 6:
-                against -= shift + np.cross(turn, end.x - motion.p[0])
-            accelerations: FloatArray = (-1.0 / per_x) * against
-            accelerations[nodes] += da
-            change = _times(whole, against @ R, n) @ R.T + self._product(accelerations).reshape(-1, 3)
-            if j < 6:
-                change += np.cross(turn, internal.reshape(-1, 3))
-            left[:, j] = (change @ R).reshape(-1)
+                against[j] -= shift + _crossed(turn, end.x[:n] - motion.p[0])
+                turned[j] = _crossed(turn, internal.reshape(-1, 3))
+            accelerations[j] = (-1.0 / per_x) * against[j]
+            accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
-            kept, mine = np.zeros((n, 3)), bonds.own & bonds.averaged & (bonds.frame_of == j // 6)
-            kept[nodes[mine]] = np.cross(turn, pushes[mine])
-            turned[:, j] = (kept @ R).reshape(-1)
+            mine = averaged & (bonds.frame_of == j // 6)
+            kept[j, nodes[mine]] = _crossed(turn, pushes[mine])
+        left = multiply(whole, _columns(against @ R)) + multiply(self._M, _columns(accelerations @ R))
+        left += _columns(turned @ R)
         conditions = self._averages.conditions(motion, R)
-        moved = self._newton.solve_columns(matrix, -left - turned, conditions)
+        moved = self._newton.solve_columns(matrix, -left - _columns(kept @ R), conditions)
+        changes = (left + multiply(whole, moved)).T.reshape(len(columns), n, 3) @ R.T
+        moved = moved.T.reshape(len(columns), n, 3) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
-            change = left[:, j] + _times(whole, moved[:, j].reshape(-1, 3), n).reshape(-1)
             forces = np.zeros((len(nodes), 3))
-            forces[bonds.own] = -(change.reshape(-1, 3) @ R.T)[nodes[bonds.own]]
+            forces[own] = -changes[j, nodes[own]]
             forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
             # the arms turn with their frame, and averaged nodes move
-            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], np.cross(turn, arms), 0.0)
-            mine = bonds.own & bonds.averaged
-            swung[mine] += moved[:, j].reshape(-1, 3)[nodes[mine]] @ R.T
+            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            swung[averaged] += moved[j, nodes[averaged]]
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(pushes, swung)[:, 3:]
             derivative[:, j] = wrench.reshape(-1)
@@ -359,12 +358,14 @@ class ImplicitContinuum:
 _NODAL = ("x", "v", "a", "auxiliary", "a_before")
 
 
-def _times(matrix: PETSc.Mat, nodal: FloatArray, n: int) -> FloatArray:
-    """(owned nodes, 3) a matrix times nodal values. Collective."""
-    right, left = matrix.createVecRight(), matrix.createVecLeft()
-    right.array[:] = np.ascontiguousarray(nodal[:n]).reshape(-1)
-    matrix.mult(right, left)
-    return np.asarray(left.array.reshape(-1, 3).copy())
+def _columns(fields: FloatArray) -> FloatArray:
+    """(owned dofs, k) from k fields (k, owned nodes, 3)."""
+    return np.asarray(fields.reshape(len(fields), -1).T)
+
+
+def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:
+    """w x each of vectors (n, 3); numpy's own takes several times as long."""
+    return np.asarray(vectors @ np.array([[0.0, w[2], -w[1]], [-w[2], 0.0, w[0]], [w[1], -w[0], 0.0]]))
 
 
 def _unit_motion(
@@ -385,17 +386,17 @@ def _unit_motion(
         return dx, da, turn, shift
     turn[axis - 3] = 1.0
     arm, w, alpha = arms[mine], motion.w[k], motion.alpha[k]
-    moved, dw = np.cross(turn, arm), per_v / per_x * turn
+    moved, dw = _crossed(turn, arm), per_v / per_x * turn
     dx[mine] = moved
     if bonds.averaged[mine].any():
         # they go by the scheme as all free nodes do
         da[mine] = moved / per_x
         return dx, da, turn, shift
     da[mine] = (
-        np.cross(turn / per_x, arm)
-        + np.cross(alpha, moved)
-        + np.cross(dw, np.cross(w, arm))
-        + np.cross(w, np.cross(dw, arm))
-        + np.cross(w, np.cross(w, moved))
+        moved / per_x
+        + _crossed(alpha, moved)
+        + _crossed(dw, _crossed(w, arm))
+        + _crossed(w, _crossed(dw, arm))
+        + _crossed(w, _crossed(w, moved))
     )
     return dx, da, turn, shift

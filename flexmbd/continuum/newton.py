@@ -15,7 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import from_dense, to_dense
+from flexmbd.continuum.blocks import from_dense, inner, to_dense
 from flexmbd.continuum.updated_lagrangian import InvertedCellError, UpdatedLagrangian
 from flexmbd.errors import ConvergenceError
 
@@ -205,9 +205,7 @@ class Newton:
         ksp = self._krylov(matrix, symmetric)
         solution = self._solved(ksp, block)
         if conditions is not None:
-            meeting = self._solved(ksp, conditions.columns)
-            for k in range(block.shape[1]):
-                solution[:, k] -= self._excess(solution[:, k], meeting, conditions)
+            solution -= self._excess(solution, self._solved(ksp, conditions.columns), conditions)
         return solution
 
     def factorise_next(self) -> None:
@@ -251,7 +249,7 @@ class Newton:
         if conditions is not None:
             if not held:
                 self._meeting = self._solved(ksp, conditions.columns)
-            left.array[:] -= self._excess(left.array, self._meeting, conditions)
+            left.array[:] -= self._excess(left.array[:, None], self._meeting, conditions)[:, 0]
         self._ghosted.array[: self._body.n_owned] = left.array
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
@@ -268,11 +266,11 @@ class Newton:
         right.destroy()
         return solution
 
-    def _excess(self, step: FloatArray, meeting: FloatArray, conditions: Conditions) -> FloatArray:
-        """What a step (owned dofs,) that meets no conditions is too much, by the displacements of their forces."""
-        columns = conditions.columns
-        products = self._body.comm.allreduce(columns.T @ np.column_stack([meeting, step]), op=MPI.SUM)
-        shares = np.linalg.solve(products[:, :-1], products[:, -1] - conditions.missing)
+    def _excess(self, steps: FloatArray, meeting: FloatArray, conditions: Conditions) -> FloatArray:
+        """What steps (owned dofs, k) that meet no conditions are too much, by the displacements of their forces."""
+        m = len(conditions.missing)
+        products = inner(self._body.comm, conditions.columns, np.hstack([meeting, steps]))
+        shares = np.linalg.solve(products[:, :m], products[:, m:] - conditions.missing[:, None])
         return np.asarray(meeting @ shares)
 
     def _unbalanced(self, residual: FloatArray, conditions: Conditions | None) -> FloatArray:

@@ -9,6 +9,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody, ExplicitInterior, ImplicitInterior
 from flexmbd.multibody.enforcement import Penalty
 from flexmbd.multibody.initial import Start
+from flexmbd.multibody.joint.fixed import Fixed
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 
@@ -97,7 +98,28 @@ def _histories(start: Start) -> list[str]:
             f"  {body.name}: {len(body.parts)} interface frames as rigid bodies ({names}), no multipliers; its "
             f"interior of {interior.mass:.4g} kg {' or '.join(ways)}"
         )
+        lines.extend(_remainders(start, body))
     return ["bodies with history:", *lines] if lines else []
+
+
+def _remainders(start: Start, body: ContinuumBody) -> list[str]:
+    """A line for each reduced body that goes on, past a fixed joint, where a body with history ends."""
+    topology = start.scene.topology
+    held = [b.connection for b in topology.branches if b.connection is not None] + list(topology.closures)
+    lines = []
+    for connection in held:
+        for here, there in ((connection.parent, connection.child), (connection.child, connection.parent)):
+            record = there.body.reduced()
+            names = [f.name for f, part in zip(body.interior.frames, body.parts, strict=True) if part is here.body]
+            if not names or record is None or not isinstance(connection.joint, Fixed):
+                continue
+            watch = "a YieldMonitor tells whether it yields"
+            if record.stress is None:
+                watch = "without stress modes in its record nothing tells whether it yields"
+            lines.append(
+                f"    beyond {names[0]}: {there.body.name}, reduced, no history; its frame turns with it; {watch}"
+            )
+    return lines
 
 
 def _closures(start: Start) -> list[str]:

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -21,8 +23,8 @@ H = 2e-3
 GRAVITY = np.array([0.0, 1.0, -9.81])
 
 
-def bar(form, parameters, *, interfaces=ENDS):
-    mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1))
+def bar(form, parameters, *, interfaces=ENDS, comm=MPI.COMM_WORLD):
+    mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1), comm=comm)
     return UpdatedLagrangian(mesh, form, parameters, degree=1, interfaces=list(interfaces))
 
 
@@ -216,12 +218,31 @@ def test_restored_on_any_number_of_ranks_it_goes_on_as_before():
     assert kept["x"].shape == (20, 3)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("held", ["both averaged", "last averaged"])
+def test_averaged_frames_are_pushed_alike_on_any_number_of_ranks(held):
+    form, parameters, size = CASES["logarithmic"]
+    answers = []
+    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
+        interior = ImplicitContinuum(bar(form, parameters, interfaces=ends(HELD[held]), comm=comm))
+        start = spinning(interior)
+        first = interior.begin(0.0, start, GRAVITY)
+        wrenches, slopes = interior.trial(H, H, scheme(), TrialMotion(start, size=size).at(np.zeros(12)))
+        interior.commit()
+        answers.append((first, wrenches, slopes, np.array([*interior.energies().values(), interior.mass])))
+    for alone, together in zip(*answers, strict=True):
+        assert together == pytest.approx(alone, rel=1e-8, abs=1e-8 * abs(alone).max())
+
+
 def test_what_cannot_be_bonded_is_refused():
     form, parameters, _ = CASES["elastic"]
     with pytest.raises(InterfaceError, match="needs an interface"):
         ImplicitContinuum(bar(form, parameters, interfaces=()))
     with pytest.raises(InterfaceError, match="a rigid part the name of one"):
         ImplicitContinuum(bar(form, parameters), rigid_parts={"nose": fm.RigidBody(1.0, (1.0, 1.0, 1.0))})
+    touching = (Interface("x_min", coupling=AVERAGED), Interface("y_min"))
+    with pytest.raises(InterfaceError, match="must not touch"):
+        ImplicitContinuum(bar(form, parameters, interfaces=touching))
     with pytest.raises(SceneError, match="before it has begun"):
         ImplicitContinuum(bar(form, parameters)).energies()
 
