@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,11 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body
+from flexmbd.multibody.initial import Start, match_motion
 from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.linearize import LinearEquations
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.linearize import LinearEquations, linearize
+from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.ports import Input, lay_ports
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.working_point import WorkingPoint
+from flexmbd.stepping import evaluate_inputs
 from flexmbd.trajectory import NOTHING_SPENT, Trajectory
 
 if TYPE_CHECKING:
@@ -313,3 +318,58 @@ class LinearizedMachine:
 def _cleaned(matrix: FloatArray) -> FloatArray:
     """Round-off made zeros, so that what turns or rolls freely has eigenvalues that are zero."""
     return np.where(np.abs(matrix) > _ROUND_OFF * np.abs(matrix).max(initial=0.0), matrix, 0.0)
+
+
+def working_point(start: Start, about: WorkingPoint | Trajectory | None, t: float) -> WorkingPoint:
+    """Where to linearise, with the rows of ``start.scene``; ``about`` as ``System.linearize`` has it.
+
+    Raises:
+        SceneError: it is of another scene.
+    """
+    scene = start.scene
+    if about is None:
+        return WorkingPoint(scene, t, start.x, start.v, start.multipliers)
+    if about.scene.velocity_names != scene.velocity_names:
+        raise SceneError(
+            "`about` is of another scene, or the inputs change which joints have coordinates; add the input forces to "
+            "the scene before its equilibrium or simulation"
+        )
+    if isinstance(about, WorkingPoint):
+        return replace(about, scene=scene)
+    x, v = about.x[-1].copy(), about.v[-1].copy()
+    work = new_work(scene.plan)
+    evaluate_inputs(scene, work, t)
+    v, _, multipliers = match_motion(scene, work, x, v, held=np.zeros(scene.nv, bool))
+    return WorkingPoint(scene, t, x, v, multipliers)
+
+
+def linear_machine(
+    whole: CompiledScene,
+    point: WorkingPoint,
+    *,
+    inputs: Sequence[Input],
+    disturbances: Sequence[Input],
+    outputs: Sequence[Output],
+    bodies: Mapping[str, Body],
+    team: Team,
+) -> LinearizedMachine:
+    """Linearise about ``point``; ``whole`` is its scene with the forces that are there as inputs alone.
+
+    Raises:
+        SceneError: as ``System.linearize``.
+    """
+    scene = point.scene
+    work = new_work(scene.plan)
+    evaluate_inputs(scene, work, point.t)
+    whole = replace(whole, plan=whole.plan._replace(rows=scene.plan.rows), row_names=scene.row_names)
+    ports = lay_ports(whole, point, work.time, [*inputs, *disturbances])
+    controls = sum(ports.count[: len(inputs)])
+    return LinearizedMachine(
+        equations=linearize(point, work, ports, outputs),
+        point=point,
+        controls=ports.names[:controls],
+        disturbances=ports.names[controls:],
+        motions=ports.motions,
+        bodies=bodies,
+        team=team,
+    )

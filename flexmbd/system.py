@@ -6,7 +6,7 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -18,7 +18,7 @@ from flexmbd.errors import SceneError
 from flexmbd.event import Event
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.linearized import LinearizedMachine
+from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody
@@ -26,17 +26,16 @@ from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.equilibrium import find_equilibrium
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.initial import Start, consistent_start, match_motion
+from flexmbd.multibody.initial import Start, consistent_start
 from flexmbd.multibody.interiors import InteriorForce
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.linearize import linearize
 from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
-from flexmbd.multibody.ports import Input, lay_ports, leave_out
+from flexmbd.multibody.ports import Input, leave_out
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
@@ -311,21 +310,10 @@ class System:
         t = float(about.t[-1]) if isinstance(about, Trajectory) else t if about is None else about.t
         start = self._start(leave_out(whole, added), t)
         self._refuse_interiors(start.scene)
-        point = _working_point(start, about, t)
-        work = new_work(start.scene.plan)
-        evaluate_inputs(start.scene, work, t)
-        whole = replace(whole, plan=whole.plan._replace(rows=point.scene.plan.rows), row_names=point.scene.row_names)
-        columns = lay_ports(whole, point, work.time, ports)
-        equations = linearize(point, work, columns, outputs)
-        controls = sum(columns.count[: len(inputs)])
-        return LinearizedMachine(
-            equations=equations,
-            point=point,
-            controls=columns.names[:controls],
-            disturbances=columns.names[controls:],
-            motions=columns.motions,
-            bodies={body.name: body for body in self._bodies},
-            team=self.team,
+        bodies = {body.name: body for body in self._bodies}
+        point = working_point(start, about, t)
+        return linear_machine(
+            whole, point, inputs=inputs, disturbances=disturbances, outputs=outputs, bodies=bodies, team=self.team
         )
 
     def _refuse_interiors(self, scene: CompiledScene) -> None:
@@ -435,25 +423,6 @@ class System:
             saves=saves,
             progress=progress,
         )
-
-
-def _working_point(start: Start, about: WorkingPoint | Trajectory | None, t: float) -> WorkingPoint:
-    """Where to linearise, with the rows of ``start.scene``."""
-    scene = start.scene
-    if about is None:
-        return WorkingPoint(scene, t, start.x, start.v, start.multipliers)
-    if about.scene.velocity_names != scene.velocity_names:
-        raise SceneError(
-            "`about` is of another scene, or the inputs change which joints have coordinates; add the input forces to "
-            "the scene before its equilibrium or simulation"
-        )
-    if isinstance(about, WorkingPoint):
-        return replace(about, scene=scene)
-    x, v = about.x[-1].copy(), about.v[-1].copy()
-    work = new_work(scene.plan)
-    evaluate_inputs(scene, work, t)
-    v, _, multipliers = match_motion(scene, work, x, v, held=np.zeros(scene.nv, bool))
-    return WorkingPoint(scene, t, x, v, multipliers)
 
 
 def _named(integrator: Integrator | str) -> Integrator:
