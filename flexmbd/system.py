@@ -22,6 +22,7 @@ from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody
+from flexmbd.multibody.energy_force import EnergyForce
 from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.equilibrium import find_equilibrium
 from flexmbd.multibody.explain import explain
@@ -204,7 +205,8 @@ class System:
         together = [body.parts for body in self._continua]
         topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = np.array(self.gravity, dtype=np.float64)
-        forces = [*self._forces, *(InteriorForce(body) for body in self._continua), *more]
+        energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
+        forces = [*self._forces, *(InteriorForce(body) for body in self._continua), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:

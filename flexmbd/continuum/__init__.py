@@ -6,6 +6,7 @@ from flexmbd.continuum.cut_mesh import cut_mesh as cut_mesh
 from flexmbd.continuum.explicit import ExplicitContinuum as ExplicitContinuum
 from flexmbd.continuum.explicit_run import EnergyAccount as EnergyAccount
 from flexmbd.continuum.explicit_run import ExplicitRun as ExplicitRun
+from flexmbd.continuum.homogeneous_energy import homogeneous_energy as homogeneous_energy
 from flexmbd.continuum.implicit import ImplicitContinuum as ImplicitContinuum
 from flexmbd.continuum.interface import Interface as Interface
 from flexmbd.continuum.mass_moments import rigid_body_of as rigid_body_of

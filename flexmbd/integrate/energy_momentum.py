@@ -47,13 +47,15 @@ _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
 
 #: Force elements that store what they take.
 _STORING = (
-    at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.BETWEEN_SPRING, at.BETWEEN_BUSHING, at.BETWEEN_PENALTY,
+    at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.ON_ENERGY,
+    at.BETWEEN_SPRING, at.BETWEEN_BUSHING, at.BETWEEN_PENALTY,
 )  # fmt: skip
 #: Where the data of each holds its damper: first entry and how many.
 _DAMPERS = {
     at.ON_SPRING: (2, 1),
     at.ON_CHARACTERISTIC: (1, 1),
     at.ON_STOP: (3, 1),
+    at.ON_ENERGY: (0, 0),
     at.BETWEEN_SPRING: (2, 1),
     at.BETWEEN_PENALTY: (1, 1),
     at.BETWEEN_BUSHING: (36, 36),

@@ -71,12 +71,12 @@ class ForceTable:
             )
         return slots.x.start + index, slots.v.start + index
 
-    def modes(self, body: Body) -> int:
-        """Place in v of a flexible body's first mode."""
+    def modes(self, body: Body) -> tuple[int, int]:
+        """Places in x and v of a flexible body's first mode."""
         slots = self._numbering.find_modes(body)
         if slots is None:
             raise SceneError(f"body {body.name!r} has no modes in this scene")
-        return slots.v.start
+        return slots.x.start, slots.v.start
 
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``; a frame that several elements share has one."""

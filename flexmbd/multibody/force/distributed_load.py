@@ -65,7 +65,7 @@ class DistributedLoad:
         table.element(at.BETWEEN_GIVEN_G, self.what, f=table.ground(), g=g, data=wrench, time=time)
         modal = loads.modal[k]
         if modal.size:
-            v = table.modes(self.body)
+            _, v = table.modes(self.body)
             table.element(
                 at.ON_MODES, self.what, v=v, data=table.numbers(modal), count=modal.size, time=time
             )

@@ -29,8 +29,8 @@ class Table(Protocol):
             SceneError: the joint has no coordinate in the tree.
         """
 
-    def modes(self, body: Body) -> int:
-        """Place in v of a flexible body's first mode."""
+    def modes(self, body: Body) -> tuple[int, int]:
+        """Places in x and v of a flexible body's first mode."""
 
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.energies import energy_of, push_energy
 from flexmbd.multibody.kernels.native import call_law, call_state
 from flexmbd.multibody.kernels.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.rows import row_value, row_wrench, wrap
@@ -160,6 +161,8 @@ def push_coordinates(plan, work, x, v, out):
                 out[k + j] -= factor * plan.data[row[at.EL_DATA] + j]
         elif kind == at.ON_STATE:
             _push_user_forces(plan, work, i, x, v, out)
+        elif kind == at.ON_ENERGY:
+            push_energy(plan, row, x, out)
 
 
 @kernel
@@ -265,6 +268,8 @@ def elements_energy(plan, work, x):
         o = row[at.EL_DATA]
         if row[at.EL_KIND] <= at.ON_FRICTION:
             energy += _coordinate_energy(plan, row, x[row[at.EL_X]])
+        elif row[at.EL_KIND] == at.ON_ENERGY:
+            energy += energy_of(plan, row, x)
         elif row[at.EL_KIND] == at.BETWEEN_SPRING:
             d, _, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2

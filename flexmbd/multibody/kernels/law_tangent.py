@@ -5,6 +5,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.elements import coordinate_law
+from flexmbd.multibody.kernels.energies import add_energy_block
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.native import call_law, call_state
 
@@ -57,6 +58,8 @@ def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
         if kind <= at.ON_FRICTION:
             _, slope_x, slope_v = coordinate_law(plan, row, x[row[at.EL_X]], v[k])
             matrix[k, k] -= per_x * slope_x + per_v * slope_v
+        elif kind == at.ON_ENERGY:
+            add_energy_block(plan, row, x, per_x, matrix)
         elif plan.flag[0] != 0:
             continue
         elif kind == at.ON_FUNCTION:

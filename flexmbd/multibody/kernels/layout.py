@@ -87,11 +87,12 @@ FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS, N_ELEMENT = range(10)
 # EL_KIND, those on coordinates.  A spring: k, rest, c.  A characteristic of EL_COUNT pieces: rest, c, force and
 # potential over the deflection as piecewise polynomials.  A stop: lower, upper, k, damping, transition.  Friction:
-# Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  Forces on modes: EL_COUNT numbers.
-ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE = range(7)
+# Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  Forces on modes: EL_COUNT numbers.  The
+# energy of a homogeneous deformation: see ``energies``.
+ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE, ON_ENERGY = range(8)
 # Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
 # torque (3) in F's or in G's axes.  A penalty: k, c, for row EL_COUNT of Plan.penalties.
-BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(7, 12)
+BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(8, 13)
 
 # Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
 DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
@@ -181,5 +182,5 @@ def without_forces(plan: Plan) -> Plan:
     return plan._replace(
         gravity=np.zeros(3),
         forces=np.zeros((0, N_FORCE), np.int64),
-        elements=np.zeros((0, N_ELEMENT), np.int64),
+        elements=np.ascontiguousarray(plan.elements[plan.elements[:, EL_KIND] == ON_ENERGY]),
     )

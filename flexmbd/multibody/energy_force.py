@@ -1,0 +1,44 @@
+"""What a compiled energy of a pseudo-rigid body does beyond the stiffness that its record has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.multibody.body import Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyForce:
+    """The rest of a body's energy, as a force element on its modes; the machine adds it with the body."""
+
+    body: PseudoRigidBody
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        """None: it acts on modes."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """None: it acts on modes."""
+        return ()
+
+    def check(self) -> None:
+        """Nothing to check: the body was when it was made."""
+
+    def lay(self, table: Table) -> None:
+        """One row with the function's address."""
+        body, record = self.body, self.body.reduced()
+        if record is None:
+            return
+        x, v = table.modes(body)
+        data = table.numbers(np.concatenate([[body.solid.volume], record.stiffness, body.modes.ravel()]))
+        what = f"energy {record.provenance['energy']} of {body.name}"
+        count, address = record.n_modes, body.material.address
+        table.element(at.ON_ENERGY, what, x=x, v=v, data=data, count=count, address=address)
