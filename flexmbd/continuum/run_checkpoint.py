@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.continuum import parallel
+from flexmbd.continuum.body_file import fingerprint
 from flexmbd.continuum.nodal_motion import NodalMotion
 from flexmbd.errors import RecordError, SceneError
 
@@ -74,7 +74,7 @@ class RunState:
         """
         arrays: dict[str, Any] = {
             "version": _VERSION,
-            "run": _fingerprint(motion),
+            "run": fingerprint(motion.body, **motion.surroundings),
             "times": np.array(self.times),
             "steps": self.steps,
             "instants": self.instants,
@@ -96,7 +96,7 @@ class RunState:
         file: dict[str, Any] = parallel.on_root(motion.body.comm, lambda: read_arrays(path, version=_VERSION))
         if "run" not in file:
             raise RecordError(f"{path} is no checkpoint of a body that runs by itself")
-        if str(file["run"]) != _fingerprint(motion):
+        if str(file["run"]) != fingerprint(motion.body, **motion.surroundings):
             raise SceneError(
                 f"{path}: the checkpoint was made by another run: mesh, materials, planes, supports or damping differ"
             )
@@ -106,11 +106,3 @@ class RunState:
         return RunState(
             (t, begun), int(file["steps"]), file["instants"], names, file["energies"], file["places"], memory
         )
-
-
-def _fingerprint(motion: NodalMotion) -> str:
-    """Tells runs of other bodies or surroundings apart. Collective."""
-    body = motion.body
-    materials = [(group.name, group.form_name, group.parameters) for group in body.groups]
-    told = (body.mesh.fingerprint(), body.degree, materials, motion.surroundings)
-    return hashlib.sha256(repr(told).encode()).hexdigest()

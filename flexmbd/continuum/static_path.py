@@ -113,6 +113,7 @@ def follow(
     convergence: Convergence = DEFAULT_CONVERGENCE,
     smallest: float = 1e-4,
     accepted: Callable[[float], None] | None = None,
+    reached: float = 0.0,
 ) -> StaticPath:
     """Load a body slowly. Collective; it starts from the last accepted step.
 
@@ -126,16 +127,17 @@ def follow(
         convergence: of Newton's method.
         smallest: the smallest part of a step between two of `times` that is tried.
         accepted: is called after each of `times`.
+        reached: load parameter at which the body stands, as one that `load_body` has brought back.
 
     Raises:
         PathError: on all ranks: Newton's method failed with the smallest step; says where, and why. Or
-            `times` do not ascend from above zero.
+            `times` do not ascend from above `reached`.
     """
     newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
-    reached = before = 0.0
+    before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
-        raise PathError(f"times must be positive and ascending, got {list(times)}", path)
+        raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
     for wanted in times:
         whole = wanted - reached
         step = whole

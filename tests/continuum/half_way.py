@@ -26,12 +26,18 @@ from flexmbd.continuum import (
     RigidPlane,
     UpdatedLagrangian,
 )
+from flexmbd.continuum.body_file import load_body, save_body
+from flexmbd.continuum.body_memory import BodyMemory
+from flexmbd.continuum.newton import Convergence
+from flexmbd.continuum.static_path import follow, held_dofs
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 
 PART = fm.RigidBody(30.0, np.array([[1.0, 0.1, 0.0], [0.1, 1.5, -0.2], [0.0, -0.2, 2.0]]), (0.2, -0.05, 0.1))
 
 # End and time between checkpoints, s, and calls of what moves the body until it is killed.
-TIMES = {"explicit": (0.08, 0.01, 14), "implicit": (0.02, 0.004, 13), "alone": (0.06, 0.011, 12)}
+TIMES = {
+    "explicit": (0.08, 0.01, 14), "implicit": (0.02, 0.004, 13), "alone": (0.06, 0.011, 12), "static": (4.0, 1.0, 5),
+}  # fmt: skip
 
 
 def bar(form, comm, *, names=(), yield_stress=1e4):
@@ -72,6 +78,23 @@ def kill_after(owner, name, calls):
     setattr(owner, name, moved)
 
 
+def stretches(comm, file, *, restart, killed):
+    """A slow pull, with a file after each stretch of two steps."""
+    body = bar(hencky_plasticity, comm)
+    if killed:
+        kill_after(body, "commit", TIMES["static"][2])
+    reached = load_body(body, file) if restart else 0.0
+    held = held_dofs(body, {"x_min": "xyz", "x_max": "x"})
+    pulled = (body.layout.node_x.reshape(-1)[held] > 0.5).astype(float)
+    for end in np.arange(reached + 1.0, TIMES["static"][0] + 1.0):
+        path = follow(body, [end - 0.5, end], held=held, displacement=lambda t: 0.01 * t * pulled, reached=end - 1.0,
+                      convergence=Convergence(1e-11))  # fmt: skip
+        if end < TIMES["static"][0]:
+            save_body(body, file, t=end)
+    pull = comm.allreduce(float(path.steps[-1].reactions[pulled > 0.0].sum()))
+    return {"pull": np.array(pull), **body.energies(), **BodyMemory(body).gather(body.snapshot())}
+
+
 def run(kind, comm, file, *, restart=False, killed=False):
     """What there is at the end of a run: arrays by name, of the whole body."""
     t_end, every, calls = TIMES[kind]
@@ -86,6 +109,8 @@ def run(kind, comm, file, *, restart=False, killed=False):
         places = [alone.motion.memory.gather_nodes(x) for x in alone.places]
         account_of = {"t": np.array(account.t), "rows": energies, "places": np.array(places)}
         return {**account_of, **alone.motion.energies(), **alone.motion.snapshot()}
+    if kind == "static":
+        return stretches(comm, file, restart=restart, killed=killed)
     scene, tip, interior, how = machine(kind, comm)
     if killed:
         kill_after(interior, {"explicit": "advance", "implicit": "commit"}[kind], calls)

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import meshes
@@ -11,7 +12,7 @@ from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam
 from flexmbd.continuum.lumping import lumped_mass
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
-from flexmbd.multibody.continuum_body import ExplicitInterior
+from flexmbd.multibody.continuum_body import ExplicitInterior, FrameMotion
 
 PART = fm.RigidBody(30.0, np.array([[1.0, 0.1, 0.0], [0.1, 1.5, -0.2], [0.0, -0.2, 2.0]]), (0.2, -0.05, 0.1))
 EXPLICIT = fm.CentralDifference()
@@ -138,6 +139,30 @@ def test_a_free_body_in_a_machine_keeps_its_momentum_and_flies_as_alone(form):
     whole = interior.motion.momentum(np.zeros(3))[:3] + bonded
     begun = 120.0 * (v0 + np.cross(w, [-0.5, 0.0, 0.0]))
     assert abs(whole - begun - 120.0 * g * T).max() < 1e-9 * abs(begun).max()
+
+
+def test_one_step_of_the_machine_is_several_of_the_body():
+    """A frame that is pulled evenly and turns: four steps at once are four by themselves, and their mean push."""
+    whole, parts = ExplicitContinuum(body()), ExplicitContinuum(body())
+    P, v, a = whole.frames[0].p_BI_B, np.array([1.0, 0.5, -0.5]), np.array([20.0, 0.0, 10.0])
+    w = np.array([0.0, 0.0, 8.0])
+
+    def frames(t):
+        zero = np.zeros((1, 3))
+        R = Rotation.from_rotvec(t * w).as_matrix()
+        return FrameMotion((P + t * v + t * t / 2 * a)[None], R[None], (v + t * a)[None], w[None], a[None], zero)
+
+    h = 0.9 * whole.stable_step()
+    for interior in (whole, parts):
+        interior.begin(0.0, frames(0.0), np.zeros(3))
+    at_once = whole.advance(4 * h, frames(0.0), frames(4 * h))
+    pushes = [parts.advance(h, frames(k * h), frames((k + 1) * h)) for k in range(4)]
+    size = abs(at_once.end).max()
+    assert size > 100.0
+    assert abs(at_once.end - pushes[-1].end).max() < 1e-11 * size
+    assert abs(at_once.mean - np.mean([push.mean for push in pushes], axis=0)).max() < 1e-11 * size
+    assert abs(at_once.mean - at_once.end).max() > 1e-3 * size
+    assert abs(whole.motion.x - parts.motion.x).max() < 1e-13
 
 
 def test_a_snapshot_goes_on_to_the_bit():

@@ -200,6 +200,27 @@ def test_account_of_a_swing_that_yields():
     assert abs(total - total[0]).max() < 0.01 * largest
 
 
+def test_a_rejected_trial_leaves_no_trace():
+    """Nor does one that was tried twice: to the bit what an interior finds that never heard of it."""
+    form, parameters, size = CASES["small strain"]
+    answers = []
+    for rejected in (0, 2):
+        interior = ImplicitContinuum(bar(form, parameters))
+        start = spinning(interior)
+        interior.begin(0.0, start, GRAVITY)
+        kept = interior.snapshot()
+        for k in range(rejected):
+            interior.trial(2 * H, 2 * H, scheme(), TrialMotion(start, size=(2 + k) * size).at(np.zeros(12)))
+            interior.revert()
+            assert all(np.array_equal(part, kept[name]) for name, part in interior.snapshot().items())
+        wrenches, slopes = interior.trial(H, H, scheme(), TrialMotion(start, size=size).at(np.zeros(12)))
+        interior.commit()
+        answers.append({"wrenches": wrenches, "slopes": slopes, **interior.snapshot()})
+        assert interior.energies()["plastic"] > 0.0
+    for name, part in answers[0].items():
+        assert np.array_equal(answers[1][name], part), name
+
+
 @pytest.mark.mpi
 def test_restored_on_any_number_of_ranks_it_goes_on_as_before():
     form, parameters, size = CASES["logarithmic"]

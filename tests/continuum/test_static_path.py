@@ -137,8 +137,8 @@ def test_an_increment_that_inverts_cells(form):
 @pytest.mark.parametrize(
     ("times", "groups", "kind", "pattern"),
     [
-        ([1.0, 1.0], {"bottom": "z"}, PathError, "must be positive and ascending"),
-        ([0.0], {"bottom": "z"}, PathError, "must be positive and ascending"),
+        ([1.0, 1.0], {"bottom": "z"}, PathError, "times must ascend from above 0"),
+        ([0.0], {"bottom": "z"}, PathError, "times must ascend from above 0"),
         ([1.0], {"bottom": "w"}, MeshError, "'bottom' is held along 'w'; give axes out of 'xyz'"),
         ([1.0], {"floor": "x"}, MeshError, "floor"),
     ],
