@@ -6,12 +6,15 @@ Tested with 0.9 and 0.11; the branches for 0.10 alone follow its published sourc
 from __future__ import annotations
 
 import re
+from typing import Any
+
+from mpi4py import MPI
 
 import dolfinx
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem, jit, mesh
 
 from flexmbd.errors import VersionError
 
@@ -40,6 +43,21 @@ def cell_nodes(domain: mesh.Mesh) -> npt.NDArray[np.int32]:
     if not hasattr(geometry, "dofmaps"):
         return geometry.dofmap
     return geometry.dofmaps(0) if callable(geometry.dofmaps) else geometry.dofmaps[0]
+
+
+def cell_kernel(comm: MPI.Comm, form: ufl.Form) -> tuple[int, list[int], Any]:
+    """The code FFCx makes of a form of one integral over cells: its address; collective, compiles.
+
+    From 0.10 on it takes one more argument at the end, which may be null.
+
+    Returns:
+        The address of `tabulate_tensor`; which of the form's coefficients it takes, in order; the module
+        to be kept while the address is used.
+    """
+    made, module, _ = jit.ffcx_jit(comm, form, form_compiler_options={"scalar_type": np.float64})
+    (integral,) = (made.form_integrals[k] for k in range(made.form_integral_offsets[1]))
+    address = int(module.ffi.cast("intptr_t", integral.tabulate_tensor_float64))
+    return address, [made.original_coefficient_positions[k] for k in range(made.num_coefficients)], module
 
 
 def collapse(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.int32]]:

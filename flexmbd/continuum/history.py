@@ -19,15 +19,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import assembly
 from flexmbd.continuum.cell_group import CellGroup
+from flexmbd.continuum.cell_pass import CellForms, CellPass, Unknowns
 from flexmbd.continuum.contract_results import solved
 from flexmbd.continuum.formulation import Quadrature, Term
-from flexmbd.errors import ConvergenceError, FormulationError
+from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
-
-# Local Newton steps, and the change of the local unknowns at which they end.
-_SWEEPS = 30
-_LOCAL = 1e-13
 
 
 class History:
@@ -71,19 +68,27 @@ class History:
         if cell_mean is not None:
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
             self._averaged = cell_mean(u, self._state, p)
-        self._z = self._local_unknowns(u)
+        self._z, refined = self._local_unknowns(u)
         given = self._given(self._z)
+        update = None
         if self._has_state:
             self._initial = np.array([float(value) for value in form.state(group.parameters)])
-            work = form.residual(u, v, self._state, p, **given)
-            new = form.update(u, self._state, p, **given)
-            self._update: fem.Expression | None = fem.Expression(new, self._points)
             self._state.x.array.reshape(-1, len(self._initial))[:] = self._initial
-            self._trial = self._state.x.array.copy()
-        else:
-            self._update = None
-            work = [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
-        self.terms = [assembly.integral(term, group, self._mesh) for term in work]
+            update = form.update(u, self._state, p, **given)
+
+        def work(v: Any) -> list[Term]:
+            if self._has_state:
+                return list(form.residual(u, v, self._state, p, **given))
+            return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
+
+        self._pass = CellPass(
+            group,
+            Unknowns(u, self._state, self._z, self.mean),
+            CellForms(work, update, refined, None if self.mean is None else self._averaged),
+            rule=self._rule,
+            weights=self._weights,
+        )
+        self.terms = [assembly.integral(term, group, self._mesh) for term in work(v)]
         self._energies = self._energy_forms(u, p)
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
 
@@ -101,55 +106,33 @@ class History:
         averaged = assembly.integral((self._averaged * w, rule), self.group, self._mesh)
         return averaged, assembly.integral((ufl.as_ufl(1.0) * w, rule), self.group, self._mesh)
 
-    def solve(self) -> None:
-        """Solve the local unknowns for the trial displacement; not collective.
+    def run(self, forces: FloatArray) -> None:
+        """Means, local unknowns and history at the step's end, for the trial displacement; not collective.
+
+        Args:
+            forces: (local dofs including ghosts,) N, to which this rank's internal forces are added.
 
         Raises:
             ConvergenceError: at a point Newton's method does not end.
         """
-        if self._z is None:
-            return
-        cells, size = self.group.cells, self._z.function_space.dofmap.bs
-        values = self._z.x.array.reshape(-1, len(self._points) * size)
-        for _ in range(_SWEEPS):
-            new = self._sweep.eval(self._mesh, cells)
-            change = abs(new - values[cells]).max(initial=0.0)
-            values[cells] = new
-            if change <= _LOCAL:
-                return
-            if not np.isfinite(change):
-                break
-        raise ConvergenceError(
-            f"{self.group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
-            f"(last change {change:.1e}); take a smaller step"
-        )
-
-    def update(self) -> None:
-        """Evaluate the history at the step's end, for the trial displacement; not collective."""
-        if self._update is not None:
-            cells = self.group.cells
-            rows = self._trial.reshape(-1, len(self._points) * len(self._initial))
-            if len(cells) == len(rows):
-                self._update.eval(self._mesh, cells, rows)
-            else:
-                rows[cells] = self._update.eval(self._mesh, cells)
+        self._pass.run(forces)
 
     @property
     def trial_is_finite(self) -> bool:
         """Whether the history at the step's end has values."""
-        return self._update is None or bool(np.isfinite(self._trial).all())
+        return bool(np.isfinite(self._pass.trial).all())
 
     def commit(self) -> None:
         """Accept the history at the step's end."""
         if self._state is not None:
-            self._state.x.array[:] = self._trial
+            self._state.x.array[:] = self._pass.trial
         if self._z is not None:
             self._z.x.array[:] = 0.0
 
     def revert(self) -> None:
         """Forget the trial."""
         if self._state is not None:
-            self._trial[:] = self._state.x.array
+            self._pass.trial[:] = self._state.x.array
         if self._z is not None:
             self._z.x.array[:] = 0.0
 
@@ -186,20 +169,19 @@ class History:
         given = {} if z is None else {"z": z}
         return given if self.mean is None else {**given, "mean": self.mean}
 
-    def _local_unknowns(self, u: fem.Function) -> fem.Function | None:
-        """The stored local unknowns; and one Newton step from them as an expression, for `solve`."""
+    def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, Any]:
+        """The stored local unknowns, and one Newton step from them as an expression."""
         form: Any = self.group.formulation
         p = self.group.symbols
         begin = solved(form, p).get("z")
         if begin is None:
-            return None
+            return None, None
         z = self._function(begin.ufl_shape)
         at = ufl.variable(z)
         lack = form.local_residual(at, u, self._state, p, **self._given(None))
         slope = ufl.diff(lack, at)
         refined = z - (ufl.inv(slope) * lack if begin.ufl_shape else lack / slope)
-        self._sweep = fem.Expression(refined, self._points)
-        return z
+        return z, refined
 
     def _function(self, shape: int | tuple[int, ...]) -> fem.Function:
         """A function that has its values at the points of the rule."""

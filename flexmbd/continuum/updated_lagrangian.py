@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import assembly, compat, parallel
 from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
-from flexmbd.continuum.cell_means import CellMeans
 from flexmbd.continuum.dof_layout import DofLayout, dof_layout
 from flexmbd.continuum.history import History
 from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
@@ -120,8 +119,6 @@ class UpdatedLagrangian:
         v = ufl.TestFunction(self.space)
         means = degree == 1 if cell_means is None else cell_means
         self._histories = [History(group, self._u, v, means=means) for group in self.groups]
-        self._forces = [fem.form(term) for history in self._histories for term in history.terms]
-        self._means = CellMeans(self._histories, moves=self.is_updated)
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
@@ -194,8 +191,7 @@ class UpdatedLagrangian:
         """
         self._set_trial(increment)
         with self.present_mesh():
-            self._solve_points()
-            self._assemble()
+            self._run()
         force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
@@ -215,7 +211,7 @@ class UpdatedLagrangian:
         """
         self._set_trial(increment)
         with self.present_mesh():
-            self._solve_points()
+            self._run()
             return self._tangent.assemble()
 
     def mass(self) -> PETSc.Mat:
@@ -239,9 +235,7 @@ class UpdatedLagrangian:
         """
         self._set_trial(increment)
         with self.present_mesh():
-            self._solve_points()
-            for history in self._histories:
-                history.update()
+            self._run()
         finite = all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
             self.revert()
@@ -264,10 +258,7 @@ class UpdatedLagrangian:
         """
         self._set_trial(increment)
         with self.present_mesh():
-            self._solve_points()
-            self._assemble()
-            for history in self._histories:
-                history.update()
+            self._run()
         force = self._summed()
         finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
@@ -302,7 +293,7 @@ class UpdatedLagrangian:
         self._set_trial(np.zeros(self.layout.n_local))
         totals: dict[str, float] = {}
         with self.present_mesh():
-            self._means.evaluate()
+            self._run()
             for history in self._histories:
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
@@ -312,7 +303,7 @@ class UpdatedLagrangian:
         """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
         self._set_trial(np.zeros(self.layout.n_local))
         with self.present_mesh():
-            self._means.evaluate()
+            self._run()
             return [history.stress() for history in self._histories]
 
     def history(self) -> list[FloatArray]:
@@ -365,11 +356,21 @@ class UpdatedLagrangian:
             )
         parallel.raise_collectively(self.comm, error)
 
-    def _assemble(self) -> None:
-        """Put this rank's part of the internal forces at the trial displacement into the sum."""
+    def _run(self) -> None:
+        """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: the equations at a point have no solution.
+        """
         self._sum.array[:] = 0.0
-        for form in self._forces:
-            fem.assemble_vector(self._sum.array, form)
+        error: ConvergenceError | None = None
+        try:
+            for history in self._histories:
+                history.run(self._sum.array)
+        except ConvergenceError as caught:
+            error = caught
+        if any(group_has_local_unknowns(group) for group in self.groups):
+            parallel.raise_collectively(self.comm, error)
 
     def _summed(self) -> FloatArray:
         """(owned dofs,) N, the forces of all ranks. Collective."""
@@ -386,18 +387,6 @@ class UpdatedLagrangian:
 
     def _set_trial(self, increment: FloatArray) -> None:
         self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
-
-    def _solve_points(self) -> None:
-        """Means and local unknowns for the trial displacement. Collective."""
-        self._means.evaluate()
-        error: ConvergenceError | None = None
-        try:
-            for history in self._histories:
-                history.solve()
-        except ConvergenceError as caught:
-            error = caught
-        if any(group_has_local_unknowns(group) for group in self.groups):
-            parallel.raise_collectively(self.comm, error)
 
     @cached_property
     def _tangent(self) -> MeanTangent:

@@ -1,0 +1,173 @@
+"""The compiled loop over cells that calls, cell by cell, the kernels FFCx made of a body's forms.
+
+The values of a cell lie in one row: displacement, history, local unknowns, mean.  Each kernel takes pieces of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+
+FloatArray = NDArray[np.float64]
+
+#: Places of the kernels that average and that take a local Newton step; those of forces follow.
+MEAN, LOCAL, FORCES = 0, 1, 2
+
+
+class Kernels(NamedTuple):
+    """The kernels of a group of cells.
+
+    Attributes:
+        addresses: (k,) of their code; zero where there is none.
+        constants: (k,) addresses of what they take as constants.
+        begins: (k, 4) of the pieces of a cell's row that they take; of one alone where they follow each other.
+        sizes: (k, 4).
+        weights: (points,) of the rule at whose points history and local unknowns lie.
+    """
+
+    addresses: NDArray[np.int64]
+    constants: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    weights: FloatArray
+
+
+class Fields(NamedTuple):
+    """What a group's kernels read and write.
+
+    Attributes:
+        u: (dofs,) m, trial displacement.
+        state: (cells, points * components) history at the step's begin.
+        local: (cells, points * components) local unknowns, to begin with, and solved.
+        mean: (cells,) means over the cells, or empty.
+        trial: (cells, points * components) history at the step's end.
+    """
+
+    u: FloatArray
+    state: FloatArray
+    local: FloatArray
+    mean: FloatArray
+    trial: FloatArray
+
+
+class Room(NamedTuple):
+    """Where a cell is worked on: its coordinates, its row, what a kernel takes of it, and what it returns."""
+
+    coordinates: FloatArray
+    row: FloatArray
+    given: FloatArray
+    tensor: FloatArray
+
+
+@intrinsic
+def _call_tabulate(typingctx, address, pointers):  # type: ignore[no-untyped-def]
+    """Call void f(double*, double*, double*, double*, int*, uint8_t*, void*) at an address, the last three null."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * 7).as_pointer()
+        given = [builder.inttoptr(builder.extract_value(args[1], k), pointer) for k in range(4)]
+        builder.call(builder.inttoptr(args[0], kind), [*given, *[ir.Constant(pointer, None)] * 3])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.UniTuple(types.int64, 4)), codegen
+
+
+@kernel
+def _tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
+    """Let the kernel k write the first ``size`` entries of its tensor."""
+    given = room.row[kernels.begins[k, 0] :].ctypes.data
+    if kernels.sizes[k, 1] > 0:
+        filled = 0
+        for piece in range(kernels.begins.shape[1]):
+            begin = kernels.begins[k, piece]
+            for i in range(kernels.sizes[k, piece]):
+                room.given[filled] = room.row[begin + i]
+                filled += 1
+        given = room.given.ctypes.data
+    for i in range(size):
+        room.tensor[i] = 0.0
+    pointers = room.tensor.ctypes.data, given, kernels.constants[k], room.coordinates.ctypes.data
+    _call_tabulate(kernels.addresses[k], pointers)
+
+
+@kernel
+def _solve_local(kernels, room, begin, size, sweeps, tolerance):  # type: ignore[no-untyped-def]
+    """Solve for the local unknowns of a cell, in its row; return the last change."""
+    each = size // kernels.weights.shape[0]
+    change = np.inf
+    for _ in range(sweeps):
+        _tabulate(kernels, LOCAL, room, size)
+        change = 0.0
+        for i in range(size):
+            new = room.tensor[i] / kernels.weights[i // each]
+            moved = abs(new - room.row[begin + i])
+            # written so that a number that is none is kept
+            if not moved <= change:
+                change = moved
+            room.row[begin + i] = new
+        if change <= tolerance or not np.isfinite(change):
+            break
+    return change
+
+
+@entry_kernel
+def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
+    """Means, local unknowns, internal forces and the history at the step's end, cell by cell.
+
+    Args:
+        cells: (k,) the group's.
+        nodes: (all cells, n) of the geometry.
+        x: (nodes, 3) m.
+        blocks: (all cells, m) of the displacement.
+        fields: what is read and written.
+        kernels: of the group.
+        room: to work in.
+        forces: (dofs,) N, to which they are added.
+        sweeps: the most local Newton steps.
+        tolerance: change of the local unknowns at which they end.
+
+    Returns:
+        The last change of the local unknowns of the first cell where they were not solved, or 0.
+    """
+    dofs, states, locals_ = 3 * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
+    for c in range(cells.shape[0]):
+        cell = cells[c]
+        for i in range(nodes.shape[1]):
+            for d in range(3):
+                room.coordinates[i, d] = x[nodes[cell, i], d]
+        for i in range(blocks.shape[1]):
+            for d in range(3):
+                room.row[3 * i + d] = fields.u[3 * blocks[cell, i] + d]
+        for i in range(states):
+            room.row[dofs + i] = fields.state[cell, i]
+        if kernels.addresses[MEAN] != 0:
+            _tabulate(kernels, MEAN, room, 2)
+            fields.mean[cell] = room.tensor[0] / room.tensor[1]
+            room.row[dofs + states + locals_] = fields.mean[cell]
+        if locals_ > 0:
+            for i in range(locals_):
+                room.row[dofs + states + i] = fields.local[cell, i]
+            change = _solve_local(kernels, room, dofs + states, locals_, sweeps, tolerance)
+            for i in range(locals_):
+                fields.local[cell, i] = room.row[dofs + states + i]
+            if not change <= tolerance:
+                return change
+        for k in range(FORCES, kernels.addresses.shape[0]):
+            _tabulate(kernels, k, room, dofs + states)
+            for i in range(blocks.shape[1]):
+                for d in range(3):
+                    forces[3 * blocks[cell, i] + d] += room.tensor[3 * i + d]
+        if states > 0:
+            each = states // kernels.weights.shape[0]
+            for point in range(kernels.weights.shape[0]):
+                for i in range(each * point, each * (point + 1)):
+                    fields.trial[cell, i] = room.tensor[dofs + i] / kernels.weights[point]
+    return 0.0
