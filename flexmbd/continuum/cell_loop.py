@@ -118,6 +118,29 @@ def _solve_local(kernels, room, begin, size, sweeps, tolerance):  # type: ignore
     return change
 
 
+@kernel
+def _gather(cell, nodes, x, blocks, fields, room):  # type: ignore[no-untyped-def]
+    """Collect a cell's coordinates, displacement and history."""
+    for i in range(nodes.shape[1]):
+        for d in range(3):
+            room.coordinates[i, d] = x[nodes[cell, i], d]
+    for i in range(blocks.shape[1]):
+        for d in range(3):
+            room.row[3 * i + d] = fields.u[3 * blocks[cell, i] + d]
+    for i in range(fields.state.shape[1]):
+        room.row[3 * blocks.shape[1] + i] = fields.state[cell, i]
+
+
+@kernel
+def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
+    """Keep a cell's history at the step's end, which stands in the tensor from ``first`` on."""
+    points = kernels.weights.shape[0]
+    each = fields.trial.shape[1] // points
+    for point in range(points):
+        for i in range(each * point, each * (point + 1)):
+            fields.trial[cell, i] = room.tensor[first + i] / kernels.weights[point]
+
+
 @entry_kernel
 def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
     """Means, local unknowns, internal forces and the history at the step's end, cell by cell.
@@ -138,36 +161,27 @@ def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, t
         The last change of the local unknowns of the first cell where they were not solved, or 0.
     """
     dofs, states, locals_ = 3 * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
+    begin = dofs + states
     for c in range(cells.shape[0]):
         cell = cells[c]
-        for i in range(nodes.shape[1]):
-            for d in range(3):
-                room.coordinates[i, d] = x[nodes[cell, i], d]
-        for i in range(blocks.shape[1]):
-            for d in range(3):
-                room.row[3 * i + d] = fields.u[3 * blocks[cell, i] + d]
-        for i in range(states):
-            room.row[dofs + i] = fields.state[cell, i]
+        _gather(cell, nodes, x, blocks, fields, room)
         if kernels.addresses[MEAN] != 0:
             _tabulate(kernels, MEAN, room, 2)
             fields.mean[cell] = room.tensor[0] / room.tensor[1]
-            room.row[dofs + states + locals_] = fields.mean[cell]
+            room.row[begin + locals_] = fields.mean[cell]
         if locals_ > 0:
             for i in range(locals_):
-                room.row[dofs + states + i] = fields.local[cell, i]
-            change = _solve_local(kernels, room, dofs + states, locals_, sweeps, tolerance)
+                room.row[begin + i] = fields.local[cell, i]
+            change = _solve_local(kernels, room, begin, locals_, sweeps, tolerance)
             for i in range(locals_):
-                fields.local[cell, i] = room.row[dofs + states + i]
+                fields.local[cell, i] = room.row[begin + i]
             if not change <= tolerance:
                 return change
         for k in range(FORCES, kernels.addresses.shape[0]):
-            _tabulate(kernels, k, room, dofs + states)
+            _tabulate(kernels, k, room, begin)
             for i in range(blocks.shape[1]):
                 for d in range(3):
                     forces[3 * blocks[cell, i] + d] += room.tensor[3 * i + d]
         if states > 0:
-            each = states // kernels.weights.shape[0]
-            for point in range(kernels.weights.shape[0]):
-                for i in range(each * point, each * (point + 1)):
-                    fields.trial[cell, i] = room.tensor[dofs + i] / kernels.weights[point]
+            _keep(cell, dofs, fields, kernels, room)
     return 0.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.cell_group import CellGroup
-from flexmbd.continuum.cell_loop import LOCAL, MEAN, Fields, Kernels, Room, pass_cells
+from flexmbd.continuum.cell_loop import Fields, Kernels, Room, pass_cells
 from flexmbd.continuum.formulation import Quadrature, Term
 from flexmbd.continuum.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError
@@ -186,15 +186,16 @@ class CellPass:
         places = {
             id(field): k for k, field in enumerate((known.u, known.state, known.local, known.mean)) if field is not None
         }
-        tables = np.zeros((2, count), dtype=np.int64), np.zeros((2, count, len(self._sizes)), dtype=np.int64)
+        addresses, constants = np.zeros((2, count), dtype=np.int64)
+        starts, lengths = np.zeros((2, count, len(self._sizes)), dtype=np.int64)
         for i, code in enumerate(self._codes):
             if code is None:
                 continue
-            tables[0][:, i] = code.address, code.constants.ctypes.data
+            addresses[i], constants[i] = code.address, code.constants.ctypes.data
             last = -1
             for k in (places[id(field)] for field in code.reads):
-                joined = last >= 0 and begins[k] == tables[1][:, i, last].sum()
+                joined = last >= 0 and begins[k] == starts[i, last] + lengths[i, last]
                 last += not joined
-                tables[1][0, i, last] = tables[1][0, i, last] if joined else begins[k]
-                tables[1][1, i, last] += self._sizes[k]
-        return Kernels(*tables[0], *tables[1], np.asarray(weights, dtype=float))
+                starts[i, last] = starts[i, last] if joined else begins[k]
+                lengths[i, last] += self._sizes[k]
+        return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))

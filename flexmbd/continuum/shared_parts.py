@@ -62,7 +62,7 @@ def _key(node: Expr, names: dict[int, int]) -> tuple[Any, ...]:
 def _key_of_part(part: Expr, names: dict[int, int]) -> Any:
     if isinstance(part, MultiIndex):
         return tuple(
-            (True, int(index)) if isinstance(index, FixedIndex) else (False, names.setdefault(index.count(), len(names)))
+            ("at", int(index)) if isinstance(index, FixedIndex) else names.setdefault(index.count(), len(names))
             for index in part.indices()
         )
     return _key(part, names) if not part._ufl_is_terminal_ and part.ufl_free_indices else id(part)
