@@ -23,7 +23,7 @@ References: Simo & Hughes 1998, Computational Inelasticity, box 3.2 (return); Na
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol, TypeAlias
 
 import ufl
@@ -274,6 +274,13 @@ class Reference:
     def body_force(self, x: Expr) -> Expr:
         """Body force, N/m^3, with which it is in equilibrium."""
         return self._elastic().body_force(x)
+
+    @property
+    def yielding(self) -> tuple[Any, ...]:
+        """Materials that yield at a strain of a thousandth: with linear hardening, and with a curve."""
+        p = self.parameters
+        laws = Linear(p.E / 50), Voce(p.E / 2000, 50.0)
+        return tuple(replace(p, yield_stress=p.E / 1000, hardening=law) for law in laws)
 
     def _elastic(self) -> solid_linear.Reference:
         p = self.parameters

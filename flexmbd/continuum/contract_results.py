@@ -216,6 +216,9 @@ def _section_dimension(unknown: _Unknown) -> int:
 
 def _update(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     state = _initial_state(module, unknown)
+    if len(state.ufl_shape) != 1:
+        yield f"needs a state(p) that is a vector, of shape (n,), got {state.ufl_shape}"
+        return
     new = module.update(unknown.u, state, unknown.parameters, **solved(module, unknown.parameters))
     yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
 

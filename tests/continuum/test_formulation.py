@@ -283,7 +283,10 @@ def test_what_cell_means_are_handed_to_must_take_them(load_text):
 @pytest.mark.parametrize(
     ("text", "patterns"),
     [
-        ("def state(p):\n    return 0.0\n\ndef update(u, state, p):\n    return state\n", ["state needs residual"]),
+        (
+            "def state(p):\n    return ufl.as_vector([0.0])\n\ndef update(u, state, p):\n    return state\n",
+            ["state needs residual"],
+        ),
         ("def motion(u, xi, p):\n    return u\n", ["motion goes with section_inertia"]),
         (
             "def motion(u, xi, p):\n    return u\n\ndef section_inertia(p):\n    return ((p.rho, 0), (0, 1))\n",

@@ -10,6 +10,8 @@ import pytest
 import flexmbd.forms
 from flexmbd.continuum import formulation
 from flexmbd.continuum.contract_suite.checks import CHECKS
+from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
+from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains
 from flexmbd.continuum.contract_suite.outcome import Verdict, attempt, verdict
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.sheet import places
@@ -21,6 +23,9 @@ CASES = [
     for name in FORMS
     for cell, degree in places(formulation.load(name))
 ]
+
+
+YIELDING = [name for name in FORMS if keeps_strains(formulation.load(name))]
 
 
 @functools.cache
@@ -35,6 +40,23 @@ def test_form(case, check):
     assert verdict(outcome) is not Verdict.FAIL, outcome
 
 
+@functools.cache
+def yielding(name):
+    form = formulation.load(name)
+    return history_trials(form, *history_place(places(form)))
+
+
+@pytest.mark.parametrize("check", HISTORY_CHECKS, ids=lambda check: check.name)
+@pytest.mark.parametrize("name", YIELDING)
+def test_form_that_yields(name, check):
+    """With linear hardening and with a curve, on a distorted cell; small strain alone need not turn."""
+    outcome = attempt(check, yielding(name))
+    expected = Verdict.PASS
+    if (name, check.name) == ("j2_plasticity", "frame indifference, yielding"):
+        expected = Verdict.SKIP
+    assert verdict(outcome) is expected, outcome
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("case", CASES)
 def test_same_matrices_on_all_ranks(case):
@@ -47,6 +69,7 @@ def test_same_matrices_on_all_ranks(case):
 def test_all_forms_are_found():
     solids = {"solid_linear", "solid_orthotropic", "solid_nearly_incompressible", "solid_mixed"}
     assert solids | {"beam_timoshenko", "plate_mitc"} <= set(FORMS)
+    assert {"j2_plasticity", "updated_lagrangian", "hencky_plasticity"} <= set(YIELDING)
 
 
 def test_no_form_is_without_geometric_stiffness():

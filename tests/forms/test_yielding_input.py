@@ -80,6 +80,7 @@ def changed(folder, *changes):
         (("state[6] + growth])", "growth])[0]"), r"update: .*\(7,\), got \(\)"),
         (("*components(plastic), state[6] + growth", "*components(plastic)"), r"update: .*\(7,\), got \(6,\)"),
         (("ufl.as_vector([0.0] * 7)", "ufl.as_vector([0.0] * 6)"), "update: "),
+        (("return ufl.as_vector([0.0] * 7)", "return ufl.as_ufl(0.0)"), r"that is a vector, of shape \(n,\)"),
         (("def update(", "def _update("), "state goes with update, which is missing"),
     ],
 )

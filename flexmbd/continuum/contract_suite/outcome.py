@@ -5,9 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
-
-from flexmbd.continuum.contract_suite.trial import Trial
+from typing import Any, TypeAlias
 
 
 class Verdict(enum.Enum):
@@ -82,12 +80,12 @@ class Check:
 
     Attributes:
         name: short, as a heading.
-        run: on a trial; its docstring says what it proves.
+        run: on a trial, or trials of a history; its docstring says what it proves.
         remedy: what to look for in a form that fails.
     """
 
     name: str
-    run: Callable[[Trial], Outcome]
+    run: Callable[[Any], Outcome]
     remedy: str
 
 
@@ -98,7 +96,7 @@ def verdict(outcome: Outcome) -> Verdict:
     return Verdict.PASS if all(figure.passed for figure in outcome) else Verdict.FAIL
 
 
-def attempt(check: Check, trial: Trial) -> Outcome:
+def attempt(check: Check, trial: Any) -> Outcome:
     """Run a check; an error of whatever kind is its failure."""
     try:
         return check.run(trial)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 from typing import cast
 
@@ -11,6 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
 from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
@@ -34,13 +36,35 @@ def same_on_all_ranks(form: Formulation, cell: str, degree: int, *, comm: MPI.Co
         degree: one of its degrees on that cell.
         comm: two ranks or more.
     """
-    together = _spectra(form, cell, degree, comm=comm)
+    names = ["K", "M", "rigid motions' mass"]
+    find: Callable[..., tuple[FloatArray, ...]] = _spectra
+    if keeps_strains(form):
+        names, find = [*names, "forces after yielding"], _spectra_and_forces
+    together = find(form, cell, degree, comm=comm)
     # on rank 0 alone, after the others have compiled with it
-    alone = parallel.on_root(comm, lambda: _spectra(form, cell, degree, comm=MPI.COMM_SELF))
+    alone = parallel.on_root(comm, lambda: find(form, cell, degree, comm=MPI.COMM_SELF))
     return [
         Figure(f"{name}, off by", float(abs(one - many).max() / abs(one).max()), 1e-10)
-        for name, one, many in zip(("K", "M", "rigid motions' mass"), alone, together, strict=True)
+        for name, one, many in zip(names, alone, together, strict=True)
     ]
+
+
+def _spectra_and_forces(form: Formulation, cell: str, degree: int, *, comm: MPI.Comm) -> tuple[FloatArray, ...]:
+    """As `_spectra`; and the forces after a step that yields, of nodes in the order of their places. Collective."""
+    spectra = _spectra(form, cell, degree, comm=comm)
+    source, parameters = cast(ModuleType, form), yielding_parameters(form)[0]
+    body = UpdatedLagrangian(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    x = body.layout.node_x
+    body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel())
+    forces = body.force(np.zeros(body.layout.n_local)).reshape(-1, 3)
+    rows = parallel.gather_rows(comm, np.hstack([x[: len(forces)], forces]))
+
+    def in_order() -> FloatArray:
+        gathered = np.asarray(rows)
+        order = np.lexsort(gathered[:, :3].round(6).T)
+        return np.asarray(gathered[order, 3:])
+
+    return *spectra, parallel.on_root(comm, in_order)
 
 
 def _spectra(

@@ -12,6 +12,8 @@ from mpi4py import MPI
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract_suite.checks import CHECKS
+from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
+from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains
 from flexmbd.continuum.contract_suite.outcome import (
     Figure,
     Outcome,
@@ -137,10 +139,13 @@ def places(form: Formulation) -> list[Place]:
 
 def _try_all(form: Formulation) -> list[Line]:
     outcomes = {place: _try_place(form, *place) for place in places(form)}
-    return [
+    lines = [
         Line(check.name, {place: found[check.name] for place, found in outcomes.items()}, check.remedy)
         for check in CHECKS
     ]
+    if not keeps_strains(form) or lines[0].verdict is Verdict.FAIL:
+        return lines
+    return [*lines, *_try_history(form, history_place(places(form)))]
 
 
 def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
@@ -152,6 +157,16 @@ def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
         why = Remark(Verdict.SKIP, f"not run: see '{first.name}'")
         return {**outcomes, **dict.fromkeys([check.name for check in others], why)}
     return {**outcomes, **{check.name: attempt(check, trial) for check in others}}
+
+
+def _try_history(form: Formulation, place: Place) -> list[Line]:
+    """What yields, on one cell and degree: history lies at points."""
+    try:
+        trials = history_trials(form, *place)
+    except Exception as error:  # noqa: BLE001  (a form file is foreign code)
+        why = Raised(Verdict.FAIL, f"{type(error).__name__}: {error}")
+        return [Line(HISTORY_CHECKS[0].name, {place: why}, HISTORY_CHECKS[0].remedy)]
+    return [Line(check.name, {place: attempt(check, trials)}, check.remedy) for check in HISTORY_CHECKS]
 
 
 def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:

@@ -1,0 +1,112 @@
+"""A body of one cell of a form with history, driven by affine maps into the range where it keeps something."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexmbd.continuum.contract_suite.trial import FloatArray
+from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
+from flexmbd.continuum.formulation import Formulation
+from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+
+# Strains up to which it is looked for; and what of a small step's forces is left where it was no elastic one.
+_SMALLEST, _LARGEST, _LEFT = 1e-5, 0.02, 0.05
+
+# A strain by which a body flows in all its points, and another one on top of it.
+FIRST = np.array([[1.0, 0.3, -0.2], [0.1, -0.6, 0.4], [-0.3, 0.2, -0.3]])
+SECOND = np.array([[0.8, -0.4, 0.1], [0.2, -0.3, 0.5], [0.3, 0.4, -0.5]])
+
+
+class HistoryTrial:
+    """One form with history and one set of parameters, on one distorted cell.
+
+    Attributes:
+        form: with `state`.
+        parameters: that leave a history at strains of one percent.
+        body: at rest between checks, on this rank alone.
+        x: (nodes, 3) m, its nodes.
+    """
+
+    def __init__(self, form: Formulation, cell: str, degree: int, *, parameters: Any) -> None:
+        """Not collective; compiles."""
+        self.form, self.parameters = form, parameters
+        mesh = distorted_mesh(cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1)
+        self.body = UpdatedLagrangian(tagged(mesh), form, parameters, degree=degree)  # type: ignore[arg-type]
+        self.x: FloatArray = self.body.layout.node_x.copy()
+        self._rest = self.body.snapshot()
+
+    def restart(self) -> None:
+        """Back to rest."""
+        self.body.restore(self._rest)
+
+    def to(self, gradient: FloatArray, *, rotation: FloatArray | None = None, noise: float = 0.0) -> FloatArray:
+        """The increment to the map R (1 + gradient) of the undeformed cell, m; random displacements on top."""
+        moved = self.x + self.x @ gradient.T
+        moved += noise * np.random.default_rng(7).uniform(-1, 1, self.x.shape)
+        if rotation is not None:
+            moved = moved @ rotation.T
+        return np.asarray((moved - self.x).ravel() - self.body.displacement)
+
+    def go(self, gradient: FloatArray, **more: Any) -> None:
+        """One accepted step."""
+        self.body.commit(self.to(gradient, **more))
+
+    def force(self) -> FloatArray:
+        """Internal forces where the body stands, N."""
+        return self.body.force(np.zeros(self.x.size))
+
+    @property
+    def history(self) -> FloatArray:
+        """(points, components), accepted."""
+        return self.body.history()[0].copy()
+
+    @property
+    def stress(self) -> FloatArray:
+        """(points, 3, 3) Pa, where the body stands."""
+        return self.body.stress()[0].reshape(-1, 3, 3)
+
+    def elastic_force(self, strain: float) -> float:
+        """Largest force of such a strain from rest, N, were it elastic."""
+        self.restart()
+        small = 1e-3 * _SMALLEST
+        return float(abs(self.body.force(self.to(small * FIRST))).max() * strain / small)
+
+    @cached_property
+    def strain(self) -> float | None:
+        """Strain from which on the body does not come back to rest; None up to two percent."""
+        strain = _SMALLEST
+        while strain <= _LARGEST:
+            self.restart()
+            self.go(strain * FIRST)
+            self.go(np.zeros((3, 3)))
+            left = float(abs(self.force()).max())
+            if left > _LEFT * self.elastic_force(strain):
+                return strain
+            strain *= 2.0
+        return None
+
+
+def keeps_strains(form: Formulation) -> bool:
+    """Whether it is a solid with history; what a beam or a shell remembers may be its rotation."""
+    return hasattr(form, "state") and all(DIMENSION[cell] == 3 for cell in form.CELLS)
+
+
+def history_place(places: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    """The cell and degree on which yielding is tried: of those of the lowest degree the last."""
+    lowest = min(degree for _, degree in places)
+    return [place for place in places if place[1] == lowest][-1]
+
+
+def history_trials(form: Formulation, cell: str, degree: int) -> list[HistoryTrial]:
+    """One with each material that yields; not collective."""
+    return [HistoryTrial(form, cell, degree, parameters=p) for p in yielding_parameters(form)]
+
+
+def yielding_parameters(form: Formulation) -> list[Any]:
+    """`reference().yielding`; where there is none, the parameters of the reference itself."""
+    reference = form.reference()
+    return list(getattr(reference, "yielding", (reference.parameters,)))

@@ -1,0 +1,102 @@
+"""Forms with history that are wrong where they yield, each by one change; the check that is meant for it fails."""
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+
+from flexmbd.continuum import formulation
+from flexmbd.continuum.contract_suite import check_form
+from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
+from flexmbd.continuum.contract_suite.history_trial import history_trials
+from flexmbd.continuum.contract_suite.outcome import Remark, Verdict, attempt, verdict
+from flexmbd.forms import j2_plasticity, updated_lagrangian
+
+SMALL = Path(j2_plasticity.__file__).read_text()
+LARGE = Path(updated_lagrangian.__file__).read_text()
+ONE_CELL = [
+    ('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)'),
+    ("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}"),
+]
+LAWS = "laws = Linear(p.E / 50), Voce(p.E / 2000, 50.0)"
+FLOW = "plastic = tensor(state) + growth * flow"
+STRESS = "return 2 * mu * (elastic - growth * flow), flow, growth"
+
+TRAPS = {
+    "no memory": (SMALL, [(FLOW, "plastic = tensor(state)")], "a history is kept", "components that never change: 6"),
+    "a component that is never written": (
+        SMALL, [("state[6] + growth])", "state[6]])")], "a history is kept", "components that never change: 1"
+    ),
+    "half of the flow is remembered": (
+        SMALL, [(FLOW, "plastic = tensor(state) + growth * flow / 2")], "the same step twice", "history changed by"
+    ),
+    "creep below yield": (
+        SMALL, [(FLOW, f"{FLOW} + 1e-2 * elastic_deviator(u, state)")], "elastic steps", "forces left"
+    ),
+    "flow against the stress": (
+        SMALL,
+        [(FLOW, "plastic = tensor(state) - growth * flow"), (STRESS, STRESS.replace("- growth", "+ growth"))],
+        "dissipation",
+        "dissipation below zero by",
+    ),
+    "energies without the flow": (
+        SMALL, [('"plastic": (done, rule(u))', '"plastic": (done / 2, rule(u))')], "dissipation", "account off by"
+    ),
+    "a stress that is not pushed forward": (
+        LARGE,
+        [("f * (tensor(state) + elasticity(strain, p)) * f.T / volume", "tensor(state) + elasticity(strain, p)")],
+        "frame indifference, yielding",
+        "turned off by",
+    ),
+    "a stored unknown that does not follow u": (
+        SMALL,
+        [("return z - lack / ufl.diff(lack, at)", "return z")],
+        "consistent tangent, yielding",
+        "off by",
+    ),
+}
+
+CREEP = """
+
+def elastic_deviator(u, state):
+    return ufl.dev(ufl.sym(ufl.grad(u))) - tensor(state)
+"""
+
+
+def form_file(folder, text, changes):
+    """A form with some of its text replaced, in a file."""
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "my_form.py"
+    path.write_text(text + CREEP)
+    return path
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_the_trap_fails_its_check(tmp_path, trap):
+    text, changes, name, told = TRAPS[trap]
+    if text is SMALL:
+        # one material is enough
+        law = "Voce(p.E / 2000, 50.0)" if "ufl.diff" in changes[0][0] else "Linear(p.E / 50)"
+        changes = [*changes, (LAWS, f"laws = ({law},)")]
+    form = formulation.load(form_file(tmp_path, text, [*ONE_CELL, *changes]))
+    (check,) = (check for check in HISTORY_CHECKS if check.name == name)
+    outcome = attempt(check, history_trials(form, "tetrahedron", 1))
+    assert verdict(outcome) is Verdict.FAIL
+    failed = outcome.text if isinstance(outcome, Remark) else "; ".join(str(f) for f in outcome if not f.passed)
+    assert told in failed
+
+
+def test_a_sheet_has_what_yields(tmp_path):
+    """The lines of a form with history stand after the others; the form that is wrong says what to look for."""
+    _, wrong, _, _ = TRAPS["half of the flow is remembered"]
+    changes = [*ONE_CELL, (LAWS, "laws = (Linear(p.E / 50),)"), *wrong]
+    sheet = check_form(form_file(tmp_path, SMALL, changes), comm=MPI.COMM_SELF)
+    verdicts = {line.name: line.verdict for line in sheet.lines}
+    assert [check.name for check in HISTORY_CHECKS] == list(verdicts)[-7:-1]
+    assert not sheet.passed
+    assert verdicts["a history is kept"] is Verdict.PASS
+    assert verdicts["the same step twice"] is Verdict.FAIL
+    assert "remedy: update and residual must return to the same surface" in sheet.text()
