@@ -87,7 +87,7 @@ def test_free_flight_of_rubber(rubber):
 
 
 def test_energy_momentum_keeps_the_energy(rubber):
-    """To rounding, in steps that leave a tenth of a per cent with other methods."""
+    """To rounding, as a discrete gradient does, in steps of any size that Newton takes."""
     scene, _ = flying(rubber, stretch=STRETCH)
     run = scene.simulate(0.01, h=2e-4, integrator=fm.EnergyMomentum())
     assert np.ptp(run.energy().kinetic) > 0.1 * run.energy().total[0]

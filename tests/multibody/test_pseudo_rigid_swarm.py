@@ -14,10 +14,15 @@ GRAVITY = np.array([0.0, 0.5, -9.81])
 
 
 def swarm(n, *, seed=0):
-    """Boxes and ellipsoids of several materials, deformed, spinning, vibrating."""
+    """Boxes and ellipsoids lying askew, of several materials, deformed, spinning, vibrating."""
     rng = np.random.default_rng(seed)
     makers = (fm.Solid.box, fm.Solid.ellipsoid)
-    solids = [makers[k % 2](rng.uniform(0.1, 0.3, 3), density=rng.uniform(500.0, 2000.0)) for k in range(n)]
+    straight = [makers[k % 2](rng.uniform(0.1, 0.3, 3), density=rng.uniform(500.0, 2000.0)) for k in range(n)]
+    turns = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    solids = [
+        fm.Solid(solid.mass, solid.volume, solid.com, R @ solid.second @ R.T)
+        for solid, R in zip(straight, turns, strict=True)
+    ]
     materials = [fm.StVenantKirchhoff(rng.uniform(0.5e5, 2e5), rng.uniform(0.0, 0.4)) for _ in range(n)]
     many = fm.PseudoRigidSwarm(solids, materials, r=rng.normal(size=(n, 3)), gravity=GRAVITY)
     many.v = rng.normal(size=(n, 3))
