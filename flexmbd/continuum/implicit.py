@@ -24,10 +24,10 @@ from flexmbd.continuum.newton import (
     Balance,
     Conditions,
     Convergence,
-    LinearSolver,
     Newton,
     Solution,
 )
+from flexmbd.continuum.tangent_solver import LinearSolver
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import RigidBody

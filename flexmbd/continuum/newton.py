@@ -1,8 +1,4 @@
-"""Newton's method for a body with history: one step's displacement, from residual and tangent.
-
-The linear systems are solved by a factor of the tangent (MUMPS), or by Krylov iterations that an older
-factor preconditions: a factor costs some twenty times an iteration, and plastic tangents change little.
-"""
+"""Newton's method for a body with history: one step's displacement, from residual and tangent."""
 
 from __future__ import annotations
 
@@ -15,35 +11,15 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import from_dense, inner, to_dense
+from flexmbd.continuum.blocks import inner
+from flexmbd.continuum.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.updated_lagrangian import InvertedCellError, UpdatedLagrangian
 from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
-# A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
-_SYMMETRIC = 1e-12
-
 # Line search: how much of the work that the residual does on the step may be left, and the tries.
 _WORK_LEFT, _TRIES = 0.8, 6
-
-
-@dataclass(frozen=True)
-class LinearSolver:
-    """How the linear systems of Newton's method are solved.
-
-    Attributes:
-        most_iterations: after a solution that took more Krylov iterations the next tangent is
-            factorised anew; 0: every tangent is.
-        keeps_below: a tangent is kept for the next step where the last one left less than this part of
-            the residual; 0: every step has its own, and Newton's method is quadratic.
-        looseness: a system is solved to this part of its right-hand side at first; the closer Newton's
-            method comes, the tighter, so that it stays quadratic.
-    """
-
-    most_iterations: int = 12
-    keeps_below: float = 0.0
-    looseness: float = 1e-2
 
 
 @dataclass(frozen=True)
@@ -62,7 +38,7 @@ class Convergence:
     round_off: float = 1e-10
 
 
-DEFAULT_SOLVER, DEFAULT_CONVERGENCE = LinearSolver(), Convergence()
+DEFAULT_CONVERGENCE = Convergence()
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +83,10 @@ class Solution:
 
 
 class Newton:
-    """Solves for one step after the other of one body, keeping factors. Constructing one is collective.
+    """Solves for one step after the other of one body. Constructing one is collective.
 
     Attributes:
-        factorisations: so far.
-        iterations: of Krylov's method so far.
+        linear: solves the linear systems, keeping factors.
     """
 
     def __init__(
@@ -131,13 +106,11 @@ class Newton:
             convergence: when to end.
         """
         self._body, self._held = body, np.asarray(held, dtype=np.int32)
-        self._solver, self._convergence = solver, convergence
+        self._keeps_below, self._looseness = solver.keeps_below, solver.looseness
+        self._convergence = convergence
         self._free = np.setdiff1d(np.arange(body.n_owned), self._held)
-        self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
-        self._ksp: PETSc.KSP | None = None
-        self._stale = True
+        self.linear = TangentSolver(body, self._held, solver)
         self._ghosted = body.vector()
-        self.factorisations = self.iterations = 0
 
     def solve(
         self,
@@ -173,7 +146,7 @@ class Newton:
                 return Solution(increment, tuple(residuals), balance)
             if step == rule.most_steps:
                 break
-            if step < 2 or residuals[-1] > self._solver.keeps_below * residuals[-2]:
+            if step < 2 or residuals[-1] > self._keeps_below * residuals[-2]:
                 matrix, held = tangent(increment), False
             change = self._direction(matrix, left, missing, residuals, held=held, conditions=unmet)
             held = True
@@ -199,18 +172,17 @@ class Newton:
         Returns:
             (owned dofs, k), zero at held dofs.
         """
-        symmetric = self._is_symmetric(matrix)
-        self._hold(matrix)
-        self._stale = True  # a factor of this matrix solves for all columns at once
-        ksp = self._krylov(matrix, symmetric)
-        solution = self._solved(ksp, block)
+        self.linear.hold(matrix)
+        self.linear.renew()  # a factor of this matrix solves for all columns at once
+        self.linear.take(matrix)
+        solution = self.linear.solve_block(block)
         if conditions is not None:
-            solution -= self._excess(solution, self._solved(ksp, conditions.columns), conditions)
+            solution -= self._excess(solution, self.linear.solve_block(conditions.columns), conditions)
         return solution
 
     def factorise_next(self) -> None:
         """Forget the factor, as at a checkpoint."""
-        self._stale = True
+        self.linear.renew()
 
     def _direction(
         self,
@@ -229,42 +201,21 @@ class Newton:
         matrix.mult(left, right)
         right.array[:] = -residual if held else -residual - right.array
         right.array[self._held] = missing
-        symmetric = self._is_symmetric(matrix)
         if not held:
-            self._hold(matrix)
-            self._stale = self._stale or conditions is not None
-        ksp = self._krylov(matrix, symmetric)
-        loose = min(self._solver.looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._solver.looseness
-        ksp.setTolerances(rtol=max(loose, 1e-12), atol=0.0, max_it=200)
-        ksp.solve(right, left)
-        taken = ksp.getIterationNumber()
-        self.iterations += taken
-        self._stale = taken > self._solver.most_iterations
-        if ksp.getConvergedReason() < 0:
-            self._stale = True
-            raise ConvergenceError(
-                f"the linear system of a Newton step was not solved ({taken} iterations); take a smaller step"
-            )
-        left.array[self._held] = missing  # exact, whatever Krylov's method left
+            self.linear.hold(matrix)
+            if conditions is not None:
+                self.linear.renew()
+        self.linear.take(matrix)
+        loose = min(self._looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._looseness
+        step = self.linear.solve(right.array, loose)
+        step[self._held] = missing  # exact, whatever Krylov's method left
         if conditions is not None:
             if not held:
-                self._meeting = self._solved(ksp, conditions.columns)
-            left.array[:] -= self._excess(left.array[:, None], self._meeting, conditions)[:, 0]
-        self._ghosted.array[: self._body.n_owned] = left.array
+                self._meeting = self.linear.solve_block(conditions.columns)
+            step -= self._excess(step[:, None], self._meeting, conditions)[:, 0]
+        self._ghosted.array[: self._body.n_owned] = step
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
-
-    def _solved(self, ksp: PETSc.KSP, block: FloatArray) -> FloatArray:
-        """The inverse of the factored matrix times a block (owned dofs, k), zero at held dofs. Collective."""
-        free = block.copy()
-        free[self._held] = 0.0
-        right = to_dense(self._body.comm, free)
-        left = right.duplicate()
-        ksp.getPC().getFactorMatrix().matSolve(right, left)
-        solution = from_dense(left)
-        left.destroy()
-        right.destroy()
-        return solution
 
     def _excess(self, steps: FloatArray, meeting: FloatArray, conditions: Conditions) -> FloatArray:
         """What steps (owned dofs, k) that meet no conditions are too much, by the displacements of their forces."""
@@ -279,40 +230,6 @@ class Newton:
             return residual
         along = self._body.comm.allreduce(conditions.columns.T @ residual, op=MPI.SUM)
         return np.asarray(residual - conditions.columns @ along)
-
-    def _krylov(self, matrix: PETSc.Mat, symmetric: bool) -> PETSc.KSP:
-        """Krylov's method on this matrix, with a factor of it or an older one."""
-        ksp = self._ksp
-        if ksp is None or self._stale or self._solver.most_iterations == 0:
-            self._drop()
-            self._factored = matrix.copy()
-            self._factored.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
-            ksp = PETSc.KSP().create(matrix.comm)
-            ksp.setType(PETSc.KSP.Type.GMRES)
-            ksp.setPCSide(PETSc.PC.Side.RIGHT)
-            ksp.setGMRESRestart(100)
-            ksp.setOperators(matrix, self._factored)
-            pc = ksp.getPC()
-            pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
-            pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-            ksp.setUp()
-            pc.setReusePreconditioner(True)
-            self._ksp = ksp
-            self.factorisations += 1
-            self._stale = False
-        else:
-            ksp.setOperators(matrix, self._factored)
-        return ksp
-
-    def _hold(self, matrix: PETSc.Mat) -> None:
-        """Make rows and columns of held dofs those of the unit matrix."""
-        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
-
-    def _drop(self) -> None:
-        if self._ksp is not None:
-            self._ksp.destroy()
-            self._factored.destroy()
 
     def _search(
         self,
@@ -357,15 +274,3 @@ class Newton:
 
     def _norm(self, values: FloatArray) -> float:
         return float(np.sqrt(self._body.comm.allreduce(values @ values, op=MPI.SUM)))
-
-    def _is_symmetric(self, matrix: PETSc.Mat) -> bool:
-        x, y = matrix.createVecRight(), matrix.createVecRight()
-        first, last = x.getOwnershipRange()
-        # the same vectors on any number of ranks
-        x.array[:] = np.sin(1.0 + 7.0 * np.arange(first, last))
-        y.array[:] = np.cos(2.0 + 3.0 * np.arange(first, last))
-        ay = matrix.createVecLeft()
-        matrix.mult(y, ay)
-        one, size = x.dot(ay), ay.norm() * x.norm()
-        matrix.mult(x, ay)
-        return bool(abs(one - y.dot(ay)) <= _SYMMETRIC * size)

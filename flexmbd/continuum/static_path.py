@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.newton import (
     DEFAULT_CONVERGENCE,
-    DEFAULT_SOLVER,
     Balance,
     Convergence,
-    LinearSolver,
     Newton,
     Solution,
 )
+from flexmbd.continuum.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import ConvergenceError, MeshError
 
@@ -151,7 +150,7 @@ def follow(
                 body.revert()
                 newton.factorise_next()
                 path.cuts += 1
-                path.factorisations, path.iterations = newton.factorisations, newton.iterations
+                path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
                 guess = np.zeros_like(guess)
                 step = 0.5 * min(step, wanted - reached)
                 if step < smallest * whole:
@@ -168,7 +167,7 @@ def follow(
                 step = min(1.5 * step, whole)
         if accepted is not None:
             accepted(wanted)
-    path.factorisations, path.iterations = newton.factorisations, newton.iterations
+    path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
     return path
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.near_null_space import near_null_space
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.factor import Factor
 
@@ -96,8 +97,7 @@ def multigrid(matrix: PETSc.Mat, motions: FloatArray) -> Iterator[Multigrid]:
         ReductionError: on all ranks: it cannot be coarsened, or the coarsest level is singular.
     """
     solver = PETSc.KSP().create(matrix.comm)
-    vectors = _orthonormal(matrix, motions)
-    near = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+    near, vectors = near_null_space(matrix, motions)
     matrix.setNearNullSpace(near)
     solver.setOperators(matrix)
     made: list[PETSc.Mat | Factor] = []
@@ -159,24 +159,6 @@ def _coarsen(solver: PETSc.KSP) -> None:
         raise ReductionError(
             f"the stiffness could not be coarsened for multigrid (PETSc error {error.ierr}); take solver=Solver.DIRECT"
         ) from error
-
-
-def _orthonormal(matrix: PETSc.Mat, motions: FloatArray) -> list[PETSc.Vec]:
-    """An orthonormal basis of the motions, scaled first since some are m and some m per rad. Collective."""
-    comm = matrix.comm.tompi4py()
-    gram = inner(comm, motions, motions)
-    scale = 1.0 / np.sqrt(np.diag(gram))
-    basis = motions * scale
-    for _ in range(2):
-        # the second time takes off what round-off left
-        lower = np.linalg.cholesky(inner(comm, basis, basis))
-        basis = scipy.linalg.solve_triangular(lower, basis.T, lower=True).T
-    vectors = []
-    for column in basis.T:
-        vector = matrix.createVecLeft()
-        vector.setArray(column)
-        vectors.append(vector)
-    return vectors
 
 
 def _largest_eigenvalue(matrix: PETSc.Mat) -> float:

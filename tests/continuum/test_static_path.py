@@ -8,10 +8,11 @@ from cooks_membrane import raised
 
 from flexmbd import meshes
 from flexmbd.continuum.loads import Pressure, load_vectors
-from flexmbd.continuum.newton import LinearSolver
 from flexmbd.continuum.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.tangent_solver import LinearSolver, Preconditioner
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
-from flexmbd.errors import MeshError
+from flexmbd.errors import FormulationError, MeshError
+from flexmbd.forms import beam_exact
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated
@@ -210,3 +211,28 @@ def test_ranks_agree(form):
         found.append((widening(body), comm.allreduce(reactions), len(path.steps)))
     assert found[0] == pytest.approx(found[1], rel=1e-8)
     assert found[2] == pytest.approx(found[1], rel=1e-8)
+
+
+@pytest.mark.mpi
+def test_multigrid_in_place_of_a_factor():
+    """Plastic flow, incompressible but for a little: the same path by either, and no factor by one of them."""
+    loads = [0.5 * LIMIT, 0.7 * LIMIT, 0.85 * LIMIT]
+    found = []
+    for preconditioner in Preconditioner:
+        body, held, force = cylinder((8, 12))
+        solver = LinearSolver(60, preconditioner=preconditioner)
+        path = follow(body, loads, held=held, load=lambda t, f=force: t * f, solver=solver)
+        found.append((widening(body), path))
+    assert found[1][0] == pytest.approx(found[0][0], rel=1e-8)
+    # an older factor of nearly this tangent takes a few iterations, multigrid some tens
+    assert found[1][1].iterations > 2 * found[0][1].iterations
+
+
+def test_multigrid_refuses_what_it_does_not_know():
+    """A beam's rotations are no displacements."""
+    mesh = meshes.line(1.0, divisions=4)
+    section = beam_exact.Parameters.rectangle(1e9, 0.3, 1.0, width=0.1, height=0.1, orientation=(0.0, 1.0, 0.0))
+    body = UpdatedLagrangian(mesh, beam_exact, section, degree=1)
+    solver = LinearSolver(preconditioner=Preconditioner.MULTIGRID)
+    with pytest.raises(FormulationError, match=r"beam_exact has unknowns besides the displacement.*FACTOR"):
+        follow(body, [1.0], held=np.arange(6), displacement=lambda t: np.zeros(6), solver=solver)
