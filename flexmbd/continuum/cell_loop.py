@@ -43,7 +43,7 @@ class Fields(NamedTuple):
     """What a group's kernels read and write.
 
     Attributes:
-        u: (dofs,) m, trial displacement.
+        u: (dofs,) trial displacement, m, and other unknowns.
         state: (cells, points * components) history at the step's begin.
         local: (cells, points * components) local unknowns, to begin with, and solved.
         mean: (cells,) means over the cells, or empty.
@@ -119,16 +119,16 @@ def _solve_local(kernels, room, begin, size, sweeps, tolerance):  # type: ignore
 
 
 @kernel
-def _gather(cell, nodes, x, blocks, fields, room):  # type: ignore[no-untyped-def]
+def _gather(cell, nodes, x, blocks, width, fields, room):  # type: ignore[no-untyped-def]
     """Collect a cell's coordinates, displacement and history."""
     for i in range(nodes.shape[1]):
         for d in range(3):
             room.coordinates[i, d] = x[nodes[cell, i], d]
     for i in range(blocks.shape[1]):
-        for d in range(3):
-            room.row[3 * i + d] = fields.u[3 * blocks[cell, i] + d]
+        for d in range(width):
+            room.row[width * i + d] = fields.u[width * blocks[cell, i] + d]
     for i in range(fields.state.shape[1]):
-        room.row[3 * blocks.shape[1] + i] = fields.state[cell, i]
+        room.row[width * blocks.shape[1] + i] = fields.state[cell, i]
 
 
 @kernel
@@ -142,14 +142,15 @@ def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
 
 
 @entry_kernel
-def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
+def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
     """Means, local unknowns, internal forces and the history at the step's end, cell by cell.
 
     Args:
         cells: (k,) the group's.
         nodes: (all cells, n) of the geometry.
         x: (nodes, 3) m.
-        blocks: (all cells, m) of the displacement.
+        blocks: (all cells, m) of the unknowns' dofs.
+        width: dofs of a block.
         fields: what is read and written.
         kernels: of the group.
         room: to work in.
@@ -160,11 +161,11 @@ def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, t
     Returns:
         The last change of the local unknowns of the first cell where they were not solved, or 0.
     """
-    dofs, states, locals_ = 3 * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
+    dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
     begin = dofs + states
     for c in range(cells.shape[0]):
         cell = cells[c]
-        _gather(cell, nodes, x, blocks, fields, room)
+        _gather(cell, nodes, x, blocks, width, fields, room)
         if kernels.addresses[MEAN] != 0:
             _tabulate(kernels, MEAN, room, 2)
             fields.mean[cell] = room.tensor[0] / room.tensor[1]
@@ -180,8 +181,8 @@ def pass_cells(cells, nodes, x, blocks, fields, kernels, room, forces, sweeps, t
         for k in range(FORCES, kernels.addresses.shape[0]):
             _tabulate(kernels, k, room, begin)
             for i in range(blocks.shape[1]):
-                for d in range(3):
-                    forces[3 * blocks[cell, i] + d] += room.tensor[3 * i + d]
+                for d in range(width):
+                    forces[width * blocks[cell, i] + d] += room.tensor[width * i + d]
         if states > 0:
             _keep(cell, dofs, fields, kernels, room)
     return 0.0

@@ -96,7 +96,7 @@ class CellPass:
         self._codes = [
             self._mean(forms.averaged), self._local_step(forms.refined), *self._step(forms.work, forms.update)
         ]
-        n_cells, blocks = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap.list
+        n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
         none = np.zeros((n_cells, 0))
         state, local = (
             none if field is None else field.x.array.reshape(n_cells, -1) for field in (unknowns.state, unknowns.local)
@@ -105,7 +105,7 @@ class CellPass:
         #: (points of all cells of this rank, components) flat, history at the step's end
         self.trial: FloatArray = state.flatten()
         self._fields = Fields(unknowns.u.x.array, state, local, mean, self.trial.reshape(state.shape))
-        self._sizes = [3 * blocks.shape[1], state.shape[1], local.shape[1], 1]
+        self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
         self._kernels = self._tables(weights)
         row = sum(self._sizes)
         self._room = Room(np.zeros((compat.cell_nodes(self._domain).shape[1], 3)), *np.zeros((3, row + 1)))
@@ -119,10 +119,10 @@ class CellPass:
         Raises:
             ConvergenceError: at a point Newton's method does not end.
         """
+        dofmap = self._unknowns.u.function_space.dofmap
         change = pass_cells(
             self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
-            self._unknowns.u.function_space.dofmap.list, self._fields, self._kernels, self._room, forces, _SWEEPS,
-            _LOCAL,
+            dofmap.list, dofmap.bs, self._fields, self._kernels, self._room, forces, _SWEEPS, _LOCAL,
         )
         if change != 0.0:
             raise ConvergenceError(
