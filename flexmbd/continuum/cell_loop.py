@@ -145,6 +145,8 @@ def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
 def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
     """Means, local unknowns, internal forces and the history at the step's end, cell by cell.
 
+    Of a table that ends before the kernels of forces, and of fields without local unknowns, the means alone.
+
     Args:
         cells: (k,) the group's.
         nodes: (all cells, n) of the geometry.
@@ -183,6 +185,6 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
             for i in range(blocks.shape[1]):
                 for d in range(width):
                     forces[width * blocks[cell, i] + d] += room.tensor[width * i + d]
-        if states > 0:
+        if states > 0 and kernels.addresses.shape[0] > FORCES:
             _keep(cell, dofs, fields, kernels, room)
     return 0.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.cell_group import CellGroup
-from flexmbd.continuum.cell_loop import Fields, Kernels, Room, pass_cells
+from flexmbd.continuum.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
 from flexmbd.continuum.formulation import Quadrature, Term
 from flexmbd.continuum.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError
@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 # Local Newton steps, and the change of the local unknowns at which they end.
 _SWEEPS = 30
 _LOCAL = 1e-13
+
+_NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,16 +121,26 @@ class CellPass:
         Raises:
             ConvergenceError: at a point Newton's method does not end.
         """
-        dofmap = self._unknowns.u.function_space.dofmap
-        change = pass_cells(
-            self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
-            dofmap.list, dofmap.bs, self._fields, self._kernels, self._room, forces, _SWEEPS, _LOCAL,
-        )
+        change = self._pass(self._fields, self._kernels, forces)
         if change != 0.0:
             raise ConvergenceError(
                 f"{self._group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
                 f"(last change {change:.1e}); take a smaller step"
             )
+
+    def average(self) -> None:
+        """Evaluate the means alone for the trial displacement; not collective."""
+        if self._unknowns.mean is not None:
+            fields = self._fields._replace(local=np.zeros((len(self._fields.local), 0)))
+            kernels = self._kernels._replace(addresses=self._kernels.addresses[:FORCES])
+            self._pass(fields, kernels, _NONE)
+
+    def _pass(self, fields: Fields, kernels: Kernels, forces: FloatArray) -> float:
+        dofmap = self._unknowns.u.function_space.dofmap
+        return float(pass_cells(
+            self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
+            fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
+        ))  # fmt: skip
 
     def _mean(self, averaged: ufl.core.expr.Expr | None) -> _Code | None:
         if averaged is None:

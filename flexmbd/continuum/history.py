@@ -117,6 +117,10 @@ class History:
         """
         self._pass.run(forces)
 
+    def average(self) -> None:
+        """The means alone, for the trial displacement; not collective."""
+        self._pass.average()
+
     @property
     def trial_is_finite(self) -> bool:
         """Whether the history at the step's end has values."""

@@ -293,8 +293,8 @@ class UpdatedLagrangian:
         self._set_trial(np.zeros(self.layout.n_local))
         totals: dict[str, float] = {}
         with self.present_mesh():
-            self._run()
             for history in self._histories:
+                history.average()
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
         return {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
