@@ -39,6 +39,7 @@ def test_a_rigid_scene_loads_only_numpy_scipy_numba():
     assert not loaded & BEYOND_THE_WALL
 
 
+@pytest.mark.timeout(900)  # two integrators are compiled from nothing
 def test_the_first_compilation_is_announced_once(tmp_path):
     """With an empty cache a process says what it compiles for, the next one nothing but of another integrator."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
