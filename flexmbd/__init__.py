@@ -3,6 +3,7 @@
 This root loads numpy, scipy and numba only; DOLFINx and PETSc load with ``flexmbd.continuum``.
 """
 
+from flexmbd import export as export
 from flexmbd.checkpoint import Checkpoint as Checkpoint
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import FlexmbdError as FlexmbdError

@@ -43,6 +43,10 @@ class RecordError(FlexmbdError):
     """A reduced-body file is truncated, foreign, of another version, or lacks an optional group."""
 
 
+class ExportError(FlexmbdError):
+    """A body cannot be carried by another program's file, or such a file cannot be written or read."""
+
+
 class SceneError(FlexmbdError):
     """A scene is not well formed: a body, frame, joint or force does not fit."""
 

@@ -65,7 +65,7 @@ def write_tree(path: Path, tree: Mapping[str, Any]) -> None:
     head = f"{FORMAT}, version {VERSION}\nHDF5 after {_HEAD} bytes\nbytes {len(body)}\n"
     head += f"sha256 {digest}\n"
     try:
-        _replace(Path(os.path.realpath(path)), head.encode("ascii").ljust(_HEAD, b"\0"), body)
+        replace_file(Path(os.path.realpath(path)), head.encode("ascii").ljust(_HEAD, b"\0"), body)
     except OSError as error:
         raise RecordError(
             f"cannot write {path}: {error.strerror or error}; nothing was changed there. "
@@ -150,8 +150,12 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and "\0" not in value
 
 
-def _replace(path: Path, *parts: bytes) -> None:
-    """Put the parts into a new file and rename it to `path`."""
+def replace_file(path: Path, *parts: bytes) -> None:
+    """Put the parts into a new file and rename it to `path`.
+
+    Raises:
+        OSError: it cannot be written; what was there is there still.
+    """
     if path.exists() and not path.is_file():
         # the rename would put a file in the place of a device
         raise OSError(errno.EINVAL, "it is no regular file")

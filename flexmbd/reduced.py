@@ -290,14 +290,8 @@ class ReducedBody:
                     digest.update(repr(value).encode() if isinstance(value, tuple) else value.tobytes())
         return digest.hexdigest()
 
-    def save(self, path: str | Path) -> None:
-        """Write the record to an HDF5 file; an existing file survives a failed write.
-
-        Not collective; if all ranks call it, each writes the same file whole.
-
-        Raises:
-            RecordError: the destination cannot be written.
-        """
+    def tree(self) -> Tree:
+        """The record as nested dictionaries of arrays and texts: the items of docs/record.md."""
         frames = self.interfaces
         tree: Tree = {
             "gram": self.gram,
@@ -320,7 +314,17 @@ class ReducedBody:
             value = getattr(self, group)
             if value is not None:
                 tree[group] = {f.name: getattr(value, f.name) for f in fields(value)}
-        write_tree(Path(path), tree)
+        return tree
+
+    def save(self, path: str | Path) -> None:
+        """Write the record to an HDF5 file; an existing file survives a failed write.
+
+        Not collective; if all ranks call it, each writes the same file whole.
+
+        Raises:
+            RecordError: the destination cannot be written.
+        """
+        write_tree(Path(path), self.tree())
 
     @classmethod
     def load(cls, path: str | Path) -> ReducedBody:
@@ -331,12 +335,18 @@ class ReducedBody:
         """
         tree = read_tree(Path(path))
         try:
-            return cls._from_tree(tree)
+            return cls.from_tree(tree)
         except (KeyError, TypeError, ValueError, RecordError) as error:
             raise RecordError(f"{path} is a record, but not of a reduced body: {error}") from error
 
     @classmethod
-    def _from_tree(cls, tree: Tree) -> ReducedBody:
+    def from_tree(cls, tree: Tree) -> ReducedBody:
+        """The body of what `tree` gives.
+
+        Raises:
+            RecordError: an item is not known, or the parts do not fit together.
+            KeyError, TypeError, ValueError: an item is missing or of another kind.
+        """
         frames = zip(
             tree["interface_names"],
             tree["interface_p"],

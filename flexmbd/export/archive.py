@@ -1,0 +1,88 @@
+"""Archives of numpy arrays (.npz) from anywhere: no pickles, and no more memory than the file is worth."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import ExportError
+from flexmbd.export.files import read_file, write_file
+
+#: Arrays in one archive, and bytes of them all together; an archive may claim any size at no cost in the file.
+MOST_ARRAYS = 10_000
+MOST_BYTES = 2**31
+
+
+def write_archive(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays without pickles, whole or not at all.
+
+    Raises:
+        ExportError: the destination cannot be written.
+    """
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return write_file(path, buffer.getvalue())
+
+
+def read_archive(path: str | Path, *, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The arrays of an archive by name.
+
+    Args:
+        path: a file of zipped .npy members.
+        wanted: names to read, others are passed over unread; all by default.
+
+    Raises:
+        ExportError: the file is missing, damaged, no such archive, or claims more than is sensible; an array is of
+            Python objects.
+    """
+    data = read_file(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = [
+                item for item in archive.infolist() if wanted is None or item.filename.removesuffix(".npy") in wanted
+            ]
+            _refuse_excess(path, members)
+            return {item.filename.removesuffix(".npy"): _array(archive, item) for item in members}
+    except ExportError:
+        raise
+    except (
+        OSError, EOFError, KeyError, ValueError, RuntimeError, NotImplementedError, OverflowError, SyntaxError,
+        MemoryError, TypeError, zipfile.BadZipFile, zlib.error,
+    ) as error:  # fmt: skip
+        raise ExportError(f"{path} is no archive of arrays that can be read: {error}") from error
+
+
+def _refuse_excess(path: str | Path, members: list[zipfile.ZipInfo]) -> None:
+    total = sum(item.file_size for item in members)
+    if len(members) > MOST_ARRAYS or total > MOST_BYTES:
+        raise ExportError(
+            f"{path} claims {len(members)} arrays of {total} bytes; {MOST_ARRAYS} arrays of {MOST_BYTES} bytes are the "
+            "most that are read"
+        )
+
+
+def _array(archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> NDArray[Any]:
+    with archive.open(item) as member:
+        # no more than the directory said, whatever the stream goes on to hold
+        content = member.read(item.file_size)
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = header(stream)
+    if kind.hasobject:
+        raise ValueError(f"{item.filename} holds Python objects, which are not read")
+    size = kind.itemsize
+    for length in shape:
+        size *= length
+    if size != len(content) - stream.tell():
+        raise ValueError(f"{item.filename} claims {shape} of {kind}, and has {len(content) - stream.tell()} bytes")
+    stream.seek(0)
+    array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    return array

@@ -1,0 +1,58 @@
+"""The formats by name: what `flexmbd export --to NAME` and `flexmbd convert` choose from.
+
+One line a format; each writer and reader stands in a file of its own and loads what it needs when it is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexmbd.errors import ExportError
+from flexmbd.export.loss import Carries
+from flexmbd.export.record_arrays import CARRIES as _NPZ
+from flexmbd.export.record_arrays import npz, read_npz
+from flexmbd.reduced import ReducedBody
+
+#: (body, path, lossy=...) -> what the file leaves out, a phrase each.
+Writer = Callable[..., tuple[str, ...]]
+Reader = Callable[[str | Path], ReducedBody]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format of reduced bodies.
+
+    Attributes:
+        name: as the command line says it, and the writer's name in `flexmbd.export`.
+        programs: who reads it.
+        suffix: what such a file's name usually ends with.
+        carries: what it can carry.
+        write: the writer, callable as ``write(body, path, lossy=False)``.
+        read: the reader, or None where the format does not hold a whole body.
+    """
+
+    name: str
+    programs: str
+    suffix: str
+    carries: Carries
+    write: Writer
+    read: Reader | None = None
+
+
+FORMATS: tuple[Format, ...] = (
+    Format("npz", "numpy", ".npz", _NPZ, npz, read_npz),
+)
+
+
+def format_named(name: str) -> Format:
+    """The format of that name.
+
+    Raises:
+        ExportError: there is none; the message lists those there are.
+    """
+    for one in FORMATS:
+        if one.name == name:
+            return one
+    raise ExportError(f"there is no format {name!r}; choose from {', '.join(one.name for one in FORMATS)}")

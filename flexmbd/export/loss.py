@@ -1,0 +1,94 @@
+"""What a format can carry of a reduced body, and what would be lost: refused, or told.
+
+What changes the linear body itself (interfaces, damping, rotations of frames, mass distribution) is
+refused unless a caller accepts the loss; what a format never asks for (stress, pictures, named loads,
+stiffening by load) is told, never refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.errors import ExportError
+from flexmbd.reduced import ReducedBody
+
+
+@dataclass(frozen=True)
+class Carries:
+    """What a format can carry; docs/export.md shows it as a table.
+
+    Attributes:
+        interfaces: the largest number of interface frames, None for any number.
+        rotations: whether an interface frame's rotation is carried, not only its displacement.
+        damping: whether a damping matrix is carried.
+        large_motion: whether the inertia of the moving body is carried: the integrals from which
+            velocity-dependent forces follow. Else the file is good for small motions of B.
+        stiffening: whether stiffening by load or stretch is carried.
+        floating: whether a body whose frame floats on the mean axis is carried as it is.
+        nodes: whether the displacements at the mesh's nodes are carried, where the record has them.
+        stress: whether stress modes are carried, where the record has them.
+    """
+
+    interfaces: int | None = None
+    rotations: bool = True
+    damping: bool = True
+    large_motion: bool = True
+    stiffening: bool = False
+    floating: bool = True
+    nodes: bool = False
+    stress: bool = False
+
+
+def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool) -> tuple[str, ...]:
+    """What a file of this kind leaves out of this body.
+
+    Args:
+        body: what shall be written.
+        carries: what the format can carry.
+        kind: the format, for messages.
+        lossy: write although the body itself becomes another.
+
+    Returns:
+        What is not in the file, a phrase each, for whoever asked for it.
+
+    Raises:
+        ExportError: the body itself would become another, and ``lossy`` does not say that it may.
+    """
+    grave = list(_grave(body, carries))
+    if grave and not lossy:
+        raise ExportError(
+            f"{kind} cannot carry all of this body; lost would be {', and '.join(grave)}: choose another format, or "
+            "say lossy=True (--lossy) to write it without"
+        )
+    return (*grave, *_slight(body, carries))
+
+
+def _grave(body: ReducedBody, carries: Carries) -> list[str]:
+    losses = []
+    if carries.interfaces is not None and len(body.interfaces) > carries.interfaces:
+        names = ", ".join(frame.name for frame in body.interfaces)
+        losses.append(f"interfaces: it takes {carries.interfaces}, the body has {len(body.interfaces)} ({names})")
+    if not carries.rotations and any(np.any(frame.modes[3:]) for frame in body.interfaces):
+        losses.append("the rotations of the interface frames")
+    if not carries.damping and np.any(body.damping):
+        losses.append("the damping matrix")
+    if not carries.floating and body.frame is None and body.n_modes > 0:
+        losses.append("the floating frame: it takes bodies whose frame sits on an interface")
+    return losses
+
+
+def _slight(body: ReducedBody, carries: Carries) -> list[str]:
+    losses = []
+    if not carries.large_motion and body.n_modes > 0:
+        losses.append("the inertia of large motions: the file holds the body near its undeformed place")
+    if not carries.stiffening and (body.stretch is not None or body.geometric is not None):
+        losses.append("stiffening by load and by spinning")
+    if not carries.nodes and body.modes is not None:
+        losses.append("the modes at the mesh's nodes")
+    if not carries.stress and body.stress is not None:
+        losses.append("the stress modes")
+    if body.loads is not None:
+        losses.append(f"the named loads ({', '.join(body.loads.names)})")
+    return losses

@@ -1,0 +1,39 @@
+"""The bodies that the tests of formats write: real parts, reduced once a process."""
+
+from functools import cache
+
+import numpy as np
+
+
+@cache
+def soft_bar():
+    """A bar of 1 m along x, soft enough to bend by a tenth of its length under its weight.
+
+    "x_min" and "x_max" are its ends. Bricks of degree 2, both interfaces rigid, eight fixed-interface modes, no damping, with the modes at the nodes.
+    """
+    from flexmbd import meshes
+    from flexmbd.continuum import ContinuumModel, Interface
+    from flexmbd.forms import solid_linear
+    from flexmbd.reduction import craig_bampton
+
+    rubber = solid_linear.Parameters(E=4.4e7, nu=0.3, rho=1100.0)
+    mesh = meshes.block(1.0, 0.04, 0.06, divisions=(10, 1, 1))
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, solid_linear, rubber, degree=2, interfaces=ends)
+    return craig_bampton(model, modes=8, frame="x_min", keep_modes=True, keep_surface=True)
+
+
+@cache
+def damped_rod():
+    """A connecting rod of steel whose body frame is turned against its mesh, damped, without modes at the nodes."""
+    from flexmbd import meshes
+    from flexmbd.continuum import ContinuumModel, Interface
+    from flexmbd.forms import solid_linear
+    from flexmbd.reduction import ModalDamping, craig_bampton
+
+    steel = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
+    turn = np.linalg.qr(np.array([[1.0, 0.3, -0.2], [-0.4, 1.0, 0.5], [0.1, -0.3, 1.0]]))[0]
+    turn *= np.linalg.det(turn)
+    ends = [Interface("big_end", axes=turn), Interface("small_end")]
+    model = ContinuumModel(meshes.connecting_rod(length=0.3, h=20e-3), solid_linear, steel, degree=2, interfaces=ends)
+    return craig_bampton(model, modes=4, frame="big_end", damping=ModalDamping(0.01))
