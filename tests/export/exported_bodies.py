@@ -9,7 +9,8 @@ import numpy as np
 def soft_bar():
     """A bar of 1 m along x, soft enough to bend by a tenth of its length under its weight.
 
-    "x_min" and "x_max" are its ends. Bricks of degree 2, both interfaces rigid, eight fixed-interface modes, no damping, with the modes at the nodes.
+    "x_min" and "x_max" are its ends. Bricks of degree 2, both interfaces rigid, eight fixed-interface modes, no
+    damping, with the modes at the nodes.
     """
     from flexmbd import meshes
     from flexmbd.continuum import ContinuumModel, Interface
