@@ -9,7 +9,7 @@ import numpy as np
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import AveragedInterface
-from flexmbd.continuum.loads import Load
+from flexmbd.continuum.loads import Load, listed
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
@@ -87,6 +87,7 @@ def craig_bampton(
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
     """
+    given = listed(loads)
     parallel.check_same(
         model.comm,
         ReductionError,
@@ -95,7 +96,7 @@ def craig_bampton(
         tol=tol,
         frame=frame,
         geometric_stiffness=geometric_stiffness,
-        loads=tuple(loads),
+        loads=given,
         damping=damping,
         keep_modes=keep_modes,
         keep_surface=keep_surface,
@@ -105,7 +106,7 @@ def craig_bampton(
     truncation = chosen_truncation(modes=modes, below_hz=below_hz, tol=tol)
     contents = Contents(
         geometric_stiffness=geometric_stiffness,
-        loads=tuple(loads),
+        loads=given,
         damping=damping,
         modes=keep_modes,
         surface=keep_surface,

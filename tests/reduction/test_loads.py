@@ -243,6 +243,7 @@ def test_any_number_of_ranks():
         ([Pressure("p", "lid")], MeshError, "no facet group 'lid'"),
         ([Pressure("p", "pad"), BodyForce("p", (1, 0, 0))], ReductionError, "two loads are called 'p'"),
         ([("p", "pad")], ReductionError, "must be a Pressure, Traction or BodyForce"),
+        (Pressure("p", "pad"), ReductionError, r"must be a list, as loads=\[Pressure"),
     ],
 )
 def test_bad_loads_are_refused_on_every_rank(loads, error, match):
