@@ -31,6 +31,7 @@ class Format:
         carries: what it can carry.
         write: the writer, callable as ``write(body, path, lossy=False)``.
         read: the reader, or None where the format does not hold a whole body.
+        digits: significant digits that a body keeps which is written and read back.
     """
 
     name: str
@@ -39,10 +40,11 @@ class Format:
     carries: Carries
     write: Writer
     read: Reader | None = None
+    digits: int = 9
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("npz", "numpy", ".npz", _NPZ, npz, read_npz),
+    Format("npz", "numpy", ".npz", _NPZ, npz, read_npz, digits=15),
 )
 
 
