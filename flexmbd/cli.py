@@ -1,27 +1,58 @@
-"""The command `flexmbd`: one subcommand a function, which loads what it needs when it is called.
+"""The command `flexmbd`; its subcommands stand in flexmbd.command, one a file (docs/command_line.md).
 
-Each subcommand has a function `_add_NAME` that describes its arguments, and the function that runs
-it and returns the exit code: 0 for success, 1 where what was asked for failed. Errors of flexmbd
-end the command with one message and the exit code 2, as wrong arguments do. Under `mpirun` every
-rank runs the same command, and rank 0 speaks.
+Exit codes: 0 for success, 1 where what was asked for failed (a check, a simulation), 2 for wrong arguments and whatever
+else ends in an error of flexmbd, 130 after Ctrl-C. Under `mpirun` every rank runs the same command, and rank 0 speaks;
+a subcommand that is not collective runs there alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 
-from flexmbd.cli_reduce import describe as describe_reduce
+from flexmbd.command import check, convert, export, inspect, reduce
+from flexmbd.command.terminal import Parser, is_root, warn
 from flexmbd.errors import FlexmbdError
-from flexmbd.reduced import ReducedBody
-
-if TYPE_CHECKING:
-    Subcommands = argparse._SubParsersAction[argparse.ArgumentParser]
 
 _FAULT = 2
+_INTERRUPTED = 130
+_BROKEN_PIPE = 141  # as a shell has it for a program that SIGPIPE ended
+
+
+@dataclass(frozen=True)
+class Subcommand:
+    """One word after `flexmbd`.
+
+    Attributes:
+        name: the word.
+        help: one line of `flexmbd --help`.
+        describe: gives the parser its arguments, and sets `run`, which takes them and returns the exit code.
+        collective: whether all ranks run it, or rank 0 alone.
+    """
+
+    name: str
+    help: str
+    describe: Callable[[argparse.ArgumentParser], None]
+    collective: bool = False
+
+
+SUBCOMMANDS = (
+    Subcommand("check", "run the contract of a form file on small meshes", check.describe, collective=True),
+    Subcommand("reduce", "reduce a STEP file or a mesh to a record", reduce.describe, collective=True),
+    Subcommand("inspect", "print a record as a readable sheet", inspect.describe),
+    Subcommand("export", "write a record for another program", export.describe),
+    Subcommand("convert", "turn a file of a reduced body into another", convert.describe),
+)
+
+_EPILOG = """\
+exit codes: 0 success; 1 what was asked for failed (a check, a simulation); 2 wrong arguments or files; 130 Ctrl-C
+
+flexmbd SUBCOMMAND --help shows the arguments of each, with examples
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,86 +64,52 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    parser = argparse.ArgumentParser(
-        prog="flexmbd", description="From a UFL form to a body that moves in a machine."
-    )
-    subcommands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
-    for add in (_add_check, _add_reduce, _add_inspect):
-        add(subcommands)
-    chosen = parser.parse_args(arguments)
-    run: Callable[[argparse.Namespace], int] = chosen.run
     try:
-        return run(chosen)
+        chosen = _parser().parse_args(arguments)
+        if not chosen.collective and not is_root():
+            return 0
+        run: Callable[[argparse.Namespace], int] = chosen.run
+        code = run(chosen)
+        sys.stdout.flush()
+        return code
     except FlexmbdError as error:
-        if _is_root():
-            print(f"flexmbd: {error}", file=sys.stderr)
+        warn(str(error))
         return _FAULT
+    except KeyboardInterrupt:
+        warn("stopped by Ctrl-C")
+        return _INTERRUPTED
+    except BrokenPipeError:
+        _forget_stdout()
+        return _BROKEN_PIPE
 
 
-def _is_root() -> bool:
-    """Whether this process speaks; without loading MPI where nothing else has."""
-    if "mpi4py.MPI" not in sys.modules:
-        return True
-    from mpi4py import MPI
-
-    return bool(MPI.COMM_WORLD.rank == 0)
-
-
-def _add_check(subcommands: Subcommands) -> None:
-    parser = subcommands.add_parser(
-        "check",
-        help="run the contract of a form file on small meshes",
-        description="Run the contract of a form file: every check on each cell and degree that the file claims, "
-        "with figures. Exit code 0: all passed; 1: a check failed; 2: the file breaks the contract.",
-        epilog="The check over ranks needs two of them: mpirun -n 2 flexmbd check my_form.py",
+def _parser() -> Parser:
+    parser = Parser(
+        prog="flexmbd",
+        description="From a UFL form to a body that moves in a machine.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("form", help="a form file (my_form.py), or the name of a form of flexmbd")
-    parser.set_defaults(run=check)
+    parser.add_argument("--version", action="version", version=f"flexmbd {_version()}")
+    words = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
+    for one in SUBCOMMANDS:
+        under = words.add_parser(one.name, help=one.help, formatter_class=argparse.RawDescriptionHelpFormatter)
+        under.set_defaults(collective=one.collective, refuse=under.error)
+        one.describe(under)
+    return parser
 
 
-def check(arguments: argparse.Namespace) -> int:
-    """`flexmbd check my_form.py`: the contract suite, printed as a sheet. Collective.
-
-    Raises:
-        FormulationError: the file cannot be loaded, or breaks the contract without a mesh.
-    """
-    from mpi4py import MPI
-
-    from flexmbd.continuum.contract_suite import check_form
-
-    name: str = arguments.form
-    source = Path(name) if name.endswith(".py") or "/" in name else name
-    sheet = check_form(source, comm=MPI.COMM_WORLD)
-    if MPI.COMM_WORLD.rank == 0:
-        print(sheet.text())
-    return 0 if sheet.passed else 1
+def _version() -> str:
+    try:
+        return version("flexmbd")
+    except PackageNotFoundError:  # run from a folder, not installed
+        return "(not installed)"
 
 
-def _add_reduce(subcommands: Subcommands) -> None:
-    describe_reduce(
-        subcommands.add_parser(
-            "reduce",
-            help="reduce a meshed part to a record",
-            description="Reduce a meshed part by Craig-Bampton to the record of a flexible body, a HDF5 file.",
-        )
-    )
-
-
-def _add_inspect(subcommands: Subcommands) -> None:
-    parser = subcommands.add_parser(
-        "inspect",
-        help="print a record as a readable sheet",
-        description="Print the sheet of a reduced body: mass, interfaces, modes, what else is in it, where it is from.",
-    )
-    parser.add_argument("record", type=Path, help="a file that `flexmbd reduce` or ReducedBody.save wrote")
-    parser.set_defaults(run=inspect)
-
-
-def inspect(arguments: argparse.Namespace) -> int:
-    """`flexmbd inspect rod.h5`: the record's sheet. Loads nothing of the continuum side; not collective.
-
-    Raises:
-        RecordError: the file is missing, damaged, foreign, or of another version.
-    """
-    print(ReducedBody.load(arguments.record).inspect(), end="")
-    return 0
+def _forget_stdout() -> None:
+    """Let the interpreter flush what the reader no longer wants into nothing."""
+    try:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+    except (OSError, ValueError):  # no file behind stdout
+        return

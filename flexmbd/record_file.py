@@ -98,16 +98,15 @@ def read_tree(path: Path) -> Tree:
     Raises:
         RecordError: the file is missing, foreign, of another version, truncated or damaged.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
-    _check_head(path, data)
+    data = _read_bytes(Path(path))
     import h5py
 
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            return _read_group(file, limit=len(data))
+            if _claimed(file) > len(data):
+                # a dataset may claim any size at no cost in the file
+                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {len(data)}")
+            return _read_group(file)
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise RecordError(f"{path} does not hold what a {FORMAT} should: {error}") from error
 
@@ -181,7 +180,22 @@ def replace_file(path: Path, *parts: bytes) -> None:
         os.close(folder)
 
 
-def _check_head(path: Path, data: bytes) -> None:
+def _read_bytes(path: Path) -> bytes:
+    """All of a file whose head is sound; of a foreign one, however long, nothing but the head is read."""
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise RecordError(f"cannot read {path}: it is no regular file")
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+            _headline(path, head)
+            data = head + file.read()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+    _check_head(path, data)
+    return data
+
+
+def _headline(path: Path, data: bytes) -> re.Match[bytes]:
     found = _HEADLINE.match(data[:_HEAD])
     if found is None:
         if FORMAT.encode().startswith(data[: len(FORMAT)]):
@@ -190,6 +204,11 @@ def _check_head(path: Path, data: bytes) -> None:
                 "copy it or write it again"
             )
         raise RecordError(f"{path} is not a {FORMAT}; pass a file that ReducedBody.save wrote")
+    return found
+
+
+def _check_head(path: Path, data: bytes) -> None:
+    found = _headline(path, data)
     version, head, size = (int(number) for number in found.groups()[:3])
     if version != VERSION:
         raise RecordError(
@@ -205,16 +224,24 @@ def _check_head(path: Path, data: bytes) -> None:
         raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
 
 
-def _read_group(group: h5py.Group, *, limit: int) -> Tree:
+def _claimed(group: h5py.Group) -> int:
+    """Bytes of data that the datasets of a group claim, all together."""
+    import h5py
+
+    claims = (
+        _claimed(item) if isinstance(item, h5py.Group) else int(item.size) * item.dtype.itemsize
+        for item in group.values()
+    )
+    return sum(claims)
+
+
+def _read_group(group: h5py.Group) -> Tree:
     import h5py
 
     tree: Tree = {}
     for key, item in group.items():
         if isinstance(item, h5py.Group):
-            tree[key] = _read_group(item, limit=limit)
-        elif item.size * item.dtype.itemsize > limit:
-            # a dataset may claim any size at no cost in the file
-            raise ValueError(f"{item.name} claims {item.size} values in a file of {limit} bytes")
+            tree[key] = _read_group(item)
         elif h5py.check_string_dtype(item.dtype):
             texts = item.asstr()[()]
             tree[key] = texts if isinstance(texts, str) else tuple(texts.tolist())

@@ -68,6 +68,17 @@ def test_symbolic_link_is_followed(tmp_path):
     assert read_tree(tmp_path / "there" / "a.h5") == {"frame": "root"}
 
 
+def test_of_a_foreign_file_the_head_alone_is_read(tmp_path):
+    """A terabyte of holes, and a pipe without a writer."""
+    with open(tmp_path / "a.h5", "wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(RecordError, match="is not a flexmbd record"):
+        read_tree(tmp_path / "a.h5")
+    os.mkfifo(tmp_path / "b.h5")
+    with pytest.raises(RecordError, match="no regular file"):
+        read_tree(tmp_path / "b.h5")
+
+
 def test_every_truncation_is_found(tmp_path):
     write_tree(tmp_path / "a.h5", TREE)
     data = (tmp_path / "a.h5").read_bytes()
@@ -113,16 +124,18 @@ def test_foreign_hdf5_is_refused(tmp_path):
         read_tree(tmp_path / "a.h5")
 
 
-def test_claimed_size_beyond_the_file_is_refused(tmp_path):
-    """A file that says it holds 8 TB, with its check sum right, must not be believed."""
+@pytest.mark.parametrize("parts", [1, 1000])
+def test_claimed_size_beyond_the_file_is_refused(tmp_path, parts):
+    """A file that says it holds 8 TB, at once or in many small parts, with its check sum right, is not believed."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", userblock_size=512) as file:
-        file.create_dataset("gram", shape=(10**12,), dtype="<f8")
+        for number in range(parts):
+            file.create_dataset(f"gram{number}", shape=(10**12 // parts,), dtype="<f8")
     body = buffer.getvalue()[512:]
     head = f"flexmbd record, version 1\nHDF5 after 512 bytes\nbytes {len(body)}\n"
     head += f"sha256 {hashlib.sha256(body).hexdigest()}\n"
     (tmp_path / "a.h5").write_bytes(head.encode().ljust(512, b"\0") + body)
-    with pytest.raises(RecordError, match="claims 1000000000000 values"):
+    with pytest.raises(RecordError, match="claims 8000000000000 bytes of data, and has"):
         read_tree(tmp_path / "a.h5")
 
 

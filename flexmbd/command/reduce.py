@@ -26,6 +26,7 @@ _EXAMPLE = (
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Give the subcommand's parser its arguments."""
+    parser.description = "Reduce a meshed part by Craig-Bampton to the record of a flexible body, a HDF5 file."
     parser.epilog = f"Example: {_EXAMPLE}. On several processes: mpirun -n 4 flexmbd reduce ..."
     parser.add_argument("mesh", type=Path, help="a file (.msh, .h5, .inp, .bdf, .nas), lengths in m, named groups")
     parser.add_argument("--form", required=True, help="a form file (my_form.py), or the name of a form of flexmbd")

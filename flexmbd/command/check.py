@@ -1,0 +1,36 @@
+"""`flexmbd check my_form.py`: the contract of a form file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from flexmbd.command.terminal import say
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Give the subcommand's parser its arguments."""
+    parser.description = (
+        "Run the contract of a form file: every check on each cell and degree that the file claims, with figures. "
+        "Exit code 0: all passed; 1: a check failed; 2: the file breaks the contract."
+    )
+    parser.epilog = "The check over ranks needs two of them: mpirun -n 2 flexmbd check my_form.py"
+    parser.add_argument("form", help="a form file (my_form.py), or the name of a form of flexmbd")
+    parser.set_defaults(run=check)
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """The contract suite, printed as a sheet. Collective.
+
+    Raises:
+        FormulationError: the file cannot be loaded, or breaks the contract without a mesh.
+    """
+    from mpi4py import MPI
+
+    from flexmbd.continuum.contract_suite import check_form
+
+    name: str = arguments.form
+    source = Path(name) if name.endswith(".py") or "/" in name else name
+    sheet = check_form(source, comm=MPI.COMM_WORLD)
+    say(sheet.text())
+    return 0 if sheet.passed else 1

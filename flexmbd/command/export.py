@@ -1,0 +1,67 @@
+"""`flexmbd export part.h5 --to FORMAT`: a record for another program."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from flexmbd.command.body_file import check_free, read_body, write_body
+from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.export import FORMATS, format_named
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Give the subcommand's parser its arguments."""
+    width = max(len(one.name) for one in FORMATS)
+    formats = "\n".join(f"  {one.name:<{width}}  {one.suffix:<10}  {one.programs}" for one in FORMATS)
+    parser.description = "Write a reduced body in the format of another program, and say what the file leaves out."
+    parser.epilog = f"""\
+formats:
+{formats}
+
+examples:
+  flexmbd export rod.h5 --to {FORMATS[0].name}
+  flexmbd export rod.h5 --to {FORMATS[0].name} -o for_a_friend{FORMATS[0].suffix} --force --json
+"""
+    parser.add_argument("record", type=Path, help="a record, or another file of a reduced body that can be read")
+    parser.add_argument("--to", required=True, metavar="FORMAT", help="see below")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="default: beside the record, with the format's suffix"
+    )
+    add_writing(parser)
+    parser.set_defaults(run=export)
+
+
+def add_writing(parser: argparse.ArgumentParser) -> None:
+    """Give a parser the arguments of all that write a body."""
+    parser.add_argument("--force", action="store_true", help="replace a file that exists")
+    parser.add_argument(
+        "--lossy", action="store_true", help="write the body even where the format cannot carry all that it is"
+    )
+    add_json(parser)
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Read the body, write the file, tell what is not in it. Not collective.
+
+    Raises:
+        RecordError, ExportError: there is no such format; a file cannot be read or written, or exists; the format
+            cannot carry the body.
+    """
+    chosen = format_named(arguments.to)
+    source: Path = arguments.record
+    output: Path = arguments.output or source.with_name(source.stem + chosen.suffix)
+    check_free(output, force=arguments.force, source=source)
+    left_out = write_body(read_body(source), output, kind=chosen.name, lossy=arguments.lossy)
+    tell_written(output, chosen.name, left_out, as_json=arguments.json)
+    return 0
+
+
+def tell_written(path: Path, kind: str, left_out: tuple[str, ...], *, as_json: bool) -> None:
+    """Say what was written, and what the file leaves out."""
+    if as_json:
+        say_json({"file": path, "format": kind, "bytes": path.stat().st_size, "left_out": left_out})
+        return
+    say(f"{path}: written as {kind}")
+    for phrase in left_out:
+        say(f"  left out: {phrase}")

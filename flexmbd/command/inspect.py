@@ -1,0 +1,110 @@
+"""`flexmbd inspect rod.h5`: a record as a sheet for people, or as JSON for scripts."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexmbd.command.body_file import read_body
+from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.errors import InterfaceError
+from flexmbd.record_file import VERSION
+from flexmbd.record_groups import FRAME_DOFS
+from flexmbd.reduced import ReducedBody
+
+_GROUPS = ("modes", "surface", "geometric", "stretch", "loads", "stress")
+_EXAMPLES = """\
+examples:
+  flexmbd inspect rod.h5
+  flexmbd inspect rod.h5 --clamped big_end                     frequencies with an interface clamped
+  flexmbd inspect rod.h5 --clamped big_end:x,y,z,rx,ry         on a hinge about z of its axes
+  flexmbd inspect rod.h5 --json | jq .frequencies.free[0]
+"""
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Give the subcommand's parser its arguments."""
+    parser.description = (
+        "Print the sheet of a reduced body: mass, interfaces, modes, what else is in it, where it is from."
+    )
+    parser.epilog = _EXAMPLES
+    parser.add_argument("record", type=Path, help="a record, or another file of a reduced body that can be read")
+    parser.add_argument(
+        "--clamped",
+        action="append",
+        default=[],
+        metavar="NAME[:DOFS]",
+        help="tell the frequencies with this interface clamped, all of it or some of x,y,z,rx,ry,rz; repeat it",
+    )
+    add_json(parser)
+    parser.set_defaults(run=inspect)
+
+
+def inspect(arguments: argparse.Namespace) -> int:
+    """Print the record's sheet. Loads nothing of the continuum side; not collective.
+
+    Raises:
+        RecordError, ExportError: the file is missing, damaged, foreign, or of another version.
+        InterfaceError: no interface, or no component of one, has that name.
+    """
+    body = read_body(arguments.record)
+    clamped = parse_clamped(arguments.clamped)
+    held = body.frequencies(clamped) if clamped else None
+    if arguments.json:
+        say_json(facts(body, file=arguments.record, clamped=clamped))
+        return 0
+    say(body.inspect().rstrip("\n"))
+    if held is not None:
+        say(f"\nfrequencies (Hz) with {' and '.join(arguments.clamped)} clamped")
+        for number, frequency in enumerate(held, start=1):
+            say(f"  {number:>5}{frequency:>14.6g}")
+    return 0
+
+
+def parse_clamped(texts: list[str]) -> dict[str, tuple[str, ...]]:
+    """Components by interface, of texts `NAME` or `NAME:x,y,rz`.
+
+    Raises:
+        InterfaceError: a name is given twice, or no component after the colon.
+    """
+    clamped: dict[str, tuple[str, ...]] = {}
+    for text in texts:
+        name, colon, components = text.rpartition(":")
+        chosen = tuple(part.strip() for part in components.split(",")) if colon else FRAME_DOFS
+        name = name if colon else text
+        if name in clamped or not name:
+            raise InterfaceError(f"--clamped {text}: {'is given twice' if name else 'it has no name'}")
+        clamped[name] = chosen
+    return clamped
+
+
+def facts(body: ReducedBody, *, file: Path, clamped: dict[str, tuple[str, ...]]) -> dict[str, Any]:
+    """What `flexmbd inspect --json` prints; docs/command_line.md lists it."""
+    held = None
+    if clamped:
+        held = {"interfaces": clamped, "hz": body.frequencies(clamped)}
+    return {
+        "file": file,
+        "record_version": VERSION,
+        "fingerprint": body.fingerprint(),
+        "mass": body.mass,
+        "com": body.com,
+        "inertia": body.inertia,
+        "frame": body.frame,
+        "p_MB_M": body.p_MB_M,
+        "R_MB": body.R_MB,
+        "n_modes": body.n_modes,
+        "interfaces": [{"name": one.name, "p_BI_B": one.p_BI_B, "R_BI": one.R_BI} for one in body.interfaces],
+        "frequencies": {
+            "free": body.frequencies(),
+            "frame_held": np.sqrt(body.stiffness) / (2.0 * np.pi),
+            "clamped": held,
+        },
+        "damping_ratios": np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness)),
+        "partition": body.partition_names,
+        "groups": {name: getattr(body, name) is not None for name in _GROUPS},
+        "provenance": dict(body.provenance),
+    }

@@ -1,0 +1,85 @@
+"""How the command speaks: rank 0 alone, to people in lines and to scripts in JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+_RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that speaks on rank 0 alone."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if is_root():
+            super()._print_message(message, file)
+
+
+def is_root() -> bool:
+    """Whether this process speaks; without loading MPI where nothing else has."""
+    if "mpi4py.MPI" in sys.modules:
+        from mpi4py import MPI
+
+        return bool(MPI.COMM_WORLD.rank == 0)
+    return _told(_RANKS, 0) == 0
+
+
+def launched_ranks() -> int:
+    """Number of processes that mpirun started with this one; 1 without it."""
+    return _told(_SIZES, 1)
+
+
+def _told(names: tuple[str, ...], default: int) -> int:
+    """What mpirun tells in the first of these environment variables."""
+    for name in names:
+        text = os.environ.get(name, "")
+        if text.isdecimal():
+            return int(text)
+    return default
+
+
+def say(text: str) -> None:
+    """Print a line on stdout, on rank 0."""
+    if is_root():
+        print(text)
+
+
+def warn(text: str) -> None:
+    """Print a line on stderr, on rank 0."""
+    if is_root():
+        print(f"flexmbd: {text}", file=sys.stderr)
+
+
+def say_json(values: Mapping[str, Any]) -> None:
+    """Print an object as JSON on rank 0; arrays become lists, and numbers that are not finite null."""
+    say(json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, os.PathLike):
+        return str(value)
+    return value
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Give a parser the argument `--json`."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object, for scripts (docs/command_line.md)")
