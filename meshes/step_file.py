@@ -45,6 +45,27 @@ _LISTED = 12
 
 
 @dataclass(frozen=True)
+class Cylinder:
+    """The cylinder that a face lies on, as far as the face goes along it.
+
+    Attributes:
+        centre: on the axis, halfway along the face, m.
+        axis: unit vector.
+        radius: m.
+        length: of the face along the axis, m.
+        angle: that the face goes around the axis, rad.
+        hollow: whether the material lies outside, as around a bore.
+    """
+
+    centre: Point
+    axis: Point
+    radius: float
+    length: float
+    angle: float
+    hollow: bool
+
+
+@dataclass(frozen=True)
 class StepFace:
     """A face of a part, as `from_step` shows it to the functions that choose faces.
 
@@ -53,12 +74,14 @@ class StepFace:
         area: m².
         normal: unit normal of a plane face, out of the part or into it; None for others.
         radius: m, of a cylindrical face; None for others.
+        cylinder: more about a cylindrical face; None for others.
     """
 
     centre: Point
     area: float
     normal: Point | None
     radius: float | None
+    cylinder: Cylinder | None = None
 
     def __str__(self) -> str:
         kind = "curved"
@@ -67,6 +90,21 @@ class StepFace:
         if self.radius is not None:
             kind = f"cylinder of radius {self.radius:.6g} m"
         return f"{kind}, centre {_text(self.centre)} m, area {self.area:.4g} m²"
+
+
+@dataclass(frozen=True)
+class StepPart:
+    """What a STEP file holds, before it is meshed.
+
+    Attributes:
+        faces: of its boundary; their numbers are their places here, from 1.
+        size: sides of its bounding box along x, y, z, m.
+        volume: m³.
+    """
+
+    faces: tuple[StepFace, ...]
+    size: Point
+    volume: float
 
 
 Tag: TypeAlias = Point | Sequence[Point] | Callable[[StepFace], bool]
@@ -161,12 +199,40 @@ def step_faces(
     Raises:
         MeshError: on all ranks; there is no such file, it is no STEP file, or has no solid.
     """
+    return step_part(path, scale=scale, comm=comm).faces
+
+
+def step_part(
+    path: str | Path,
+    *,
+    scale: float = 1.0,
+    solid: int | None = None,
+    glue: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> StepPart:
+    """The part in a STEP file, not meshed, on all ranks. Collective.
+
+    Args:
+        path: of the file, which is read on rank 0.
+        scale: factor on all lengths, as in `from_step`.
+        solid: number of the one solid to take; None for all, as they are.
+        glue: join them where they touch.
+        comm: the ranks.
+
+    Raises:
+        MeshError: on all ranks; there is no such file, it is no STEP file, has no solid, or not that one.
+    """
     check_arguments(comm, dict(locals()), lambda: require_positive(scale=scale))
 
-    def read() -> tuple[StepFace, ...]:
+    def read() -> StepPart:
         with session.model():
-            _import(Path(path))
-            return tuple(_faces(scale).values())
+            if solid is not None or glue:
+                _read_solids(Path(path), scale=scale, solid=solid, glue=glue)
+            else:
+                _import(Path(path))
+            low, high = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
+            x, y, z = (scale * (high - low)).tolist()
+            return StepPart(tuple(_faces(scale).values()), (x, y, z), _volume(scale))
 
     return on_root(comm, read)
 
@@ -270,8 +336,7 @@ def _check_size(h: float, *, scale: float) -> None:
     """Refuse cells much too big or small for the part, as when one of the units is wrong."""
     box = gmsh.model.getBoundingBox(-1, -1)
     largest = scale * max(high - low for low, high in zip(box[:3], box[3:], strict=True))
-    volume = scale**3 * sum(gmsh.model.occ.getMass(*entity) for entity in gmsh.model.getEntities(3))
-    cells = volume / (h**3 / (6 * math.sqrt(2)))
+    cells = _volume(scale) / (h**3 / (6 * math.sqrt(2)))
     if cells > _MOST_CELLS:
         fault = f"cells of h = {h:g} m are too small, there would be about {cells:.1g} of them"
     elif h > largest / 2:
@@ -285,6 +350,10 @@ def _check_size(h: float, *, scale: float) -> None:
     )
 
 
+def _volume(scale: float) -> float:
+    return scale**3 * sum(gmsh.model.occ.getMass(*entity) for entity in gmsh.model.getEntities(3))
+
+
 def _faces(scale: float) -> dict[int, StepFace]:
     """The faces of the model's boundary by gmsh's tags."""
     volumes = gmsh.model.getEntities(3)
@@ -295,16 +364,35 @@ def _faces(scale: float) -> dict[int, StepFace]:
         middle = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
         kind = gmsh.model.getType(2, tag)
         x, y, z = (scale * x for x in gmsh.model.occ.getCenterOfMass(2, tag))
-        normal = radius = None
+        normal = radius = cylinder = None
         if kind == "Plane":
             a, b, c = (float(part) for part in gmsh.model.getNormal(tag, middle))
             normal = (a, b, c)
         elif kind == "Cylinder":
             most, least, _, _ = gmsh.model.getPrincipalCurvatures(tag, middle)
             radius = scale / max(abs(float(most[0])), abs(float(least[0])))
+            cylinder = _cylinder(tag, radius, scale)
         area = scale**2 * gmsh.model.occ.getMass(2, tag)
-        faces[tag] = StepFace((x, y, z), area, normal, radius)
+        faces[tag] = StepFace((x, y, z), area, normal, radius, cylinder)
     return faces
+
+
+def _cylinder(tag: int, radius: float, scale: float) -> Cylinder:
+    """The cylinder of a cylindrical face, whose parameters are the angle and the way along the axis."""
+    (u, v), (u_end, v_end) = gmsh.model.getParametrizationBounds(2, tag)
+    middle = [(u + u_end) / 2, (v + v_end) / 2]
+    start, end, on = gmsh.model.getValue(2, tag, [middle[0], v, middle[0], v_end, *middle]).reshape(3, 3)
+    normal = gmsh.model.getNormal(tag, middle)
+    # the axis lies to that side of the face to which its normals converge
+    beside = [middle[0] + 0.1 * (u_end - u), middle[1]]
+    apart = gmsh.model.getValue(2, tag, beside) - on
+    outward = normal if np.dot(gmsh.model.getNormal(tag, beside) - normal, apart) > 0.0 else -normal
+    probe = on + 1e-4 * radius / scale * outward
+    hollow = any(gmsh.model.isInside(3, volume, probe.tolist()) for _, volume in gmsh.model.getEntities(3))
+    x, y, z = (scale * on - radius * outward).tolist()
+    a, b, c = ((end - start) / np.linalg.norm(end - start)).tolist()
+    length = scale * float(np.linalg.norm(end - start))
+    return Cylinder((x, y, z), (a, b, c), radius, length, abs(float(u_end - u)), hollow)
 
 
 def _group_faces(faces: Mapping[int, StepFace], tags: Mapping[str, Tag], *, scale: float) -> None:

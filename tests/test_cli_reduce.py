@@ -193,7 +193,10 @@ GOOD = {
         ({"-o": ["nowhere/b.h5"]}, "there is no folder"),
         ({"-o": ["."]}, "it is no regular file"),
         ({"mesh": ["nowhere.msh"]}, "nowhere.msh: cannot be opened"),
-        ({"mesh": ["beam.h5"]}, "not a flexmbd mesh, but an HDF5 file"),
+        ({"mesh": ["beam.h5"]}, "beam.h5 is the file to read"),
+        ({"mesh": ["beam.h5"], "-o": ["other.h5"]}, "not a flexmbd mesh, but an HDF5 file"),
+        ({"--tag": ["start=1"]}, "--tag is for STEP files"),
+        ({"--size": ["0.1"]}, "--size is for STEP files"),
     ],
 )
 def test_reduce_says_what_is_wrong_and_leaves_the_old_record(beam_file, monkeypatch, capsys, changes, message):
@@ -205,7 +208,8 @@ def test_reduce_says_what_is_wrong_and_leaves_the_old_record(beam_file, monkeypa
     MPI.COMM_WORLD.barrier()
     choices = {**GOOD, "-o": ["beam.h5"], "mesh": [str(beam_file)], **changes}
     mesh = choices.pop("mesh")
-    assert main(["reduce", *mesh, *(word for key, values in choices.items() for v in values for word in (key, v))]) == 2
+    words = (word for key, values in choices.items() for value in values for word in (key, value))
+    assert main(["reduce", *mesh, *words, "--force"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     if MPI.COMM_WORLD.rank == 0:
@@ -218,8 +222,24 @@ def test_reduce_says_what_is_wrong_and_leaves_the_old_record(beam_file, monkeypa
     MPI.COMM_WORLD.barrier()
 
 
-@pytest.mark.parametrize("words", [["--frame", "start", "--floating"], []])
-def test_the_body_frame_is_chosen_once(words, capsys):
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--form", "solid_linear", "-o", "a.h5", "--frame", "start", "--floating"], "--floating"),
+        (["--form", "solid_linear", "-o", "a.h5", "--material", "steel.toml"], "--material"),
+        (["--form", "solid_linear"], "-o/--output"),
+        (["-o", "a.h5"], "--material --form"),
+    ],
+)
+def test_words_that_do_not_go_together(words, message, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(["reduce", "a.msh", "--form", "solid_linear", "--modes", "1", "-o", "a.h5", *words])
-    assert "--floating" in capsys.readouterr().err
+        main(["reduce", "a.msh", "--modes", "1", *words])
+    assert message in capsys.readouterr().err
+
+
+def test_a_record_that_exists_is_kept_without_force(tmp_path, capsys):
+    two_crosses().save(tmp_path / "a.h5")
+    words = ["--form", "solid_linear", "--modes", "1", "-o", str(tmp_path / "a.h5")]
+    assert main(["reduce", str(tmp_path / "nowhere.msh"), *words]) == 2
+    assert "a.h5 exists; give --force" in capsys.readouterr().err
+    assert ReducedBody.load(tmp_path / "a.h5").fingerprint() == two_crosses().fingerprint()

@@ -1,4 +1,4 @@
-"""`flexmbd reduce part.msh ... -o rod.h5`: from a mesh file to a record, in one command."""
+"""`flexmbd reduce part.step ... -o rod.h5`: from a STEP file or a mesh to a record, in one command."""
 
 from __future__ import annotations
 
@@ -9,102 +9,202 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flexmbd.command.body_file import check_free
+from flexmbd.command.material_file import Material, make_damping, read_material
+from flexmbd.command.terminal import add_json, say, say_json
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError
-from flexmbd.record_file import check_destination
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     from flexmbd.continuum import Interface
+    from flexmbd.reduced import ReducedBody
 
-_EXAMPLE = (
-    "flexmbd reduce rod.msh --form solid_linear --parameter E=2.1e11 --parameter nu=0.3 --parameter rho=7850 "
-    "--interface big_end --interface small_end:averaged --frame big_end --modes 12 -o rod.h5"
-)
+_EXAMPLES = """\
+examples:
+  flexmbd reduce part.step --list                              which faces there are, and which are bores
+  flexmbd reduce part.step --material steel.toml --interface bore_1 --interface bore_2 --modes 20 -o part.h5
+  flexmbd reduce part.step --tag foot=5 --tag pin=radius:0.008 --interface foot --interface pin:averaged \\
+      --material steel.toml --size 0.004 --below-hz 2000 -o part.h5
+  flexmbd reduce rod.msh --form solid_linear --parameter E=2.1e11 --parameter nu=0.3 --parameter rho=7850 \\
+      --interface big_end --interface small_end --frame big_end --modes 12 -o rod.h5
+  mpirun -n 4 flexmbd reduce ...
+
+docs/command_line.md says what a material file holds.
+"""
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Give the subcommand's parser its arguments."""
-    parser.description = "Reduce a meshed part by Craig-Bampton to the record of a flexible body, a HDF5 file."
-    parser.epilog = f"Example: {_EXAMPLE}. On several processes: mpirun -n 4 flexmbd reduce ..."
-    parser.add_argument("mesh", type=Path, help="a file (.msh, .h5, .inp, .bdf, .nas), lengths in m, named groups")
-    parser.add_argument("--form", required=True, help="a form file (my_form.py), or the name of a form of flexmbd")
-    parser.add_argument(
-        "--parameter", action="append", default=[], metavar="NAME=VALUE", help="of the form, in SI units; repeat it"
+    parser.description = (
+        "Reduce a part, a STEP file or a mesh, by Craig-Bampton to the record of a flexible body, a HDF5 file."
     )
-    parser.add_argument("--degree", type=int, default=2, help="of the displacement (default: 2)")
-    parser.add_argument(
+    parser.epilog = _EXAMPLES
+    _describe_part(parser)
+    _describe_model(parser)
+    _describe_reduction(parser)
+    parser.set_defaults(run=reduce)
+
+
+def _describe_part(parser: argparse.ArgumentParser) -> None:
+    part = parser.add_argument_group("the part")
+    part.add_argument(
+        "mesh",
+        type=Path,
+        metavar="PART",
+        help="a STEP file (.step, .stp), or a mesh with named groups (.msh, .h5, .inp, .bdf, .nas), lengths in m",
+    )
+    part.add_argument("--list", action="store_true", help="list the faces of the STEP file, or the mesh's groups; stop")
+    part.add_argument(
+        "--tag",
+        action="append",
+        default=[],
+        metavar="NAME=FACES",
+        help="of a STEP file: name faces by their numbers in --list (foot=5 or pins=11,12), by the radius of cylinders "
+        "(pin=radius:0.008) or by points on them (top=point:0,0,0.1); repeat it. Bores have the names bore_1, ...",
+    )
+    part.add_argument("--size", type=float, metavar="H", help="of a STEP file: size of the cells (m; default: chosen)")
+    part.add_argument(
+        "--scale", type=float, default=1.0, metavar="S", help="factor on all lengths, 1e-3 for a mesh in millimetres"
+    )
+    part.add_argument("--solid", type=int, metavar="K", help="of a STEP file with several solids take this one, from 1")
+    part.add_argument("--glue", action="store_true", help="of a STEP file with several solids take all, joined")
+
+
+def _describe_model(parser: argparse.ArgumentParser) -> None:
+    model = parser.add_argument_group("the model")
+    kind = model.add_mutually_exclusive_group()
+    kind.add_argument("--material", type=Path, metavar="FILE", help="a TOML file with form, parameters, damping")
+    kind.add_argument("--form", help="instead: a form file (my_form.py), or the name of a form of flexmbd")
+    model.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="of the form, in SI units, also in place of the material file's; repeat it",
+    )
+    model.add_argument("--degree", type=int, default=2, help="of the displacement (default: 2)")
+    model.add_argument(
         "--interface",
         action="append",
         default=[],
         metavar="NAME[:COUPLING]",
-        help="a physical group that becomes a frame, rigid (the default) or averaged; repeat it",
+        help="a named group of faces that becomes a frame, rigid (the default) or averaged; repeat it",
     )
-    frame = parser.add_mutually_exclusive_group(required=True)
-    frame.add_argument("--frame", metavar="NAME", help="the interface that carries the body frame")
+    frame = model.add_mutually_exclusive_group()
+    frame.add_argument("--frame", metavar="NAME", help="the interface that carries the body frame (default: the first)")
     frame.add_argument("--floating", action="store_true", help="the body frame floats on the mean axis")
-    parser.add_argument("--modes", type=int, metavar="N", help="number of fixed-interface modes")
-    parser.add_argument(
+    model.add_argument(
+        "--damping-ratio", type=float, metavar="Z", help="of every mode, between 0 and 1, in place of the file's"
+    )
+
+
+def _describe_reduction(parser: argparse.ArgumentParser) -> None:
+    reduction = parser.add_argument_group("the reduction")
+    reduction.add_argument("--modes", type=int, metavar="N", help="number of fixed-interface modes")
+    reduction.add_argument(
         "--below-hz", type=float, metavar="F", help="instead of a number: all of them below F Hz; with --tol its range"
     )
-    parser.add_argument(
+    reduction.add_argument(
         "--tol",
         type=float,
         metavar="E",
         help="instead of a number: as many as bring the relative error of the eigenvalues (2 pi f)^2 down to E",
     )
-    parser.add_argument(
-        "--damping-ratio", type=float, metavar="Z", help="of every mode, between 0 and 1 (default: no damping)"
-    )
-    parser.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
-    parser.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
-    parser.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the record, as rod.h5")
-    parser.set_defaults(run=reduce)
+    reduction.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
+    reduction.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
+    reduction.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
+    reduction.add_argument("-o", "--output", type=Path, metavar="FILE", help="the record, as rod.h5")
+    reduction.add_argument("--force", action="store_true", help="replace a record that exists")
+    add_json(reduction)
 
 
 def reduce(arguments: argparse.Namespace) -> int:
-    """Read the mesh, assemble, reduce, and write the record whole or not at all. Collective.
+    """Read or make the mesh, assemble, reduce, and write the record whole or not at all. Collective.
 
     Raises:
         FlexmbdError: on all ranks, with whatever is wrong; what can be seen early is seen before the mesh is read.
     """
     from mpi4py import MPI
 
+    from flexmbd.command.part_file import list_part, mesh_part
     from flexmbd.continuum import ContinuumModel, parallel
     from flexmbd.continuum.formulation import load
-    from flexmbd.meshes import read
-    from flexmbd.reduction import ModalDamping, craig_bampton
+    from flexmbd.reduction import craig_bampton
     from flexmbd.reduction.truncation import chosen_truncation
 
     comm = MPI.COMM_WORLD
+    if arguments.list:
+        say(list_part(arguments.mesh, scale=arguments.scale, comm=comm))
+        return 0
+    _require(arguments)
     interfaces = [parse_interface(text) for text in arguments.interface]
-    values = parse_parameters(arguments.parameter)
-    damping = None if arguments.damping_ratio is None else ModalDamping(arguments.damping_ratio)
     chosen_truncation(modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
-    parallel.on_root(comm, lambda: check_destination(arguments.output))
-    name: str = arguments.form
-    form: Any = load(Path(name) if name.endswith(".py") or "/" in name else name)
-    parameters = make_parameters(form, values)
-    mesh = read(arguments.mesh, comm=comm)
+    parallel.on_root(comm, lambda: check_free(arguments.output, force=arguments.force, source=arguments.mesh))
+    material = parallel.on_root(comm, lambda: _material(arguments))
+    damping = make_damping(material.damping)
+    form: Any = load(Path(material.form) if material.form.endswith(".py") or "/" in material.form else material.form)
+    parameters = make_parameters(form, material.parameters)
+    mesh, size = mesh_part(
+        arguments.mesh,
+        tags=arguments.tag,
+        size=arguments.size,
+        scale=arguments.scale,
+        solid=arguments.solid,
+        glue=arguments.glue,
+        degree=arguments.degree,
+        comm=comm,
+    )
+    frame = None if arguments.floating or not interfaces else arguments.frame or interfaces[0].name
     model = ContinuumModel(mesh, form, parameters, degree=arguments.degree, interfaces=interfaces)
     body = craig_bampton(
         model,
         modes=arguments.modes,
         below_hz=arguments.below_hz,
         tol=arguments.tol,
-        frame=None if arguments.floating else arguments.frame,
+        frame=frame,
         geometric_stiffness=not arguments.no_geometric_stiffness,
         damping=damping,
         keep_modes=arguments.keep_modes,
         keep_surface=arguments.keep_surface,
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))
-    if comm.rank == 0:
-        frequency = f", the lowest at {math.sqrt(body.stiffness[0]) / (2 * math.pi):.6g} Hz" if body.n_modes else ""
-        print(f"{arguments.output}: {body.n_modes} modes{frequency}; `flexmbd inspect {arguments.output}` shows it")
+    _tell(arguments.output, body, size, as_json=arguments.json)
     return 0
+
+
+def _require(arguments: argparse.Namespace) -> None:
+    """End the command as argparse does where an argument lacks that `--list` alone can do without."""
+    if arguments.output is None:
+        arguments.refuse("the following arguments are required: -o/--output")
+    if arguments.material is None and arguments.form is None:
+        arguments.refuse("one of the arguments --material --form is required")
+
+
+def _material(arguments: argparse.Namespace) -> Material:
+    """The material file, or --form, with what the command line says in its place. Not collective."""
+    given = parse_parameters(arguments.parameter)
+    if arguments.material is None:
+        material = Material(arguments.form, given, {})
+    else:
+        material = read_material(arguments.material)
+        material = dataclasses.replace(material, parameters={**material.parameters, **given})
+    if arguments.damping_ratio is not None:
+        material = dataclasses.replace(material, damping={"ratio": arguments.damping_ratio})
+    return material
+
+
+def _tell(path: Path, body: ReducedBody, size: float | None, *, as_json: bool) -> None:
+    """Say what was written."""
+    lowest = math.sqrt(body.stiffness[0]) / (2 * math.pi) if body.n_modes else None
+    if as_json:
+        found = {"file": path, "n_modes": body.n_modes, "lowest_hz": lowest, "cell_size": size, "mass": body.mass}
+        say_json({**found, "fingerprint": body.fingerprint()})
+        return
+    cells = "" if size is None else f", cells of {size:.3g} m"
+    frequency = "" if lowest is None else f", the lowest at {lowest:.6g} Hz"
+    say(f"{path}: {body.n_modes} modes{frequency}{cells}; `flexmbd inspect {path}` shows it")
 
 
 def parse_interface(text: str) -> Interface:
@@ -161,7 +261,7 @@ def make_parameters(form: ModuleType, values: dict[str, float]) -> Any:
     if faults:
         raise FormulationError(
             f"{form.__name__} has the parameters {', '.join(field.name for field in fields)}; {'; '.join(faults)}: "
-            "give each as --parameter NAME=VALUE"
+            "give each as --parameter NAME=VALUE or in the material file"
         )
     try:
         return form.Parameters(**values)

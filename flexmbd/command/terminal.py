@@ -80,6 +80,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: argparse._ActionsContainer) -> None:
     """Give a parser the argument `--json`."""
     parser.add_argument("--json", action="store_true", help="print one JSON object, for scripts (docs/command_line.md)")
