@@ -79,4 +79,5 @@ def _bore(faces: Sequence[StepFace], numbers: Sequence[int]) -> Bore | None:
         float((np.array(part.centre) - origin) @ axis) + side * part.length / 2 for part in parts for side in (-1, 1)
     ]
     x, y, z = origin + (min(ends) + max(ends)) / 2 * axis
-    return Bore("", (float(x), float(y), float(z)), parts[0].axis, parts[0].radius, max(ends) - min(ends), tuple(numbers))
+    length = max(ends) - min(ends)
+    return Bore("", (float(x), float(y), float(z)), parts[0].axis, parts[0].radius, length, tuple(numbers))
