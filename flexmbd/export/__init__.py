@@ -4,8 +4,17 @@
 ``fm.export.read_NAME(path)`` reads it back. Numpy only; nothing here knows DOLFINx.
 """
 
+from flexmbd.export.dmig_file import dmig as dmig
+from flexmbd.export.dmig_file import read_dmig as read_dmig
 from flexmbd.export.formats import FORMATS as FORMATS
 from flexmbd.export.formats import Format as Format
 from flexmbd.export.formats import format_named as format_named
+from flexmbd.export.op4_file import op4 as op4
+from flexmbd.export.op4_file import read_op4 as read_op4
 from flexmbd.export.record_arrays import npz as npz
 from flexmbd.export.record_arrays import read_npz as read_npz
+from flexmbd.export.simscape_file import read_simscape as read_simscape
+from flexmbd.export.simscape_file import simscape as simscape
+from flexmbd.export.superelement import Superelement as Superelement
+from flexmbd.export.superelement import superelement as superelement
+from flexmbd.export.superelement_frames import InterfaceNode as InterfaceNode

@@ -10,9 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexmbd.errors import ExportError
+from flexmbd.export.dmig_file import CARRIES as _DMIG
+from flexmbd.export.dmig_file import dmig, read_dmig
 from flexmbd.export.loss import Carries
+from flexmbd.export.op4_file import CARRIES as _OP4
+from flexmbd.export.op4_file import op4, read_op4
 from flexmbd.export.record_arrays import CARRIES as _NPZ
 from flexmbd.export.record_arrays import npz, read_npz
+from flexmbd.export.simscape_file import CARRIES as _SIMSCAPE
+from flexmbd.export.simscape_file import read_simscape, simscape
 from flexmbd.reduced import ReducedBody
 
 #: (body, path, lossy=...) -> what the file leaves out, a phrase each.
@@ -45,6 +51,9 @@ class Format:
 
 FORMATS: tuple[Format, ...] = (
     Format("npz", "numpy", ".npz", _NPZ, npz, read_npz, digits=15),
+    Format("simscape", "Simscape Multibody, Matlab, Octave", ".mat", _SIMSCAPE, simscape, read_simscape, digits=11),
+    Format("dmig", "Nastran, OptiStruct, Radioss", ".pch", _DMIG, dmig, read_dmig, digits=8),
+    Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
 )
 
 
