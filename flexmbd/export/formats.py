@@ -12,6 +12,8 @@ from pathlib import Path
 from flexmbd.errors import ExportError
 from flexmbd.export.dmig_file import CARRIES as _DMIG
 from flexmbd.export.dmig_file import dmig, read_dmig
+from flexmbd.export.functional_mockup.reduced_unit import CARRIES as _FMU
+from flexmbd.export.functional_mockup.reduced_unit import fmu
 from flexmbd.export.loss import Carries
 from flexmbd.export.op4_file import CARRIES as _OP4
 from flexmbd.export.op4_file import op4, read_op4
@@ -54,6 +56,7 @@ FORMATS: tuple[Format, ...] = (
     Format("simscape", "Simscape Multibody, Matlab, Octave", ".mat", _SIMSCAPE, simscape, read_simscape, digits=11),
     Format("dmig", "Nastran, OptiStruct, Radioss", ".pch", _DMIG, dmig, read_dmig, digits=8),
     Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
+    Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
 )
 
 

@@ -15,7 +15,7 @@ LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.egg-info", ".*_cache", "out_
 
 
 def packaged_files() -> set[str]:
-    """All that the wheel shall hold, by its name there: every module, py.typed and the sample meshes."""
+    """All that the wheel shall hold, by its name there: every module, C source, py.typed and the sample meshes."""
     expected = set()
     for here, there in FOLDERS.items():
         folder = REPOSITORY / here
@@ -23,7 +23,8 @@ def packaged_files() -> set[str]:
         for file in folder.rglob("*"):
             if any(link in file.parents or link == file for link in linked) or not file.is_file():
                 continue
-            if file.suffix == ".py" or file.name == "py.typed" or file.parent == REPOSITORY / "meshes" / "data":
+            sample = file.parent == REPOSITORY / "meshes" / "data"
+            if file.suffix in (".py", ".c", ".h") or file.name == "py.typed" or sample:
                 expected.add(f"{there}/{file.relative_to(folder).as_posix()}")
     return expected
 

@@ -1,0 +1,200 @@
+"""A reduced body near rest as a unit for co-simulation: q'' + D q' + K q = B u, exact for inputs that are held."""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import ExportError
+from flexmbd.export.files import write_file
+from flexmbd.export.functional_mockup.building import (
+    binary_folder,
+    build_description,
+    c_array,
+    compile_library,
+    layer_sources,
+    source,
+    zipped,
+)
+from flexmbd.export.functional_mockup.description import (
+    Causality,
+    Description,
+    Fmi,
+    Variable,
+    identifier_of,
+    model_description,
+)
+from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.reduced import FRAME_DOFS, InterfaceFrame, ReducedBody
+
+CARRIES = Carries(large_motion=False, floating=False)
+
+FloatArray = NDArray[np.float64]
+
+_WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+_RATES = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
+def fmu(
+    body: ReducedBody,
+    path: str | Path,
+    *,
+    fmi: Fmi | int = Fmi.V3,
+    step: float = 1e-3,
+    binary: bool = True,
+    lossy: bool = False,
+) -> tuple[str, ...]:
+    """Write a body near rest, its frame B clamped, as an FMU for co-simulation. Not collective.
+
+    Inputs are the wrench on each interface but B's (``<interface>.Fx`` .. ``.Mz``, N and N m) and gravity
+    (``gravity.gx`` .. ``.gz``, m/s^2); outputs each such interface's displacement and small rotation (``.x`` ..
+    ``.rz``), their rates (``.vx`` .. ``.wz``), and the wrench that holds B (``<interface of B>.reaction_Fx`` ..
+    ``_Mz``); the parameter ``damping_ratio`` is added to each mode's. All are in B's axes. The body starts undeformed
+    and at rest.
+
+    Args:
+        body: its frame sits on an interface.
+        path: destination; the file name's stem is the model's name.
+        fmi: version of the interface, 2 or 3.
+        step: communication step that is proposed to importers (s); any other is as exact.
+        binary: compile with gcc for this machine; else the sources alone, of FMI 3.
+        lossy: as of all formats.
+
+    Returns:
+        What is not in the file.
+
+    Raises:
+        ExportError: a body whose frame floats or that does not deform; names that FMI does not carry; no gcc; the
+            destination cannot be written.
+    """
+    version = version_of(fmi, binary=binary)
+    if not (np.isfinite(step) and step > 0.0):
+        raise ExportError(f"step is {step} s; an importer is proposed a positive finite step")
+    if body.frame is None or body.n_modes == 0:
+        raise ExportError(
+            "an FMU of a body holds its frame B fast, and this body's frame floats: reduce it with frame=<interface>"
+            if body.n_modes
+            else "an FMU of a body holds its frame B fast, and this body does not deform: it would do nothing"
+        )
+    lost = settle_losses(body, CARRIES, kind="FMU", lossy=lossy)
+    variables = _variables(body)
+    data = _data(body, variables)
+    token = token_of(version, data, variables)
+    files = {
+        **layer_sources(version),
+        "linear_body.c": source("linear_body.c"),
+        "linear_body.h": source("linear_body.h"),
+        "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
+    }
+    name = Path(path).stem
+    text = f"Reduced elastic body, small motions about rest, held at {body.frame}"
+    unit = Description(name, identifier_of(name), token, text, variables, step)
+    write_file(path, zipped(unit_members(unit, version, files, compile_library(files) if binary else None)))
+    return lost
+
+
+def version_of(fmi: Fmi | int, *, binary: bool) -> Fmi:
+    """The version asked for.
+
+    Raises:
+        ExportError: it is not written, or not without a binary.
+    """
+    if fmi not in tuple(Fmi):
+        raise ExportError(f"fmi is {fmi!r}; versions 2 and 3 of the interface are written")
+    if fmi == Fmi.V2 and not binary:
+        raise ExportError("a unit of sources alone, binary=False, is one of FMI 3")
+    return Fmi(fmi)
+
+
+def token_of(version: Fmi, data: str, variables: tuple[Variable, ...]) -> str:
+    """A token that changes with the content and with nothing else."""
+    digest = hashlib.sha256(f"{version!r}{variables!r}{data}".encode()).digest()
+    return f"{{{uuid.UUID(bytes=digest[:16])}}}"
+
+
+def unit_members(unit: Description, version: Fmi, files: dict[str, bytes], library: bytes | None) -> dict[str, bytes]:
+    """The archive's members by name."""
+    members = {"modelDescription.xml": model_description(unit, version)}
+    if library is not None:
+        members[f"{binary_folder(version)}/{unit.identifier}.so"] = library
+    if version is Fmi.V3:
+        members["sources/buildDescription.xml"] = build_description(unit.identifier, files)
+    return members | {f"sources/{name}": files[name] for name in sorted(files)}
+
+
+def _moving(body: ReducedBody) -> list[InterfaceFrame]:
+    return [frame for frame in body.interfaces if frame.name != body.frame]
+
+
+def _variables(body: ReducedBody) -> tuple[Variable, ...]:
+    moving = _moving(body)
+    inputs, places, rates = [], [], []
+    for frame in moving:
+        for k in range(6):
+            what = "force" if k < 3 else "moment"
+            text = f"{what} on {frame.name} along {'xyz'[k % 3]} of B"
+            inputs.append(Variable(f"{frame.name}.{_WRENCH[k]}", Causality.INPUT, "N" if k < 3 else "N.m", text))
+            what = "displacement" if k < 3 else "rotation"
+            text = f"{what} of {frame.name} along {'xyz'[k % 3]} of B"
+            unit = "m" if k < 3 else "rad"
+            name = f"{frame.name}.{FRAME_DOFS[k]}"
+            places.append(Variable(name, Causality.OUTPUT, unit, text, direct=False))
+            name = f"{frame.name}.{_RATES[k]}"
+            rates.append(Variable(name, Causality.OUTPUT, f"{unit}/s", f"rate of the {text}", direct=False))
+    gravity = [Variable(f"gravity.g{a}", Causality.INPUT, "m/s2", f"gravity along {a} of B") for a in "xyz"]
+    ratio = Variable("damping_ratio", Causality.PARAMETER, "1", "added to the damping ratio of each mode")
+    reactions = [
+        Variable(
+            f"{body.frame}.reaction_{name}",
+            Causality.OUTPUT,
+            "N" if k < 3 else "N.m",
+            f"{'force' if k < 3 else 'moment'} that holds {body.frame}, along {'xyz'[k % 3]} of B",
+        )
+        for k, name in enumerate(_WRENCH)
+    ]
+    return (*inputs, *gravity, ratio, *places, *rates, *reactions)
+
+
+def _data(body: ReducedBody, variables: tuple[Variable, ...]) -> str:
+    """The matrices of linear_body.h and the numbers of model.h as C."""
+    n = body.n_modes
+    frames = np.vstack([np.zeros((0, n)), *(frame.modes for frame in _moving(body))])
+    mass = body.mass_matrix()
+    coupled = bool(np.any(body.damping - np.diag(np.diag(body.damping))))
+    forces = np.hstack([frames.T, mass[6:, :3]])
+    counts = {causality: sum(one.causality is causality for one in variables) for causality in Causality}
+    # q and its rate; the step, the ratio, the propagators, two matrices, a vector twice
+    entries = 4 * n * n if coupled else 4
+    scratch = 2 + (1 if coupled else n) * entries + 2 * entries + 2 * (2 * n if coupled else 2)
+    starts = [one.start for one in variables if one.causality is not Causality.OUTPUT]
+    return (
+        '#include "linear_body.h"\n#include "model.h"\n\n'
+        f"const size_t model_inputs = {counts[Causality.INPUT]};\n"
+        f"const size_t model_parameters = {counts[Causality.PARAMETER]};\n"
+        f"const size_t model_outputs = {counts[Causality.OUTPUT]};\n"
+        f"const size_t model_memory = {2 * n} * sizeof(double);\n"
+        f"const size_t model_scratch = {scratch} * sizeof(double);\n"
+        f"const size_t body_modes = {n};\nconst size_t body_frame_rows = {len(frames)};\n"
+        f"const int body_coupled = {int(coupled)};\n"
+        + c_array("model_start", starts)
+        + c_array("body_stiffness", body.stiffness)
+        + c_array("body_damping", body.damping.ravel())
+        + c_array("body_input", forces.ravel())
+        + c_array("body_frames", frames.ravel())
+        + c_array("body_inertia", mass[:6, 6:].ravel())
+        + c_array("body_applied", _applied(body).ravel())
+    )
+
+
+def _applied(body: ReducedBody) -> FloatArray:
+    """(6, inputs) force and moment about B's origin of the undeformed body, per unit of an input."""
+    columns = []
+    for frame in _moving(body):
+        wrench = np.eye(6)
+        wrench[3:, :3] = np.cross(frame.p_BI_B, np.eye(3)).T
+        columns.append(wrench)
+    return np.hstack([*columns, body.mass_matrix()[:6, :3]])
