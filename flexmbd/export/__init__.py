@@ -6,6 +6,10 @@
 
 from flexmbd.export.dmig_file import dmig as dmig
 from flexmbd.export.dmig_file import read_dmig as read_dmig
+from flexmbd.export.exudyn_file import exudyn as exudyn
+from flexmbd.export.exudyn_reader import read_exudyn as read_exudyn
+from flexmbd.export.exudyn_scene import ExudynBody as ExudynBody
+from flexmbd.export.exudyn_scene import add_to_exudyn as add_to_exudyn
 from flexmbd.export.formats import FORMATS as FORMATS
 from flexmbd.export.formats import Format as Format
 from flexmbd.export.formats import format_named as format_named

@@ -12,6 +12,9 @@ from pathlib import Path
 from flexmbd.errors import ExportError
 from flexmbd.export.dmig_file import CARRIES as _DMIG
 from flexmbd.export.dmig_file import dmig, read_dmig
+from flexmbd.export.exudyn_file import CARRIES as _EXUDYN
+from flexmbd.export.exudyn_file import exudyn
+from flexmbd.export.exudyn_reader import read_exudyn
 from flexmbd.export.functional_mockup.reduced_unit import CARRIES as _FMU
 from flexmbd.export.functional_mockup.reduced_unit import fmu
 from flexmbd.export.loss import Carries
@@ -57,6 +60,7 @@ FORMATS: tuple[Format, ...] = (
     Format("dmig", "Nastran, OptiStruct, Radioss", ".pch", _DMIG, dmig, read_dmig, digits=8),
     Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
     Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
+    Format("exudyn", "Exudyn", ".npz", _EXUDYN, exudyn, read_exudyn, digits=12),
 )
 
 
