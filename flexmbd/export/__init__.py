@@ -6,6 +6,8 @@
 
 from flexmbd.export.dmig_file import dmig as dmig
 from flexmbd.export.dmig_file import read_dmig as read_dmig
+from flexmbd.export.extptfm_file import openfast as openfast
+from flexmbd.export.extptfm_file import read_openfast as read_openfast
 from flexmbd.export.exudyn_file import exudyn as exudyn
 from flexmbd.export.exudyn_reader import read_exudyn as read_exudyn
 from flexmbd.export.exudyn_scene import ExudynBody as ExudynBody
