@@ -195,9 +195,10 @@ class System:
         """
         return self._compile(())
 
-    def _compile(self, more: Sequence[Force]) -> CompiledScene:
-        """As ``compile``, with ``more`` forces."""
-        wanted = {id(c) for force in (*self._forces, *more) for c in force.connections}
+    def _compile(self, more: Sequence[Force], *, without: Sequence[Force] = ()) -> CompiledScene:
+        """As ``compile``, with ``more`` forces and without others."""
+        own = [force for force in self._forces if not any(force is one for one in without)]
+        wanted = {id(c) for force in (*own, *more) for c in force.connections}
         wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
         for c in self._connections:
             if any(given is not None for given in (c.position, c.velocity, c.motion)):
@@ -206,7 +207,7 @@ class System:
         topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = np.array(self.gravity, dtype=np.float64)
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
-        forces = [*self._forces, *(InteriorForce(body) for body in self._continua), *energies, *more]
+        forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team)
 
     def start(self, *, t: float = 0.0) -> Start:
@@ -217,6 +218,16 @@ class System:
             AssemblyError: the mechanism cannot be assembled.
         """
         return self._start(self.compile(), t)
+
+    def start_with(self, forces: Sequence[Force], *, instead_of: Sequence[Force] = (), t: float = 0.0) -> Start:
+        """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``; or a force does not fit.
+        """
+        for force in forces:
+            self._check_force(force)
+        return self._start(self._compile(forces, without=instead_of), t)
 
     def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         """The consistent start of a compiled scene: what joints and bodies are given, or a state found before."""

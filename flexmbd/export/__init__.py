@@ -16,6 +16,7 @@ from flexmbd.export.formats import FORMATS as FORMATS
 from flexmbd.export.formats import Format as Format
 from flexmbd.export.formats import format_named as format_named
 from flexmbd.export.functional_mockup.description import Fmi as Fmi
+from flexmbd.export.functional_mockup.machine_unit import fmu_machine as fmu_machine
 from flexmbd.export.functional_mockup.reduced_unit import fmu as fmu
 from flexmbd.export.op4_file import op4 as op4
 from flexmbd.export.op4_file import read_op4 as read_op4

@@ -49,12 +49,12 @@ def binary_folder(fmi: Fmi) -> str:
     return "binaries/linux64" if fmi is Fmi.V2 else f"binaries/{machine}-linux"
 
 
-def compile_library(files: Mapping[str, bytes], *, objects: Sequence[str] = ()) -> bytes:
+def compile_library(files: Mapping[str, bytes], *, link: Sequence[str] = ()) -> bytes:
     """Compile and link C files to a shared library.
 
     Args:
         files: all sources, headers and ready object files by name; those that end with ".c" are compiled.
-        objects: names of object files among them.
+        link: names of object files among them and further options of the linker.
 
     Raises:
         ExportError: there is no gcc, or it fails.
@@ -68,7 +68,7 @@ def compile_library(files: Mapping[str, bytes], *, objects: Sequence[str] = ()) 
         for name, content in files.items():
             (Path(folder) / name).write_bytes(content)
         sources = sorted(name for name in files if name.endswith(".c"))
-        command = [*COMPILE, *sources, *objects, *LINK, "-o", "library.so", "-lm"]
+        command = [*COMPILE, *sources, *link, *LINK, "-o", "library.so", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines()

@@ -121,7 +121,7 @@ def unit_members(unit: Description, version: Fmi, files: dict[str, bytes], libra
     members = {"modelDescription.xml": model_description(unit, version)}
     if library is not None:
         members[f"{binary_folder(version)}/{unit.identifier}.so"] = library
-    if version is Fmi.V3:
+    if version is Fmi.V3 and files:
         members["sources/buildDescription.xml"] = build_description(unit.identifier, files)
     return members | {f"sources/{name}": files[name] for name in sorted(files)}
 

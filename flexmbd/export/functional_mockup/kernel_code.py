@@ -1,0 +1,156 @@
+"""Compiled kernels outside Python: object code for any processor of a kind, and calls of it from C.
+
+Numba keeps the optimised program of each kernel. From it comes object code that uses no instructions beyond the
+architecture's first, without what steps in from Python; what is left asks for C's mathematical functions alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+from numba import typeof
+
+_ALIGNED = 64
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Arrays laid out in one block; arrays that share memory share it there.
+
+    Attributes:
+        places: address of each array's first byte to its offset in the block.
+        image: what the block holds.
+    """
+
+    places: dict[int, int]
+    image: bytes
+
+    def place(self, array: np.ndarray, index: int = 0) -> int:
+        """Offset (bytes) of an entry of a flattened array; 0 for arrays without entries."""
+        return self.places[array.ctypes.data] + index * array.itemsize if array.size else 0
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A kernel for the types of its arguments.
+
+    Attributes:
+        symbol: its name in the object code.
+        program: text of the LLVM module that holds it.
+        triple: the platform.
+    """
+
+    symbol: str
+    program: str
+    triple: str
+
+
+def kernel_for(function: Any, arguments: tuple[Any, ...]) -> Kernel:
+    """The kernel compiled, or loaded from the cache, for arguments of these types."""
+    kinds = tuple(typeof(argument) for argument in arguments)
+    function.compile(kinds)
+    compiled = function.overloads[kinds]
+    module = compiled.library._get_module_for_linking()
+    return Kernel(compiled.fndesc.llvm_func_name, _without_python(str(module)), module.triple)
+
+
+def _without_python(program: str) -> str:
+    """A module's text without the functions by which Python calls into it."""
+    lines, leaving_out = [], False
+    for line in program.splitlines():
+        if line.startswith("define") and "@_ZN7cpython" in line:
+            leaving_out = True
+        if not leaving_out:
+            lines.append(line)
+        if line == "}":
+            leaving_out = False
+    return "\n".join(lines)
+
+
+@cache
+def object_code(kernel: Kernel) -> bytes:
+    """Object code, to be placed anywhere, for every processor of the platform's architecture."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    module = llvm.parse_assembly(kernel.program)
+    oldest = "x86-64" if kernel.triple.startswith("x86_64") else "generic"
+    target = llvm.Target.from_triple(kernel.triple)
+    machine = target.create_target_machine(cpu=oldest, features="", opt=2, reloc="pic", codemodel="default")
+    code: bytes = machine.emit_object(module)
+    return code
+
+
+def lay_out(arguments: Iterable[Any]) -> Memory:
+    """One block for all arrays among arguments, which are arrays, numbers and tuples of them.
+
+    Pieces of memory follow in the order in which the arguments name them: the same arguments give the same block.
+    """
+    arrays = [one for one in arrays_in(arguments) if one.size]
+    pieces: list[list[int]] = []
+    for start, size in sorted({(one.ctypes.data, one.nbytes) for one in arrays}):
+        if pieces and start < pieces[-1][1]:
+            pieces[-1][1] = max(pieces[-1][1], start + size)
+        else:
+            pieces.append([start, start + size])
+    starts = np.array([start for start, _ in pieces], np.int64)
+    bases: dict[int, int] = {}
+    places: dict[int, int] = {}
+    image = bytearray()
+    for one in arrays:
+        start, end = pieces[int(np.searchsorted(starts, one.ctypes.data, side="right")) - 1]
+        if start not in bases:
+            image.extend(bytes(-len(image) % _ALIGNED))
+            bases[start] = len(image)
+            image.extend(ctypes.string_at(start, end - start))
+        places[one.ctypes.data] = bases[start] + one.ctypes.data - start
+    return Memory(places, bytes(image))
+
+
+def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
+    """All arrays among arguments, in their order."""
+    found: list[np.ndarray] = []
+    for one in arguments:
+        if isinstance(one, tuple):
+            found += arrays_in(one)
+        elif isinstance(one, np.ndarray):
+            found.append(one)
+    return found
+
+
+def c_call(kernel: Kernel, arguments: Sequence[Any], memory: Memory, *, name: str) -> str:
+    """A C function ``static int name(unsigned char *m, void *result)`` that calls the kernel; 0, or what it raised.
+
+    Each array is numba's record of it: no owner, its numbers, where it lies in the block at m, shape and strides.
+    """
+    kinds, values = ["void *", "void **"], ["result", "&raised"]
+    for kind, value in _flat(arguments, memory):
+        kinds.append(kind)
+        values.append(value)
+    return (
+        f'extern int32_t {name}_kernel({", ".join(kinds)}) __asm__("{kernel.symbol}");\n\n'
+        f"static int {name}(unsigned char *m, void *result) {{\n    void *raised = 0;\n"
+        f"    return {name}_kernel({', '.join(values)});\n}}\n\n"
+    )
+
+
+def _flat(arguments: Iterable[Any], memory: Memory) -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for one in arguments:
+        if isinstance(one, tuple):
+            found += _flat(one, memory)
+        elif isinstance(one, np.ndarray):
+            found += [("void *", "0")] * 2
+            found += [("int64_t", str(number)) for number in (one.size, one.itemsize)]
+            found.append(("void *", f"m + {memory.place(one)}"))
+            found += [("int64_t", str(number)) for number in (*one.shape, *one.strides)]
+        elif isinstance(one, float):
+            found.append(("double", repr(one)))
+        else:
+            found.append(("int64_t", str(int(one))))
+    return found

@@ -1,0 +1,165 @@
+"""Inputs and outputs of a machine: given forces that are set from outside, and what is observed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from flexmbd.errors import ExportError
+from flexmbd.export.functional_mockup.description import Causality, Variable
+from flexmbd.export.functional_mockup.machine_parts import FrameCall, Parts
+from flexmbd.multibody.body import FlexibleBody, Frame
+from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.force.distributed_load import DistributedLoad
+from flexmbd.multibody.force.frame_force import FrameForce
+from flexmbd.multibody.force.joint_force import JointForce
+from flexmbd.multibody.force.joint_torque import JointTorque
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.output import Acceleration, Output, Position, Rotation, Velocity
+from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.probe import with_probe
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T")
+
+#: What a machine takes from outside: a given force, whose numbers are the start values.
+Given = JointTorque | JointForce | FrameForce | DistributedLoad
+
+#: Columns of ``frame_series`` that an output of a frame is.
+_COLUMNS: dict[Any, tuple[int, int]] = {Position: (0, 3), Rotation: (3, 12), Velocity: (12, 15), Acceleration: (18, 21)}
+_ENDINGS: dict[Any, str] = {Position: "{}", Velocity: "v{}", Acceleration: "a{}", Rotation: "R{}"}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """An input and the offset of its value in ``Plan.time_data``."""
+
+    variable: Variable
+    offset: int
+
+
+@dataclass(frozen=True)
+class Observed:
+    """An output and the array's entry where it comes about."""
+
+    variable: Variable
+    array: FloatArray
+    index: int
+
+
+def named(ports: Sequence[T] | Mapping[str, T]) -> list[tuple[str | None, T]]:
+    """With the names that the user gave, if any."""
+    return list(ports.items()) if isinstance(ports, Mapping) else [(None, one) for one in ports]
+
+
+def replaced(force: Given) -> Given:
+    """The force with a function of time in place of each number, which is what an input sets."""
+    if not isinstance(force, Given):
+        raise ExportError(
+            f"{force!r} is no input of a machine; give a JointTorque, JointForce, FrameForce or DistributedLoad"
+        )
+    if isinstance(force, FrameForce):
+        return replace(force, force=_constants(force, force.force), torque=_constants(force, force.torque))
+    if isinstance(force, DistributedLoad):
+        return replace(force, factor=_constants(force, [force.factor])[0])
+    return replace(force, value=_constants(force, [force.value])[0])
+
+
+def _constants(force: Given, values: Sequence[Any]) -> tuple[PPoly, ...]:
+    for value in values:
+        if not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise ExportError(f"{force.what} is an input, whose values are numbers at the start; it has {value!r}")
+    return tuple(PPoly([[float(value)]], [0.0, 1.0]) for value in values)
+
+
+def drives_of(scene: CompiledScene, force: Given, name: str | None) -> list[Drive]:
+    """The inputs that a force of `replaced` has in a scene; ``name`` as the user gave it."""
+    rows = scene.force_rows[id(force)]
+    elements = scene.plan.elements[rows.elements.start : rows.elements.stop, at.EL_TIME]
+    joints = scene.plan.forces[rows.forces.start : rows.forces.stop, at.FORCE_TIME]
+    times = list(dict.fromkeys(int(row) for row in (*joints, *elements)))
+    if isinstance(force, FrameForce):
+        names = [f"{name or force.frame.label}.{kind}{axis}" for kind in "FM" for axis in "xyz"]
+        units = ["N"] * 3 + ["N.m"] * 3
+    elif isinstance(force, DistributedLoad):
+        names, units = [f"{name or force.body.name}.{force.name}"], ["1"]
+    else:
+        turns = isinstance(force, JointTorque)
+        names = [name or f"{force.connection.name}.{'torque' if turns else 'force'}"]
+        units = ["N.m" if turns else "N"]
+    found = []
+    for time, called, unit in zip(times, names, units, strict=True):
+        offset = int(scene.plan.times[time, at.TIME_OFFSET]) + 3  # after the order and two breakpoints
+        value = float(scene.plan.time_data[offset])
+        found.append(Drive(Variable(called, Causality.INPUT, unit, scene.time_names[time], start=value), offset))
+    return found
+
+
+def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: Parts) -> list[Observed]:
+    """The variables of an output; ``name`` as the user gave it. Frames are added to ``parts``.
+
+    Raises:
+        ExportError: it is none, or has no coordinates in the scene.
+    """
+    if type(output) not in _COLUMNS:
+        raise ExportError(f"{output!r} is no output; give fm.output.Position, Velocity, Acceleration or Rotation")
+    of = output.of
+    if isinstance(of, Frame):
+        return _observed_frame(scene, output, name or of.label, parts)
+    slots = None
+    if isinstance(of, Connection | FlexibleBody | PseudoRigidBody) and not isinstance(output, Rotation):
+        slots = (scene.joint_slots if isinstance(of, Connection) else scene.modal_slots).get(id(of))
+    if slots is None:
+        raise ExportError(f"an output {type(output).__name__} of {of!r}: it has no coordinates here; give a frame")
+    places, names = slots.v, list(scene.velocity_names[slots.v])
+    if name is not None:
+        names = [name if len(names) == 1 else f"{name}.{k + 1}" for k in range(len(names))]
+    array = {Position: parts.state.x, Velocity: parts.state.v, Acceleration: parts.state.a}[type(output)]
+    if isinstance(output, Position):
+        if slots.x.stop - slots.x.start != len(names):
+            raise ExportError(f"the positions of {of.name!r} are a quaternion; give a frame's Position and Rotation")
+        places = slots.x
+    ending = {Position: "", Velocity: ".rate", Acceleration: ".acceleration"}[type(output)]
+    found = []
+    for k, unit in enumerate(_units_of(of, type(output), len(names))):
+        text = f"{type(output).__name__} of {scene.velocity_names[slots.v][k]}"
+        variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=False)
+        found.append(Observed(variable, array, places.start + k))
+    return found
+
+
+def _units_of(of: Connection | FlexibleBody | PseudoRigidBody, kind: Any, count: int) -> list[str]:
+    """Units of a joint's coordinates; modes have none that FMI knows."""
+    if not isinstance(of, Connection):
+        return ["1"] * count
+    ending = {Position: "", Velocity: "/s", Acceleration: "/s2"}[kind]
+    return [("rad" if angular else "m") + ending for angular in of.joint.angular]
+
+
+def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Parts) -> list[Observed]:
+    frame: Any = output.of
+    kind: Any = type(output)
+    if not isinstance(frame, Frame):
+        raise ExportError(f"an output {kind.__name__} of {frame!r}: give a frame")
+    call = next((one for one in parts.frames if one.frame is frame), None)
+    if call is None:
+        plan, s = with_probe(parts.plan, scene.body_row, frame), parts.state
+        probe, motion = len(plan.frames) - 1, (s.x[None], s.v[None], s.a[None])
+        call = FrameCall(frame, (plan, new_work(plan), probe, *motion, np.zeros((1, 21))))
+        parts.frames.append(call)
+    axes = [a + b for a in "xyz" for b in "xyz"] if kind is Rotation else list("xyz")
+    unit = {Position: "m", Rotation: "1", Velocity: "m/s", Acceleration: "m/s2"}[kind]
+    text = f"{kind.__name__} of {frame.label} in inertial axes"
+    found = []
+    for column, axis in zip(range(*_COLUMNS[kind]), axes, strict=True):
+        called = f"{name}.{_ENDINGS[kind].format(axis)}"
+        variable = Variable(called, Causality.OUTPUT, unit, text, direct=False)
+        found.append(Observed(variable, call.arguments[-1], column))
+    return found

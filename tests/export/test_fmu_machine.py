@@ -1,0 +1,310 @@
+"""Whole machines as FMUs: FMPy moves them as our own integrator does, and nothing in them needs Python."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exported_bodies import soft_bar
+from fmpy.validation import validate_fmu
+from units import Unit, library
+
+import flexmbd as fm
+from flexmbd.errors import ExportError, SceneError
+from flexmbd.multibody.working_point import WorkingPoint
+
+VERSIONS = (fm.export.Fmi.V2, fm.export.Fmi.V3)
+H = 2e-4  # s, the integrator's
+
+
+class Arm:
+    """A hub driven by a torque, a soft bar on it that stretches, a weight at its tip that a force pulls."""
+
+    def __init__(self, torque=0.3, pull=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)):
+        scene = self.scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        hub = scene.add(fm.RigidBody(1.0, (0.02, 0.02, 0.03)), name="hub")
+        bar = self.bar = scene.add(fm.FlexibleBody(soft_bar()), name="bar")
+        weight = scene.add(fm.RigidBody(0.5, (1e-3, 2e-3, 3e-3), (0.02, 0.0, 0.01)), name="weight")
+        self.shaft = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), hub.frame(), name="shaft")
+        scene.connect(fm.joint.Fixed(), hub.frame(p=(0.1, 0.0, 0.0)), bar.frame("x_min"))
+        self.ball = scene.connect(fm.joint.Spherical(), bar.frame("x_max"), weight.frame(), name="ball")
+        self.shaft.velocity = 2.0
+        scene.add_force(fm.force.JointDamper(self.shaft, 0.05))
+        scene.add_force(fm.force.JointTorque(self.shaft, fm.Sine(0.2, 30.0)))
+        self.tip, self.grip = bar.frame("x_max"), weight.frame(p=(0.05, 0.0, 0.0))
+        self.torque = fm.force.JointTorque(self.shaft, torque)
+        self.pull = fm.force.FrameForce(self.grip, force=pull[:3], torque=pull[3:])
+
+    def ports(self):
+        out = fm.output
+        outputs = {"tip": out.Position(self.tip), "grip": out.Velocity(self.grip), "shaft": out.Position(self.shaft)}
+        outputs |= {"turn": out.Rotation(self.grip), "pull": out.Acceleration(self.grip), "q": out.Position(self.bar)}
+        return {"inputs": {"torque": self.torque, "grip": self.pull}, "outputs": outputs}
+
+    def observed(self, run):
+        parts = run.position(self.tip), run.velocity(self.grip), run.beta(self.shaft)[:, None]
+        turn = run.rotation(self.grip).reshape(-1, 9)
+        return np.hstack([*parts, turn, run.acceleration(self.grip), run.q(self.bar)])
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Units of the arm of each version."""
+    made = {}
+
+    def make(fmi):
+        if fmi not in made:
+            folder, there = tmp_path_factory.mktemp(f"arm{fmi}"), Arm()
+            fm.export.fmu_machine(there.scene, folder / "arm.fmu", h=H, fmi=fmi, **there.ports())
+            made[fmi] = Unit(folder / "arm.fmu", folder / "unzipped")
+        return made[fmi]
+
+    return make
+
+
+def outputs_of(unit):
+    return [one.name for one in unit.description.modelVariables if one.causality == "output"]
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_fmpy_finds_no_fault(arm, fmi):
+    assert validate_fmu(str(Path(arm(fmi).folder).parent / "arm.fmu")) == []
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_moves_as_the_machine_does(arm, fmi):
+    """Inputs that stay as they start: a run of ours from beginning to end."""
+    there = Arm()
+    there.scene.add_force(there.torque)
+    run = there.scene.simulate(0.4, h=H, integrator=fm.ExplicitRungeKutta())
+    expected = there.observed(run)
+    one = arm(fmi).instance()
+    found = [one.get(outputs_of(arm(fmi)))]
+    for _ in range(100):
+        one.step(20 * H)
+        found.append(one.get(outputs_of(arm(fmi))))
+    one.free()
+    assert expected.shape[1] == len(found[0])
+    scale = np.abs(expected).max(axis=0)
+    assert (np.abs(np.array(found) - expected[::20]).max(axis=0) <= 1e-8 * np.maximum(scale, 1e-3 * scale.max())).all()
+    assert np.ptp(expected[:, :2], axis=0).min() > 0.1  # it moves far, bends and stretches
+    assert np.abs(expected[:, 2]).max() > 0.05
+
+
+def test_inputs_jump_between_steps_of_any_size(arm):
+    """Against runs of ours from one communication point to the next, each with its own forces."""
+    random = np.random.default_rng(5)
+    one, names = arm(3).instance(), outputs_of(arm(3))
+    about, t = None, 0.0
+    for k in range(12):
+        torque, pull = float(random.normal()), tuple(map(float, random.normal(size=6) * [5, 5, 5, 0.05, 0.05, 0.05]))
+        length = H * (10, 7.5, 33, 0.25)[k % 4]
+        one.set(
+            {
+                "torque": torque,
+                **{f"grip.{a}": v for a, v in zip(("Fx", "Fy", "Fz", "Mx", "My", "Mz"), pull, strict=True)},
+            }
+        )
+        one.step(length)
+        there = Arm(torque, pull)
+        there.scene.add_force(there.torque)
+        there.scene.add_force(there.pull)
+        steps = int(np.ceil(length / H - 1e-9))
+        run = there.scene.simulate(
+            t + length, t_start=t, h=length / steps, integrator=fm.ExplicitRungeKutta(), about=about
+        )
+        assert run.stats.steps == steps
+        t += length
+        about = WorkingPoint(run.scene, t, run.x[-1], run.v[-1], run.multipliers[-1])
+        expected, found = there.observed(run)[-1], one.get(names)
+        assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max(), k
+    one.free()
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_states_instances_and_reset(arm, fmi):
+    one, two = arm(fmi).instance("one"), arm(fmi).instance("two", torque=-1.0)
+    names = outputs_of(arm(fmi))
+    for _ in range(5):
+        one.step(1e-3)
+        two.step(1e-3)
+    kept, first = one.keep(), one.get(names)
+    assert not (two.get(names) == first).all()
+    one.step(1e-3)
+    ahead = one.get(names)
+    one.restore(kept)
+    one.t = 5e-3
+    assert (one.get(names) == first).all()
+    one.step(1e-3)
+    assert (one.get(names) == ahead).all()
+    one.fmu.reset()
+    one.initialise()
+    for _ in range(5):
+        one.step(1e-3)
+    assert np.abs(one.get(names) - first).max() <= 1e-12 * np.abs(first).max()
+    for value in (float("nan"), float("inf")):
+        with pytest.raises(Exception, match="failed"):
+            one.set({"torque": value})
+    with pytest.raises(Exception, match="failed"):
+        one.fmu.doStep(one.t, -1e-3)
+    one.free()
+    two.free()
+    late = arm(fmi).instance("late")
+    late.fmu.reset()
+    with pytest.raises(Exception, match="failed"):  # the sine begins at 0
+        late.initialise(t=1.0)
+    late.free()
+
+
+def slider_crank(torque):
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    crank = scene.add(fm.RigidBody(0.4, (1e-4, 4e-4, 4e-4), (0.04, 0.0, 0.0)), name="crank")
+    rod = scene.add(fm.RigidBody(0.6, (1e-4, 2e-3, 2e-3), (0.1, 0.0, 0.0)), name="rod")
+    piston = scene.add(fm.RigidBody(0.3, (1e-4, 1e-4, 1e-4)), name="piston")
+    shaft = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), crank.frame(), name="shaft")
+    scene.connect(fm.joint.Revolute("y"), crank.frame(p=(0.08, 0.0, 0.0)), rod.frame())
+    scene.connect(fm.joint.Revolute("y"), rod.frame(p=(0.2, 0.0, 0.0)), piston.frame())
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), piston.frame())
+    shaft.velocity = 10.0
+    drive = scene.add_force(fm.force.JointTorque(shaft, torque))
+    return scene, drive, shaft, piston.frame()
+
+
+def test_closed_loops_leave_as_well(tmp_path):
+    scene, drive, shaft, piston = slider_crank(0.5)
+    outputs = [fm.output.Position(piston), fm.output.Velocity(piston), fm.output.Position(shaft)]
+    outputs.append(fm.output.Velocity(shaft))
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        fm.export.fmu_machine(scene, tmp_path / folder / "crank.fmu", h=1e-3, inputs=[drive], outputs=outputs)
+    assert (tmp_path / "a" / "crank.fmu").read_bytes() == (tmp_path / "b" / "crank.fmu").read_bytes()
+    assert validate_fmu(str(tmp_path / "a" / "crank.fmu")) == []
+    unit = Unit(tmp_path / "a" / "crank.fmu", tmp_path / "unzipped")
+    assert list(unit.references)[1] == "shaft.torque"
+    for torque in (0.5, -0.8):
+        scene, _, shaft, piston = slider_crank(torque)
+        run = scene.simulate(1.0, h=1e-3, integrator=fm.ExplicitRungeKutta())
+        one = unit.instance(**{"shaft.torque": torque})
+        found = []
+        for _ in range(100):
+            one.step(1e-2)
+            found.append(one.get(outputs_of(unit)))
+        parts = run.position(piston), run.velocity(piston)
+        expected = np.hstack([*parts, run.beta(shaft)[:, None], run.beta_rate(shaft)[:, None]])[10::10]
+        assert np.abs(run.beta(shaft)[-1]) > 2.0 * np.pi
+        assert np.abs(np.array(found) - expected).max() <= 1e-8 * np.abs(expected).max()
+        one.free()
+
+
+HOST = r"""
+#include <dlfcn.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdbool.h>
+typedef void *(*Make)(const char *, const char *, const char *, bool, bool, bool, bool, const uint32_t *, size_t,
+                      void *, void *, void *);
+typedef int (*Enter)(void *, bool, double, double, bool, double);
+typedef int (*Plain)(void *);
+typedef int (*Step)(void *, double, double, bool, bool *, bool *, bool *, double *);
+typedef int (*Get)(void *, const uint32_t *, size_t, double *, size_t);
+int main(int argc, char **argv) {
+    void *unit = dlopen(argv[1], RTLD_NOW | RTLD_LOCAL);
+    if (argc < 4 || !unit) return 1;
+    void *one = ((Make)dlsym(unit, "fmi3InstantiateCoSimulation"))("one", argv[2], "", 0, 0, 0, 0, 0, 0, 0, 0, 0);
+    if (!one) return 2;
+    if (((Enter)dlsym(unit, "fmi3EnterInitializationMode"))(one, 0, 0, 0, 0, 0)) return 3;
+    if (((Plain)dlsym(unit, "fmi3ExitInitializationMode"))(one)) return 4;
+    double reached, value;
+    for (int k = 0; k < 10; k++) {
+        bool event, ends, early;
+        if (((Step)dlsym(unit, "fmi3DoStep"))(one, k * 1e-3, 1e-3, 1, &event, &ends, &early, &reached)) return 5;
+    }
+    uint32_t reference;
+    sscanf(argv[3], "%u", &reference);
+    if (((Get)dlsym(unit, "fmi3GetFloat64"))(one, &reference, 1, &value, 1)) return 6;
+    printf("%.17g\n", value);
+    return 0;
+}
+"""
+
+
+def test_host_needs_no_python(arm, tmp_path):
+    """A host in C, in a process with an empty environment; the library asks for C's own libraries alone."""
+    unit = arm(3)
+    (binary,) = Path(unit.folder, "binaries").glob("*/*.so")
+    (tmp_path / "host.c").write_text(HOST)
+    subprocess.run(["gcc", tmp_path / "host.c", "-o", tmp_path / "host", "-ldl"], check=True)
+    reference = unit.references["tip.x"]
+    command = [tmp_path / "host", binary, unit.description.guid, str(reference)]
+    done = subprocess.run(command, env={}, capture_output=True, text=True)
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    one = unit.instance()
+    for k in range(10):
+        one.fmu.doStep(k * 1e-3, 1e-3)
+    assert float(done.stdout) == one.get(["tip.x"])[0]
+    one.free()
+    if shutil.which("objdump") is None:
+        pytest.skip("objdump (binutils) is not installed")
+    told = subprocess.run(["objdump", "-p", binary], capture_output=True, text=True, check=True).stdout
+    assert set(re.findall(r"NEEDED\s+(\S+)", told)) <= {"libm.so.6", "libc.so.6"}
+    code = subprocess.run(["objdump", "-d", binary], capture_output=True, text=True, check=True).stdout
+    assert not re.search(r"%[yz]mm\d", code)  # no instructions of newer processors
+    exported = subprocess.run(["objdump", "-T", binary], capture_output=True, text=True, check=True).stdout
+    own = [line.split()[-1] for line in exported.splitlines() if " .text" in line]
+    assert len(own) > 50
+    assert all(name.startswith("fmi3") for name in own)
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_null_pointers_are_errors(arm, fmi):
+    loaded, null = library(arm(fmi)), ctypes.c_void_p()
+    assert loaded[f"fmi{fmi}Terminate"](null) == 3
+    loaded[f"fmi{fmi}FreeInstance"](null)
+
+
+def test_what_cannot_leave_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "arm.fmu"
+    path.write_text("before")
+    there = Arm()
+    torque, position = fm.force.JointTorque, fm.output.Position
+
+    def refused(words, error=ExportError, scene=there.scene, h=H, **ports):
+        with pytest.raises(error, match=words):
+            fm.export.fmu_machine(scene, path, h=h, **ports)
+
+    refused("h is", h=0.0)
+    refused("step", step=float("inf"))
+    refused("versions 2 and 3", fmi=1)
+    refused("no input of a machine", inputs=[fm.force.JointSpring(there.shaft, 1.0)])
+    refused("no input of a machine", inputs=[there.shaft])
+    refused("numbers at the start", inputs=[torque(there.shaft, fm.Sine(1.0, 2.0))])
+    refused("numbers at the start", inputs=[torque(there.shaft, float("nan"))])
+    refused("no output", outputs=[there.tip])
+    refused("no coordinates here", outputs=[fm.output.Rotation(there.shaft)])
+    refused("no coordinates here", outputs=[position(Arm().shaft)])
+    refused("a quaternion", outputs=[position(there.ball)])
+    refused("called 'tip.x'", outputs={"tip": position(there.tip), "tip.x": position(there.shaft)})
+    refused("control characters", outputs={"a\nb": position(there.shaft)})
+    refused("not in this scene", SceneError, inputs=[torque(Arm().shaft, 1.0)])
+    refused("belongs to no body", SceneError, outputs=[position(Arm().tip)])
+    for function in (lambda t: 0.0, fm.compiled(lambda t: 0.0)):
+        other = Arm()
+        other.scene.add_force(torque(other.shaft, function))
+        refused("users' functions .*shaft", scene=other.scene)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    refused("apt install gcc")
+    assert path.read_text() == "before"
+
+
+def test_bodies_with_history_stay(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "multibody"))
+    from spring_machines import Nothing
+
+    scene = fm.System()
+    lattice = scene.add(fm.ContinuumBody(Nothing()), name="lattice")
+    scene.connect(fm.joint.Free(), scene.ground.frame(), lattice.frame("alone"))
+    with pytest.raises(ExportError, match="lattice"):
+        fm.export.fmu_machine(scene, tmp_path / "lattice.fmu", h=1e-3)
