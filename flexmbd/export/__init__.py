@@ -18,6 +18,10 @@ from flexmbd.export.formats import format_named as format_named
 from flexmbd.export.functional_mockup.description import Fmi as Fmi
 from flexmbd.export.functional_mockup.machine_unit import fmu_machine as fmu_machine
 from flexmbd.export.functional_mockup.reduced_unit import fmu as fmu
+from flexmbd.export.mbdyn_deck import MbdynPendulum as MbdynPendulum
+from flexmbd.export.mbdyn_deck import mbdyn_deck as mbdyn_deck
+from flexmbd.export.mbdyn_file import mbdyn as mbdyn
+from flexmbd.export.mbdyn_reader import read_mbdyn as read_mbdyn
 from flexmbd.export.op4_file import op4 as op4
 from flexmbd.export.op4_file import read_op4 as read_op4
 from flexmbd.export.record_arrays import npz as npz

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.archive import read_archive
 from flexmbd.export.files import finite
+from flexmbd.export.normal_modes import normal_modes
 from flexmbd.record_groups import FloatArray, InterfaceFrame, NodalModes, Surface
 from flexmbd.reduced import ReducedBody
 
@@ -26,8 +27,6 @@ _OURS = (
 )  # fmt: skip
 # No body of ours has more, and their squares are allocated.
 _MOST_MODES = 5000
-# Relative: what is no further from the normal form is left as it is.
-_NORMAL = 1e-9
 
 
 def read_exudyn(path: str | Path, *, interfaces: Mapping[str, Sequence[int]] | None = None) -> ReducedBody:
@@ -48,10 +47,11 @@ def read_exudyn(path: str | Path, *, interfaces: Mapping[str, Sequence[int]] | N
     """
     arrays = read_archive(path, wanted={*_NEEDED, *_OURS})
     try:
-        return _body(path, arrays, interfaces or {})
+        with np.errstate(all="raise", under="ignore"):
+            return _body(path, arrays, interfaces or {})
     except ExportError:
         raise
-    except (KeyError, ValueError, TypeError, IndexError, OverflowError, np.linalg.LinAlgError, RecordError) as error:
+    except (LookupError, ValueError, TypeError, ArithmeticError, np.linalg.LinAlgError, RecordError) as error:
         raise ExportError(f"{path} does not hold the arrays of one reduced body of Exudyn: {error}") from error
 
 
@@ -79,7 +79,7 @@ def _body(path: str | Path, arrays: Mapping[str, Any], groups: Mapping[str, Sequ
     )
     x = real("xRef", 3 * k).reshape(k, 3)
     phi = real("modeBasis", 3 * k, n).reshape(k, 3, n)
-    stiffness, basis = _normal_form(path, real("stiffnessMatrixReduced", n, n), real("massMatrixReduced", n, n))
+    stiffness, basis = normal_modes(path, real("stiffnessMatrixReduced", n, n), mass=real("massMatrixReduced", n, n))
     change = np.eye(4 + 3 * n)
     change[4:, 4:] = np.kron(basis, np.eye(3))
     shapes = phi @ basis
@@ -121,33 +121,6 @@ def _gram(
     gram[1:, 1:] = products.swapaxes(1, 2).reshape(3 + 3 * n, 3 + 3 * n)
     whole: FloatArray = np.triu(gram) + np.triu(gram, 1).T
     return whole
-
-
-def _normal_form(path: str | Path, stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Diagonal stiffness (n,) and the basis that leads to it; the unit matrix where it is that already."""
-    import scipy.linalg
-
-    n = len(stiffness)
-    diagonal = np.diag(stiffness)
-    if (
-        np.abs(mass - np.eye(n)).max() < _NORMAL
-        and np.array_equal(stiffness, np.diag(diagonal))
-        and (np.diff(diagonal) >= 0.0).all()
-        and diagonal[0] > 0.0
-    ):
-        return diagonal.copy(), np.eye(n)
-    try:
-        values, basis = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
-    except np.linalg.LinAlgError as error:
-        raise ExportError(
-            f"{path}: the reduced mass is not positive definite: the modes depend on each other"
-        ) from error
-    if not values[0] > 1e-12 * values[-1]:
-        raise ExportError(
-            f"{path}: the reduced stiffness is not positive definite: among its modes are rigid motions, which the "
-            "frame of the body has already; leave them out"
-        )
-    return values, basis * np.where(basis.sum(axis=0) < 0.0, -1.0, 1.0)
 
 
 def _frames(path: str | Path, arrays: Mapping[str, Any], x: FloatArray, phi: FloatArray) -> tuple[InterfaceFrame, ...]:

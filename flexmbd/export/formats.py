@@ -20,6 +20,9 @@ from flexmbd.export.exudyn_reader import read_exudyn
 from flexmbd.export.functional_mockup.reduced_unit import CARRIES as _FMU
 from flexmbd.export.functional_mockup.reduced_unit import fmu
 from flexmbd.export.loss import Carries
+from flexmbd.export.mbdyn_file import CARRIES as _MBDYN
+from flexmbd.export.mbdyn_file import mbdyn
+from flexmbd.export.mbdyn_reader import read_mbdyn
 from flexmbd.export.op4_file import CARRIES as _OP4
 from flexmbd.export.op4_file import op4, read_op4
 from flexmbd.export.record_arrays import CARRIES as _NPZ
@@ -63,6 +66,7 @@ FORMATS: tuple[Format, ...] = (
     Format("openfast", "OpenFAST's ExtPtfm", ".dat", _OPENFAST, openfast, read_openfast, digits=10),
     Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
     Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
+    Format("mbdyn", "MBDyn", ".fem", _MBDYN, mbdyn, read_mbdyn, digits=10),
     Format("exudyn", "Exudyn", ".npz", _EXUDYN, exudyn, read_exudyn, digits=12),
 )
 

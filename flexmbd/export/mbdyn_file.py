@@ -1,0 +1,152 @@
+"""Reduced bodies for MBDyn: the data file (.fem) of its modal joint.
+
+MBDyn builds all inertia integrals of a moving body from nodes with masses, so the file holds the few fictitious
+points of `flexmbd.point_masses`: then the modal mass is that of the nodes to round-off.  Each interface frame is one
+more node, without mass, named as the frame is.  See docs/export/mbdyn.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexmbd.errors import ExportError
+from flexmbd.export.files import write_file
+from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.point_masses import point_masses
+from flexmbd.record_groups import FloatArray
+from flexmbd.reduced import ReducedBody
+
+CARRIES = Carries()
+
+#: Lines of a file that MBDyn passes over and `read_mbdyn` understands.
+OURS = "** flexmbd"
+#: What the nodes that carry the mass are called, with their numbers from 1 on.
+POINT = "point-"
+_LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_.+-]{0,79}")
+# Reduced masses relative to the largest one: less is round-off.
+_NOISE = 1e-13
+
+
+def mbdyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
+    """Write the data file of MBDyn's modal joint. Not collective.
+
+    Args:
+        body: an elastic body.
+        path: destination, as a rule `*.fem`.
+        lossy: as of all formats; nothing grave is lost here.
+
+    Returns:
+        What is not in the file, a phrase each.
+
+    Raises:
+        ExportError: the body has no modes; a frame's name is none for MBDyn; the destination cannot be written.
+    """
+    losses = settle_losses(body, CARRIES, kind="MBDyn's modal joint", lossy=lossy)
+    check_modes(body)
+    for frame in body.interfaces:
+        check_label(frame.name)
+    write_file(path, "\n".join(_lines(body)) + "\n")
+    return losses
+
+
+def check_modes(body: ReducedBody) -> None:
+    """Raise an ExportError for a rigid body, which MBDyn's modal joint cannot be."""
+    if body.n_modes == 0 or not body.mass > 0.0:
+        raise ExportError(
+            f"MBDyn's modal joints have modes and mass; this body has {body.n_modes} modes and {body.mass:g} kg: make "
+            "a `body` element there of its mass, centre and inertia"
+        )
+
+
+def check_label(name: str) -> None:
+    """Raise an ExportError for an interface name that is none for MBDyn, or one of our own points."""
+    if not _LABEL.fullmatch(name) or name.startswith(POINT):
+        raise ExportError(
+            f"the interface name {name!r} is no node label for MBDyn: give it up to 80 letters, digits and _ . + -, "
+            f"a letter or _ first, without blanks, and not beginning with {POINT!r}"
+        )
+
+
+def _lines(body: ReducedBody) -> Iterator[str]:
+    n, frames = body.n_modes, body.interfaces
+    points = point_masses(body)
+    x = np.vstack([points.x, *(frame.p_BI_B for frame in frames)])
+    # (nodes, 6, n): displacements and small rotations
+    shapes = np.zeros((len(x), 6, n))
+    shapes[: len(points.x), :3] = points.phi
+    for row, frame in enumerate(frames, start=len(points.x)):
+        shapes[row] = frame.modes
+    mass = np.zeros((len(x), 6))
+    mass[: len(points.x), :3] = points.mass[:, None]
+    yield "** MBDyn MODAL DATA FILE"
+    yield "** SI units, axes and origin of the modal node; nodes with mass are fictitious, the others are interfaces"
+    yield from _our_lines(body)
+    yield "** RECORD GROUP 1, HEADER"
+    yield "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES."
+    yield f"     REV0 {len(x)} {n} 0 0 0"
+    yield "** RECORD GROUP 2, FINITE ELEMENT NODE LIST"
+    yield from (f"{POINT}{number}" for number in range(1, len(points.x) + 1))
+    yield from (frame.name for frame in frames)
+    yield "** RECORD GROUP 3, INITIAL MODAL DISPLACEMENTS"
+    yield from _rows(np.zeros(n))
+    yield "** RECORD GROUP 4, INITIAL MODAL VELOCITIES"
+    yield from _rows(np.zeros(n))
+    for group, axis, column in zip((5, 6, 7), "XYZ", x.T, strict=True):
+        yield f"** RECORD GROUP {group}, NODAL {axis} COORDINATES"
+        yield from _rows(column)
+    yield "** RECORD GROUP 8, MODE SHAPES"
+    for mode in range(n):
+        yield f"** NORMAL MODE SHAPE # {mode + 1}"
+        yield from (_row(node) for node in shapes[:, :, mode])
+    yield "** RECORD GROUP 9, MODAL MASS MATRIX"
+    yield from _square(_without_noise(body.modal_mass()))
+    yield "** RECORD GROUP 10, MODAL STIFFNESS MATRIX"
+    yield from _square(np.diag(body.stiffness))
+    yield "** RECORD GROUP 11, DIAGONAL OF LUMPED MASS MATRIX"
+    yield from (_row(node) for node in mass)
+    if np.any(body.damping):
+        yield "** RECORD GROUP 13, MODAL DAMPING MATRIX"
+        yield from _square(0.5 * (body.damping + body.damping.T))
+    yield "** END OF FILE"
+
+
+def _our_lines(body: ReducedBody) -> Iterator[str]:
+    yield f"{OURS} frame {body.frame or ''}".rstrip()
+    yield f"{OURS} mesh position {_row(body.p_MB_M)}"
+    yield f"{OURS} mesh axes {_row(body.R_MB.ravel())}"
+    for frame in body.interfaces:
+        yield f"{OURS} axes {frame.name} {_row(frame.R_BI.ravel())}"
+
+
+def _without_noise(mass: FloatArray) -> FloatArray:
+    kept = np.where(np.abs(mass) < _NOISE * np.abs(mass).max(), 0.0, mass)
+    return 0.5 * (kept + kept.T)
+
+
+def _square(matrix: FloatArray) -> Iterator[str]:
+    for row in matrix:
+        yield from _rows(row)
+
+
+def _rows(values: FloatArray) -> Iterator[str]:
+    """Six numbers a line: MBDyn's scanner stops at a line of 8192 characters."""
+    return (_row(values[at : at + 6]) for at in range(0, len(values), 6))
+
+
+def _row(values: ArrayLike) -> str:
+    return " ".join(number(float(value)) for value in np.asarray(values, dtype=np.float64))
+
+
+def number(value: float) -> str:
+    """All digits of a number; a stream in C++ fails at what is below the normal ones, so they are zero."""
+    return repr(value) if abs(value) > 1e-300 else "0.0"
+
+
+def vector(values: Iterable[float]) -> str:
+    """A vector of an input deck."""
+    return ", ".join(number(float(value)) for value in values)
