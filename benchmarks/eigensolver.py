@@ -24,9 +24,8 @@ import numpy as np
 import reduction_case as case
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, eigen
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import eigen
 from flexmbd.reduction.signs import asymmetric_fields
 from flexmbd.reduction.statics import Statics, body_statics
 

@@ -21,6 +21,7 @@ from flexmbd.multibody.linearize import LinearEquations, linearize
 from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.ports import Input, lay_ports
+from flexmbd.multibody.steady_interior import InteriorModes
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.working_point import WorkingPoint
 from flexmbd.stepping import evaluate_inputs
@@ -103,12 +104,12 @@ class LinearizedMachine:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """(ny,) names of y."""
-        return tuple(self.scene.velocity_names[k] for k in self.equations.by.y)
+        return tuple(self.equations.coordinates.names[k] for k in self.equations.by.y)
 
     @property
     def velocities(self) -> tuple[str, ...]:
         """(nz,) names of z: those of the coordinates whose rates they are."""
-        return tuple(self.scene.velocity_names[k] for k in self.equations.by.z)
+        return tuple(self.equations.coordinates.names[k] for k in self.equations.by.z)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -254,12 +255,13 @@ class LinearizedMachine:
     def shapes(self) -> tuple[ComplexArray, ComplexArray]:
         """Changes of configuration and velocity (ny + nz, nv) of each eigenvalue, as tangent vectors of the machine.
 
-        The largest entry, over 1 rad or the machine's extent, is 1.
+        Further columns are of the coordinates of bodies with history.  The largest entry, over 1 rad or the machine's
+        extent, is 1.
         """
         by, (_, vectors) = self.equations.by, self._modes
         y, z = vectors[: len(by.y)].T, vectors[len(by.y) :].T
         places, rates = y @ by.Xy.T, y @ by.Vy.T + z @ by.Vz.T
-        sizes = np.abs(places) / self.scene.group_full[self.scene.group_of]
+        sizes = np.abs(places) / self.equations.coordinates.size
         largest = places[np.arange(len(places)), np.argmax(sizes, axis=1)]
         phase = np.exp(1j * np.angle(largest))
         scale = (phase * np.maximum(sizes.max(axis=1, initial=0.0), 1e-300))[:, None]
@@ -289,7 +291,7 @@ class LinearizedMachine:
         rate = 1j * values[k].imag if swings else values[k]
         t = np.linspace(0.0, span, instants)
         growth = amplitude * np.exp(rate * t - max(0.0, rate.real) * span)
-        shape, speed = (part[k] for part in self.shapes())
+        shape, speed = (part[k, : self.scene.nv] for part in self.shapes())
         x = np.empty((instants, self.scene.nx))
         for i, (time, factor) in enumerate(zip(t, growth, strict=True)):
             carried = np.empty_like(self.point.x)
@@ -335,7 +337,15 @@ def working_point(start: Start, about: WorkingPoint | Trajectory | None, t: floa
             "the scene before its equilibrium or simulation"
         )
     if isinstance(about, WorkingPoint):
+        if scene.interiors is not None:
+            scene.interiors.restore(scene.plan, about.interiors)
         return replace(about, scene=scene)
+    if scene.interiors is not None:
+        names = ", ".join(f"body {body.name!r}" for body in scene.interiors.bodies)
+        raise SceneError(
+            f"{names}: a trajectory does not hold what is between the frames of a body with history; linearise about "
+            "scene.equilibrium()"
+        )
     x, v = about.x[-1].copy(), about.v[-1].copy()
     work = new_work(scene.plan)
     evaluate_inputs(scene, work, t)
@@ -350,6 +360,7 @@ def linear_machine(
     inputs: Sequence[Input],
     disturbances: Sequence[Input],
     outputs: Sequence[Output],
+    modes: InteriorModes,
     bodies: Mapping[str, Body],
     team: Team,
 ) -> LinearizedMachine:
@@ -365,7 +376,7 @@ def linear_machine(
     ports = lay_ports(whole, point, work.time, [*inputs, *disturbances])
     controls = sum(ports.count[: len(inputs)])
     return LinearizedMachine(
-        equations=linearize(point, work, ports, outputs),
+        equations=linearize(point, work, ports, outputs, modes),
         point=point,
         controls=ports.names[:controls],
         disturbances=ports.names[controls:],

@@ -38,6 +38,7 @@ from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
 from flexmbd.multibody.ports import Input, leave_out
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.steady_interior import InteriorModes
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
 from flexmbd.multibody.working_point import WorkingPoint
@@ -48,6 +49,7 @@ from flexmbd.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_INTERIOR_MODES = InteriorModes()
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
@@ -241,7 +243,8 @@ class System:
             if about.scene.velocity_names != scene.velocity_names:
                 raise SceneError("`about` is of another scene, or the scene has changed since")
             x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
-        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
+        memories = None if about is None else about.interiors
+        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         return start
@@ -279,7 +282,6 @@ class System:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking.
         """
         start = self.start(t=t)
-        self._refuse_interiors(start.scene)
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
         return find_equilibrium(start, work)
@@ -292,6 +294,7 @@ class System:
         outputs: Sequence[Output] = (),
         about: WorkingPoint | Trajectory | None = None,
         t: float = 0.0,
+        modes: InteriorModes = _INTERIOR_MODES,
     ) -> LinearizedMachine:
         """Linearise about an equilibrium or a steady motion, one whose accelerations are zero.
 
@@ -303,6 +306,7 @@ class System:
             outputs: what is observed: fm.output.Position(frame or joint or flexible body), ...
             about: of ``equilibrium``, or a trajectory, whose end is meant; by default the start.
             t: s, at which forces and motions are taken; of ``about`` its own.
+            modes: how many coordinates bodies with history get, fm.InteriorModes(count, below_hz).
 
         Raises:
             SceneError: the motion is not steady, the constraints are singular there, or an input or output does not
@@ -322,20 +326,18 @@ class System:
         whole = self._compile(added)
         t = float(about.t[-1]) if isinstance(about, Trajectory) else t if about is None else about.t
         start = self._start(leave_out(whole, added), t)
-        self._refuse_interiors(start.scene)
         bodies = {body.name: body for body in self._bodies}
         point = working_point(start, about, t)
         return linear_machine(
-            whole, point, inputs=inputs, disturbances=disturbances, outputs=outputs, bodies=bodies, team=self.team
+            whole,
+            point,
+            inputs=inputs,
+            disturbances=disturbances,
+            outputs=outputs,
+            modes=modes,
+            bodies=bodies,
+            team=self.team,
         )
-
-    def _refuse_interiors(self, scene: CompiledScene) -> None:
-        if scene.interiors is not None:
-            names = ", ".join(f"body {body.name!r}" for body in scene.interiors.bodies)
-            raise SceneError(
-                f"{names}: what lies between the frames of a body with history has a state of its own, which "
-                "equilibria and linear equations do not hold; where it stays elastic, reduce it (craig_bampton)"
-            )
 
     def explain(
         self,

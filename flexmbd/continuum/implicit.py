@@ -16,22 +16,18 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import multiply
 from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
 from flexmbd.continuum.face_averages import FaceAverages
-from flexmbd.continuum.newton import (
-    Balance,
-    Conditions,
-    Convergence,
-    Newton,
-    Solution,
-)
+from flexmbd.continuum.frame_response import Condensation
+from flexmbd.continuum.linear_interior import linear_equations
+from flexmbd.continuum.newton import Balance, Convergence, Newton, Solution
 from flexmbd.continuum.tangent_solver import LinearSolver
 from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import RigidBody
 from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
+from flexmbd.multibody.steady_interior import InteriorModes, LinearInterior
 
 FloatArray = NDArray[np.float64]
 
@@ -40,6 +36,9 @@ _TIGHT = Convergence(tolerance=1e-11, round_off=1e-6)
 
 #: A tangent costs some ten times the forces, and a step of a motion is short.
 _SOLVER = LinearSolver(keeps_below=0.03)
+
+#: Of the scheme: nothing accelerates.
+_AT_REST = (np.inf, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class _Trial:
 
 
 class ImplicitContinuum:
-    """An `ImplicitInterior` of the machine on a body with history.
+    """An `ImplicitInterior` and `SteadyInterior` of the machine on a body with history.
 
     Attributes:
         body: what is between the frames.
@@ -109,6 +108,7 @@ class ImplicitContinuum:
         dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
         self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
         self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
+        self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
         self._memory = BodyMemory(body)
         self._rest = body.snapshot()
         # a residual of this size's `round_off` is rounding's, and good
@@ -128,12 +128,62 @@ class ImplicitContinuum:
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
-        a, carried = np.zeros_like(x), bonds.accelerations(motion)
-        a[self._bonded] = carried[~bonds.averaged]
-        conditions = self._averages.conditions(motion, np.eye(3), lacking=carried)
-        a = self._rest_of_accelerations(a, conditions)
-        self._state = _Motion(t, x, v, a, a.copy(), 0.0, a.copy())
-        return bonds.wrenches(self._pushes(self._inertia(a), a), bonds.arms(motion))
+        self._state = _Motion(t, x, v, v, v, 0.0, v)
+        return self._let_go(motion, np.zeros(body.n_owned))
+
+    def resume(self, t: float, motion: FrameMotion) -> FloatArray:
+        """See `SteadyInterior.resume`. Collective."""
+        now, internal = self._started(), self.body.force(np.zeros(self.body.layout.n_local))
+        v = now.v.copy()
+        v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
+        self._state = replace(now, t=t, v=v, h=0.0)
+        return self._let_go(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
+
+    def settle(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+        """See `SteadyInterior.settle`. Collective."""
+        self._refuse_loose()
+        body, bonds = self.body, self._bonds
+        pose, still = bonds.pose(motion), np.zeros_like(self._started().x)
+        weight = self._in_body(self._inertia(still), pose[1])
+
+        def forces(increment: FloatArray) -> Balance:
+            internal = body.force(increment)
+            if body.is_updated:
+                body.check_cells()
+            return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._least))
+
+        guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
+        solution = self._solve(guess, motion, forces, body.tangent)
+        x: FloatArray = self._places(solution.increment, pose)
+        v = still + motion.v[0]
+        self._trial = _Trial(_Motion(t, x, v, still, still, 0.0, still), solution.increment)
+        response = self._frames.respond(
+            lambda: body.tangent(solution.increment),
+            self._in_inertial(solution.balance.residual, pose[1]),
+            motion,
+            x=x,
+            felt=still - self._gravity,
+            slopes=_AT_REST,
+        )
+        return response.wrenches, response.slopes
+
+    def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
+        """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
+        self._refuse_loose()
+        body, now = self.body, self._started()
+        internal = body.force(np.zeros(body.layout.n_local))
+        felt = np.zeros_like(now.x) - self._gravity
+        found = linear_equations(
+            self._frames,
+            motion,
+            internal=self._in_inertial(internal, self._bonds.pose(motion)[1]),
+            x=now.x,
+            felt=felt,
+            modes=modes,
+            held=self._held,
+        )
+        self.revert()
+        return found
 
     def trial(
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
@@ -144,12 +194,11 @@ class ImplicitContinuum:
         if now.h > 0.0:
             auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
         pose = bonds.pose(motion)
-        carried, a_bonds = bonds.positions(motion), bonds.accelerations(motion)[~bonds.averaged]
+        a_bonds = bonds.accelerations(motion)[~bonds.averaged]
         per_x, _ = scheme.slopes(h)
 
         def motion_of(increment: FloatArray) -> _Motion:
-            shape = (body.layout.node_x.reshape(-1) + body.displacement + increment).reshape(-1, 3)
-            x: FloatArray = pose[0] + shape @ pose[1].T
+            x = self._places(increment, pose)
             a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
             a[self._bonded] = a_bonds
             return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
@@ -165,17 +214,20 @@ class ImplicitContinuum:
             return matrix
 
         guess = self._guess(now, auxiliary, h, scheme, pose=pose)
-        # the first step moves the bonded nodes, and the others with them
-        moved, steps = guess.reshape(-1, 3).copy(), self._increment(carried, bonds.nodes, pose)
-        lacking = steps - moved[bonds.nodes]
-        moved[self._bonded] = steps[~bonds.averaged]
-        conditions = self._averages.conditions(motion, pose[1], lacking=lacking)
-        solution = self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent, conditions)
+        solution = self._solve(guess, motion, forces, tangent)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
         self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
-        return self._condense(solution, scheme, h, motion, end, tangent)
+        response = self._frames.respond(
+            lambda: tangent(solution.increment),
+            self._in_inertial(solution.balance.residual, pose[1]),
+            motion,
+            x=end.x,
+            felt=end.a - self._gravity,
+            slopes=scheme.slopes(h),
+        )
+        return response.wrenches, response.slopes
 
     def commit(self) -> None:
         """See `ImplicitInterior.commit`. Collective."""
@@ -216,12 +268,19 @@ class ImplicitContinuum:
         n = self.body.layout.n_owned_nodes
         held = bonds.own & ~bonds.averaged
         bonded, mass = bonds.nodes[held], bonds.mass[held]
-        momentum = self._product(now.v).reshape(-1, 3)
+        momentum = self._frames.product(now.v).reshape(-1, 3)
         kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
-        weight = self._product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
+        weight = self._frames.product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
         potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
         kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
         return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
+
+    def _refuse_loose(self) -> None:
+        if self._bonds.averaged.all():
+            raise SceneError(
+                "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
+                "found only where one interface is rigid (Coupling.RIGID)"
+            )
 
     def _started(self) -> _Motion:
         if self._state is None:
@@ -248,16 +307,33 @@ class ImplicitContinuum:
         before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
         return np.ascontiguousarray((x - pose[0]) @ pose[1] - before)
 
-    def _product(self, nodal: FloatArray) -> FloatArray:
-        """(owned dofs,) mass matrix times (local nodes, 3). Collective."""
-        right, left = self._M.createVecRight(), self._M.createVecLeft()
-        right.array[:] = np.ascontiguousarray(nodal).reshape(-1)[: self.body.n_owned]
-        self._M.mult(right, left)
-        return np.asarray(left.array.copy())
-
     def _inertia(self, a: FloatArray) -> FloatArray:
         """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
-        return self._product(a - self._gravity)
+        return self._frames.product(a - self._gravity)
+
+    def _solve(
+        self,
+        guess: FloatArray,
+        motion: FrameMotion,
+        forces: Callable[[FloatArray], Balance],
+        tangent: Callable[[FloatArray], PETSc.Mat],
+    ) -> Solution:
+        """Newton's solution with the frames as ``motion`` says. Collective."""
+        bonds, pose = self._bonds, self._bonds.pose(motion)
+        # the first step moves the bonded nodes, and the others with them
+        moved, steps = guess.reshape(-1, 3).copy(), self._increment(bonds.positions(motion), bonds.nodes, pose)
+        lacking = steps - moved[bonds.nodes]
+        moved[self._bonded] = steps[~bonds.averaged]
+        conditions = self._averages.conditions(motion, pose[1], lacking=lacking)
+        return self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent, conditions)
+
+    def _places(self, increment: FloatArray, pose: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """(local nodes, 3) m, of the nodes in inertial axes."""
+        shape = (self.body.layout.node_x.reshape(-1) + self.body.displacement + increment).reshape(-1, 3)
+        return np.asarray(pose[0] + shape @ pose[1].T)
+
+    def _in_inertial(self, forces: FloatArray, R: FloatArray) -> FloatArray:
+        return np.asarray((forces.reshape(-1, 3) @ R.T).reshape(-1))
 
     def _in_body(self, forces: FloatArray, R: FloatArray) -> FloatArray:
         return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
@@ -269,17 +345,28 @@ class ImplicitContinuum:
         extent = float(max(self.body.comm.allgather(largest)))
         return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
 
-    def _rest_of_accelerations(self, a: FloatArray, conditions: Conditions | None) -> FloatArray:
-        """Accelerations of the nodes that are not bonded, without internal forces. Collective."""
+    def _let_go(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
+        """Accelerate from the state at hand with internal forces (owned dofs,) N, in inertial axes. Collective.
+
+        Returns:
+            (k, 6) wrenches on the frames.
+        """
+        now, bonds, body = self._started(), self._bonds, self.body
+        a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
+        a[self._bonded] = carried[~bonds.averaged]
+        conditions = self._averages.conditions(motion, np.eye(3), lacking=carried)
         matrix = self._M.copy()
-        forces = -self._inertia(a).reshape(-1, 1)
+        forces = -(internal + self._inertia(a)).reshape(-1, 1)
         found = self._newton.solve_columns(matrix, forces, conditions)[:, 0]
         self._newton.factorise_next()
         matrix.destroy()
-        vector = self.body.vector()
-        vector.array[: self.body.n_owned] = found
+        vector = body.vector()
+        vector.array[: body.n_owned] = found
         vector.scatter_forward()
-        return np.asarray(a + vector.array.reshape(-1, 3))
+        a = np.asarray(a + vector.array.reshape(-1, 3))
+        self._state = replace(now, a=a, auxiliary=a.copy(), a_before=a.copy())
+        pushes = self._frames.pushes(internal + self._inertia(a), a - self._gravity)
+        return bonds.wrenches(pushes, bonds.arms(motion))
 
     def _lend(self) -> None:
         """Take what the frames of averaged interfaces have of their nodes' mass out of the mass matrix. Collective."""
@@ -298,61 +385,6 @@ class ImplicitContinuum:
         forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
         inertia = bonds.mass[:, None] * (a[bonds.nodes] - self._gravity)
         return np.where(bonds.averaged[:, None], forces, forces + inertia)
-
-    def _condense(
-        self,
-        solution: Solution,
-        scheme: Scheme,
-        h: float,
-        motion: FrameMotion,
-        end: _Motion,
-        tangent: Callable[[FloatArray], PETSc.Mat],
-    ) -> tuple[FloatArray, FloatArray]:
-        """Wrenches on the frames and their derivative with the other nodes condensed. Collective."""
-        body, bonds = self.body, self._bonds
-        R = bonds.pose(motion)[1]
-        nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, scheme.slopes(h)
-        residual = (solution.balance.residual.reshape(-1, 3) @ R.T).reshape(-1)
-        internal = residual - self._inertia(end.a)
-        pushes = self._pushes(residual, end.a)
-        matrix = tangent(solution.increment)
-        whole = matrix.copy()
-        columns = range(6 * len(self.frames))
-        arms = end.x[nodes] - motion.p[bonds.frame_of]
-        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
-        own, averaged = bonds.own, bonds.own & bonds.averaged
-        # of each column at owned nodes, in inertial axes
-        against, accelerations, turned, kept = np.zeros((4, len(columns), n, 3))
-        for j, (dx, da, turn, shift) in enumerate(moves):
-            # what the nodes move against the body's axes, which the first frame carries
-            against[j, nodes[own]] = dx[own]
-            if j < 6:
-                against[j] -= shift + _crossed(turn, end.x[:n] - motion.p[0])
-                turned[j] = _crossed(turn, internal.reshape(-1, 3))
-            accelerations[j] = (-1.0 / per_x) * against[j]
-            accelerations[j, nodes[own]] += da[own]
-            # the forces that keep the averages turn with their frame
-            mine = averaged & (bonds.frame_of == j // 6)
-            kept[j, nodes[mine]] = _crossed(turn, pushes[mine])
-        left = multiply(whole, _columns(against @ R)) + multiply(self._M, _columns(accelerations @ R))
-        left += _columns(turned @ R)
-        conditions = self._averages.conditions(motion, R)
-        moved = self._newton.solve_columns(matrix, -left - _columns(kept @ R), conditions)
-        changes = (left + multiply(whole, moved)).T.reshape(len(columns), n, 3) @ R.T
-        moved = moved.T.reshape(len(columns), n, 3) @ R.T
-        derivative = np.zeros((len(columns), len(columns)))
-        for j, (_, da, turn, _) in enumerate(moves):
-            forces = np.zeros((len(nodes), 3))
-            forces[own] = -changes[j, nodes[own]]
-            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
-            # the arms turn with their frame, and averaged nodes move
-            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
-            swung[averaged] += moved[j, nodes[averaged]]
-            wrench = bonds.wrenches(forces, arms)
-            wrench[:, 3:] += bonds.wrenches(pushes, swung)[:, 3:]
-            derivative[:, j] = wrench.reshape(-1)
-        whole.destroy()
-        return bonds.wrenches(pushes, arms), derivative
 
 
 _NODAL = ("x", "v", "a", "auxiliary", "a_before")

@@ -172,13 +172,22 @@ class Newton:
         Returns:
             (owned dofs, k), zero at held dofs.
         """
+        return self.inverse(matrix, conditions)(block)
+
+    def inverse(self, matrix: PETSc.Mat, conditions: Conditions | None = None) -> Callable[[FloatArray], FloatArray]:
+        """As `solve_columns`, for one block after the other, until the next tangent is taken. Collective."""
         self.linear.hold(matrix)
         self.linear.renew()  # a factor of this matrix solves for all columns at once
         self.linear.take(matrix)
-        solution = self.linear.solve_block(block)
-        if conditions is not None:
-            solution -= self._excess(solution, self.linear.solve_block(conditions.columns), conditions)
-        return solution
+        if conditions is None:
+            return self.linear.solve_block
+        unmet, meeting = conditions, self.linear.solve_block(conditions.columns)
+
+        def solve(block: FloatArray) -> FloatArray:
+            solution = self.linear.solve_block(block)
+            return np.asarray(solution - self._excess(solution, meeting, unmet))
+
+        return solve
 
     def factorise_next(self) -> None:
         """Forget the factor, as at a checkpoint."""

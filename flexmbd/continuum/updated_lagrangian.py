@@ -214,6 +214,22 @@ class UpdatedLagrangian:
             self._run()
             return self._tangent.assemble()
 
+    def unloading_tangent(self) -> PETSc.Mat:
+        """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
+
+        There the stress lies on the yield surface, and round-off would choose the side: with more yield stress
+        (``yield_stress`` among the parameters) it lies inside, and nothing else changes.  As of `tangent`.
+        """
+        limits = [group.symbols.yield_stress for group in self.groups if hasattr(group.parameters, "yield_stress")]
+        before = [limit.value.copy() for limit in limits]
+        for limit, value in zip(limits, before, strict=True):
+            limit.value = 2.0 * value
+        try:
+            return self.tangent(np.zeros(self.layout.n_local))
+        finally:
+            for limit, value in zip(limits, before, strict=True):
+                limit.value = value
+
     def mass(self) -> PETSc.Mat:
         """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
         zero = fem.Function(self.space)

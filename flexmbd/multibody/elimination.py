@@ -29,6 +29,26 @@ _SINGULAR = 1e-8  # of the largest pivot: below it a row says nothing that other
 
 
 @dataclass(frozen=True, eq=False)
+class Coordinates:
+    """What small changes there are of a configuration: those of the machine, then those of interiors.
+
+    Attributes:
+        names: (n,).
+        free: which are not prescribed.
+        size: (n,) what counts as large: 1 rad, the machine's extent, and of modes what moves their mass by it.
+    """
+
+    names: tuple[str, ...]
+    free: IntArray
+    size: FloatArray
+
+
+def own_coordinates(scene: CompiledScene) -> Coordinates:
+    """Those of the machine, none of interiors."""
+    return Coordinates(scene.velocity_names, scene.plan.free, scene.group_full[scene.group_of])
+
+
+@dataclass(frozen=True, eq=False)
 class Prescribed:
     """What inputs u (nu,) prescribe.
 
@@ -66,11 +86,14 @@ class Elimination:
     Tu: FloatArray
 
 
-def eliminate(scene: CompiledScene, of: Derivatives, turning: FloatArray, given: Prescribed) -> Elimination:
+def eliminate(
+    scene: CompiledScene, coordinates: Coordinates, of: Derivatives, turning: FloatArray, given: Prescribed
+) -> Elimination:
     """Solve the rows for dependent positions and velocities.
 
     Args:
-        scene: names and free coordinates.
+        scene: its rows.
+        coordinates: n of them, in place of nv in what follows.
         of: the rows' derivatives.
         turning: (nv, nv) of ``derivatives.turning``.
         given: what inputs prescribe.
@@ -78,7 +101,7 @@ def eliminate(scene: CompiledScene, of: Derivatives, turning: FloatArray, given:
     Raises:
         SceneError: the rows are singular here; the message names one that says nothing new.
     """
-    free, size, J = scene.plan.free, scene.group_full[scene.group_of], of.jacobian
+    free, size, J = coordinates.free, coordinates.size, of.jacobian
     levels = scene.plan.rows[:, at.ROW_LEVEL]
     hold, roll = np.flatnonzero(levels == at.LEVEL_POSITION), np.flatnonzero(levels == at.LEVEL_VELOCITY)
     kept, bound = _split((J * size)[np.ix_(hold, free)], [scene.row_names[k] for k in hold])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.derivatives import Derivatives, derive, turning
-from flexmbd.multibody.elimination import Elimination, Prescribed, eliminate
+from flexmbd.multibody.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.initial import Start
+from flexmbd.multibody.interiors import NOTHING_KEPT, Kept
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.placement import follow_mates
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.settled import settle
+from flexmbd.multibody.steady_interior import steady
 from flexmbd.multibody.working_point import WorkingPoint
 
 FloatArray = NDArray[np.float64]
@@ -67,15 +71,10 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         step, stable = _newton_step(scene, here)
         size = float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
         step *= min(1.0, _STEP / max(size, 1e-300))
-        there = _balance(scene, work, _moved(scene, work, here.x, step), here.v)
-        for _ in range(_HALVINGS if stable and size > _CONVERGED else 0):
-            if there.size <= here.size:
-                break
-            step *= 0.5
-            there = _balance(scene, work, _moved(scene, work, here.x, step), here.v)
-        here = there
+        here = _taken(scene, work, here, step, searches=stable and size > _CONVERGED)
         if stable and size <= _CONVERGED:
-            return WorkingPoint(scene, float(work.time[-1, 0]), here.x, here.v, here.multipliers)
+            kept = _committed(scene)
+            return WorkingPoint(scene, float(work.time[-1, 0]), here.x, here.v, here.multipliers, kept)
     worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
@@ -84,16 +83,46 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     )
 
 
+def _taken(scene: CompiledScene, work: Work, here: _Balance, step: FloatArray, *, searches: bool) -> _Balance:
+    """Where a step leads; halved until interiors find their balance there and, if it searches, less is lacking."""
+    failure: SceneError | None = None
+    for halvings in range(_HALVINGS + 1):
+        x = _moved(scene, work, here.x, step * 0.5**halvings)
+        try:
+            there = _balance(scene, work, x, here.v)
+        except SceneError as reason:
+            if scene.interiors is None:
+                raise
+            failure = reason
+            continue
+        failure = None
+        if not searches or there.size <= here.size:
+            break
+    if failure is not None:
+        raise SceneError(f"no equilibrium found: on the way to it {failure}") from failure
+    return there
+
+
+def _committed(scene: CompiledScene) -> Kept:
+    """What bodies with history remember where they stand in balance: their last trial."""
+    if scene.interiors is None:
+        return NOTHING_KEPT
+    for body in scene.interiors.bodies:
+        steady(body).commit()
+    return scene.interiors.snapshot(scene.plan)
+
+
 def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
     m, nv = len(scene.plan.rows), scene.nv
     v, _ = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    of_interiors = 0.0 if scene.interiors is None else settle(scene, scene.interiors, work, x, v)
     force = np.zeros(nv)
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
     scene.refuse_failed(work)
     nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
     of = derive(scene.plan, work, x, v, np.zeros(m))
-    by = eliminate(scene, of, turning(scene.plan, v), nothing)
+    by = eliminate(scene, own_coordinates(scene), of, turning(scene.plan, v), nothing)
     free = scene.plan.free
     multipliers: FloatArray = np.zeros(m)
     if m:
@@ -103,6 +132,7 @@ def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> 
         weighted = np.linalg.solve(mass, J.T)
         multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
         of = derive(scene.plan, work, x, v, multipliers)
+    of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
     return _Balance(x, v, multipliers, of, by, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
@@ -135,6 +165,7 @@ def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) ->
     """Configuration after a step, with its loops closed."""
     moved = np.empty_like(x)
     retract(scene.plan, x, step, moved)
+    follow_mates(scene, work, x, step, moved)
     try:
         return close_loops(scene, work, moved, np.zeros(scene.nv, bool))[0]
     except AssemblyError as reason:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.given_coordinates import Given, coordinates_given
 from flexmbd.multibody.interior_start import begin_interiors
+from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
@@ -49,7 +50,14 @@ class Start:
 
 
 def consistent_start(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, *, held_x: Mask, held_v: Mask
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    *,
+    held_x: Mask,
+    held_v: Mask,
+    memories: Kept | None = None,
 ) -> Start:
     """Project a user's start onto the loops and solve for accelerations and reactions.
 
@@ -64,6 +72,8 @@ def consistent_start(
         v: (nv,) wanted velocity.
         held_x: (nv,) tangent directions of coordinates set by the user.
         held_v: (nv,) velocities set by the user.
+        memories: of a state found before, in which x and v are all set; what bodies with history go on from.  By
+            default these begin undeformed.
 
     Raises:
         AssemblyError: no configuration closes the loops, or they contradict each other.
@@ -71,7 +81,8 @@ def consistent_start(
     """
     x, v = x.copy(), v.copy()
     drive(scene.plan, work, x, v, np.zeros(scene.nv))
-    place_flying(scene, work, x, v)
+    if memories is None:
+        place_flying(scene, work, x, v)
     given = coordinates_given(scene)
     scene = _set_couplings(scene, work, x, held_x, given)
     closed, moved = close_loops(scene, work, x, held_x, given)
@@ -85,7 +96,8 @@ def consistent_start(
     if reduced.interiors is None:
         a, multipliers = _accelerations(reduced, work, closed, velocity)
     else:
-        a, multipliers = begin_interiors(reduced, reduced.interiors, work, closed, velocity, _accelerations)
+        machine = reduced, reduced.interiors, work, closed, velocity
+        a, multipliers = begin_interiors(*machine, _accelerations, kept=memories)
     phi = constraint_values(scene, work, closed, velocity)[0]
     return Start(
         reduced,

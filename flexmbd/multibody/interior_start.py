@@ -1,4 +1,4 @@
-"""The start of bodies with history: undeformed, and in balance with the machine's accelerations."""
+"""The start of bodies with history: undeformed or as they were left, in balance with the machine's accelerations."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.continuum_body import ContinuumBody, FrameMotion
-from flexmbd.multibody.interiors import Interiors
+from flexmbd.multibody.interiors import Interiors, Kept
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.steady_interior import steady
 
 FloatArray = NDArray[np.float64]
 #: Accelerations (nv,) and multipliers (m,) at a state, with the wrenches that act.
@@ -28,23 +29,33 @@ def begin_interiors(
     x: FloatArray,
     v: FloatArray,
     accelerations: Accelerations,
+    *,
+    kept: Kept | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Place the interiors and solve for accelerations (nv,) and multipliers (m,) in balance with them.
 
-    Where wrenches hang on the frames' accelerations they do so linearly; then the balance is solved by slopes.
+    They begin undeformed, or as they were ``kept`` where their frames are now.  Where wrenches hang on the frames'
+    accelerations they do so linearly; then the balance is solved by slopes.
 
     Raises:
         SceneError: the frames do not stand to each other as in the undeformed body, or an interior failed.
     """
     plan, t = scene.plan, float(work.time[-1, 0])
+    if kept is not None:
+        interiors.restore(plan, kept)
     for body, motion in zip(interiors.bodies, interiors.motions(plan, work, x, v, np.zeros(scene.nv)), strict=True):
-        _refuse_deformed(body, motion, scene.extent)
+        if kept is None:
+            _refuse_deformed(body, motion, scene.extent)
 
     def begin(a: FloatArray) -> FloatArray:
         motions = interiors.motions(plan, work, x, v, a)
-        answers = interiors.ask(
-            lambda k, body: (body.interior.begin(t, motions[k], plan.gravity.copy()),), doing=f"to begin at t = {t:g} s"
-        )
+
+        def first(k: int, body: ContinuumBody) -> tuple[FloatArray]:
+            if kept is None:
+                return (body.interior.begin(t, motions[k], plan.gravity.copy()),)
+            return (steady(body).resume(t, motions[k]),)
+
+        answers = interiors.ask(first, doing=f"to begin at t = {t:g} s")
         return np.concatenate([wrenches.reshape(-1, 6) for (wrenches,) in answers])
 
     def answer(wrenches: FloatArray) -> FloatArray:

@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.derivatives import Derivatives, derive, turning
-from flexmbd.multibody.elimination import Elimination, Prescribed, eliminate
+from flexmbd.multibody.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.output import Output, Slopes, observe
 from flexmbd.multibody.ports import Ports
+from flexmbd.multibody.settled import Widening, widen
+from flexmbd.multibody.steady_interior import InteriorModes
 from flexmbd.multibody.working_point import WorkingPoint
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +44,7 @@ class LinearEquations:
         F: (nz, nu).
         by: how changes of configuration and velocities follow from y, z, u.
         outputs: of the equations.
+        coordinates: those of the machine, then those of interiors.
     """
 
     M: FloatArray
@@ -50,26 +53,32 @@ class LinearEquations:
     F: FloatArray
     by: Elimination
     outputs: tuple[Slopes, ...]
+    coordinates: Coordinates
 
 
-def linearize(point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[Output]) -> LinearEquations:
-    """Linearise about a working point; ``work.time`` of ``point.scene`` is up to date.
+def linearize(
+    point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[Output], modes: InteriorModes
+) -> LinearEquations:
+    """Linearise about a working point, in which interiors stand; ``work.time`` of ``point.scene`` is up to date.
 
     Raises:
         SceneError: the motion is not steady, the constraints are singular, or an output does not fit.
     """
     scene = point.scene
-    of = derive(scene.plan, work, point.x, point.v, point.multipliers)
-    turn = turning(scene.plan, point.v)
-    by = eliminate(scene, of, turn, ports.given)
-    _refuse_unsteady(point, work, of, by)
+    wider = widen(scene, work, point.x, point.v, modes=modes)
+    own = derive(scene.plan, work, point.x, point.v, point.multipliers)
+    of, ports = wider.derivatives(own), ports.widened(wider.added)
+    turn = np.pad(turning(scene.plan, point.v), (0, wider.added))
+    by = eliminate(scene, wider.coordinates, of, turn, ports.given)
+    _refuse_unsteady(point, work, of, by, wider)
     slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
-    if not _is_at_rest(point, of, by):
-        _refuse_changing(point, work, of, slopes, outputs)
+    if not _is_at_rest(point, of, by, wider.coordinates):
+        _refuse_changing(point, work, own, slopes, outputs)
     M, C, K, F = _reduce(of, by, ports)
     if len(by.y) == len(by.z):
         C, K, F, by = _second_order(M, C, K, F, by, ports.given)
-    return LinearEquations(M, C, K, F, by, slopes)
+    slopes = tuple(slope.widened(wider.added) for slope in slopes)
+    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
 
 
 def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -105,7 +114,7 @@ def _second_order(
     return C, K, F, by
 
 
-def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimination) -> None:
+def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening) -> None:
     """Raise SceneError where accelerations are not zero; the message tells the largest residual."""
     scene, none = point.scene, np.zeros(point.scene.nv)
     driven = scene.plan.driven
@@ -122,7 +131,8 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
     residual(light, work, point.x, point.v, none, point.multipliers, weight)
     residual(light, work, point.x, point.v, none, 0.0 * point.multipliers, held)
     parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
-    size = scene.group_full[scene.group_of]
+    lacks, size, names = wider.lacking(), wider.coordinates.size, wider.coordinates.names
+    left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
     stiff = np.abs(of.stiffness) @ size
     lacking = by.Vz.T @ left
     # what round-off of the largest forces leaves where next to nothing acts is balanced
@@ -131,16 +141,15 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
     worst = int(np.argmax(np.abs(lacking) - _STEADY * scale)) if len(lacking) else 0
     if len(lacking) and np.abs(lacking[worst]) > _STEADY * scale[worst]:
         raise SceneError(
-            f"the motion is not steady: at {scene.velocity_names[by.z[worst]]!r} a force of {-lacking[worst]:.6g} (N, "
+            f"the motion is not steady: at {names[by.z[worst]]!r} a force of {-lacking[worst]:.6g} (N, "
             f"N m, or modal) is not balanced, of {scale[worst]:.6g} at play; linearise about scene.equilibrium(), or "
             "set positions and velocities that stay as they are"
         )
 
 
-def _is_at_rest(point: WorkingPoint, of: Derivatives, by: Elimination) -> bool:
+def _is_at_rest(point: WorkingPoint, of: Derivatives, by: Elimination, coordinates: Coordinates) -> bool:
     """Whether nothing moves, or so little that the machine's own vibrations are over before it is seen."""
-    size = point.scene.group_full[point.scene.group_of]
-    speed = float(np.max(np.abs(point.v) / size, initial=0.0))
+    speed = float(np.max(np.abs(point.v) / coordinates.size[: len(point.v)], initial=0.0))
     stiffness, mass = (by.Vz.T @ part @ by.Vz for part in (of.stiffness, of.mass))
     if speed == 0.0 or not len(mass):
         return speed == 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -73,6 +73,10 @@ class Slopes:
     order: int
     L: FloatArray
     G: FloatArray
+
+    def widened(self, added: int) -> Slopes:
+        """The same of a machine with further coordinates, which it does not see."""
+        return replace(self, L=np.pad(self.L, ((0, 0), (0, added))), G=np.pad(self.G, ((0, 0), (0, added))))
 
 
 def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) -> Slopes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
@@ -58,6 +59,40 @@ def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray)
         connection = joints[row]
         flies = scene.body_row[id(connection.child.body)] == row
         x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
+
+
+def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, moved: FloatArray) -> None:
+    """Let flying parts of bodies with history follow the finite turns of the parts that they were placed by.
+
+    A step turns a body as a whole; by straight lines that would stretch it.
+
+    Args:
+        scene: compiled.
+        work: scratch.
+        x: (nx,) before the step.
+        step: (nv,).
+        moved: (nx,) after it, changed in place: what a part moves against its mate is added to the mate's motion.
+    """
+    plan, zero = scene.plan, np.zeros(scene.nv)
+    mates = _placing_mates(scene)
+    for row in sorted(mates):
+        forward(plan, work, x, step, zero)
+        p, R, shift, turn = _pose_and_step(work, mates[row][0])
+        p_own, R_own, shift_own, turn_own = _pose_and_step(work, row)
+        forward(plan, work, moved, zero, zero)
+        p_moved, R_moved, *_ = _pose_and_step(work, mates[row][0])
+        arm, swing = p_own - p, R_moved @ R.T
+        bent = scipy.linalg.expm(np.cross(np.eye(3), turn_own - turn))
+        ox = int(plan.tree[row, at.JOINT_X])
+        moved[ox : ox + 3] = p_moved + swing @ (arm + shift_own - shift - np.cross(turn, arm))
+        moved[ox + 3 : ox + 7] = to_quaternion(swing @ bent @ R_own)
+
+
+def _pose_and_step(work: Work, row: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Position, axes, velocity and angular velocity of a part, all in inertial axes."""
+    body = work.body[row]
+    R = body[at.B_R : at.B_R + 9].reshape(3, 3).copy()
+    return body[at.B_P : at.B_P + 3].copy(), R, R @ body[at.B_V : at.B_V + 3], R @ body[at.B_W : at.B_W + 3]
 
 
 def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InterfaceFrame, InterfaceFrame]]:

@@ -46,6 +46,12 @@ class Ports:
     force: FloatArray
     given: Prescribed
 
+    def widened(self, added: int) -> Ports:
+        """The same of a machine with further coordinates, on which they do nothing."""
+        motion = np.pad(self.given.motion, ((0, 0), (0, added), (0, 0)))
+        force = np.pad(self.force, ((0, added), (0, 0)))
+        return replace(self, force=force, given=replace(self.given, motion=motion))
+
 
 def lay_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> Ports:
     """Find what each input does at the working point.

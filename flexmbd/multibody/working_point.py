@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import FlexibleBody, Frame
 from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.interiors import NOTHING_KEPT, Kept
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.series import frame_series
 from flexmbd.multibody.plan import CompiledScene, add_probe
@@ -27,6 +28,7 @@ class WorkingPoint:
         t: s, at which functions of time are taken.
         x, v: (nx,), (nv,) configuration and velocities.
         multipliers: (m,) reactions of the loops (N or N m).
+        interiors: what bodies with history remember there.
     """
 
     scene: CompiledScene
@@ -34,6 +36,7 @@ class WorkingPoint:
     x: FloatArray
     v: FloatArray
     multipliers: FloatArray
+    interiors: Kept = NOTHING_KEPT
 
     def beta(self, connection: Connection) -> FloatArray:
         """Joint coordinates, () where there is one, else (k,); rad or m."""

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexmbd.continuum import parallel
+from flexmbd.continuum import eigen, parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.interface import AveragedInterface
 from flexmbd.continuum.loads import Load, listed
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
-from flexmbd.reduction import eigen
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.geometric_stiffness import n_inertia_loads
 from flexmbd.reduction.interior import Solver

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.reduction.eigen import TOLERANCE, BlockLanczos
+from flexmbd.continuum.eigen import TOLERANCE, BlockLanczos
 from flexmbd.reduction.statics import Statics
 
 #: What the estimate is at least: eigenvalues are not known better.

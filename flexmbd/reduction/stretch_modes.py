@@ -15,9 +15,9 @@ import scipy.linalg
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.eigen import Modes
 from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.stress_stiffness import stress_stiffness
-from flexmbd.reduction.eigen import Modes
 from flexmbd.reduction.signs import determined_rotation
 from flexmbd.reduction.statics import Statics
 

@@ -13,11 +13,10 @@ from mpi4py import MPI
 
 import numpy as np
 
-from flexmbd.continuum import parallel
+from flexmbd.continuum import eigen, parallel
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
-from flexmbd.reduction import eigen
 from flexmbd.reduction.signs import asymmetric_fields
 from flexmbd.reduction.spectrum_error import FLOOR, Spectrum, StaticPart, spectrum, static_part
 from flexmbd.reduction.statics import Statics, body_statics

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.continuum_body import InterfaceFrame, Push
+from flexmbd.multibody.steady_interior import LinearInterior
 
 
 def skew(r):
@@ -169,10 +171,13 @@ class ImplicitSprings(Springs):
 
     def begin(self, t, motion, gravity):
         answer = super().begin(t, motion, gravity)
+        self._start_scheme()
+        return answer
+
+    def _start_scheme(self):
         self.auxiliary, self.a_before, self.h = self.a.copy(), self.a.copy(), 0.0
         self.trials = 0
         self._trial = None
-        return answer
 
     def trial(self, t_end, h, scheme, motion):
         self.trials += 1
@@ -188,11 +193,7 @@ class ImplicitSprings(Springs):
             move, v[n:], last = scheme.end(h, self.v[n:], self.a[n:], auxiliary[n:], a[n:])
             x[n:] = self.x[n:] + move
             force, slip, slipped, (N, slope, length, d) = self.pull(x)
-            K = np.zeros((x.size, x.size))
-            for s, (i, j) in enumerate(self.springs):
-                k = slope[s] * np.outer(d[s], d[s]) + N[s] / length[s] * (np.eye(3) - np.outer(d[s], d[s]))
-                for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-                    K[3 * p : 3 * p + 3, 3 * q : 3 * q + 3] += sign * k
+            K = self.matrix(N, slope, length, d)
             gap = (self.masses[n:, None] * (a[n:] - self.g) - force[n:]).ravel()
             inner = np.diag(masses[3 * n :]) / per_x + K[3 * n :, 3 * n :]
             change = np.linalg.solve(inner, gap) / per_x
@@ -205,17 +206,80 @@ class ImplicitSprings(Springs):
         # bonded points' forces by their displacements: the others follow
         outer = K[: 3 * n, : 3 * n] + np.diag(masses[: 3 * n]) / per_x
         stiffness = outer - K[: 3 * n, 3 * n :] @ np.linalg.solve(inner, K[3 * n :, : 3 * n])
-        rigid = np.zeros((3 * n, 6 * len(self.frames)))
-        tangent = np.zeros((6 * len(self.frames),) * 2)
-        for i, f in enumerate(self.bonds):
-            rigid[3 * i : 3 * i + 3, 6 * f : 6 * f + 3] = np.eye(3)
-            rigid[3 * i : 3 * i + 3, 6 * f + 3 : 6 * f + 6] = -skew(r[i])
-            turned = slice(6 * f + 3, 6 * f + 6)
-            tangent[turned, turned] += skew(push[i]) @ skew(r[i])
+        rigid, tangent = self.carried(r, push)
         tangent -= rigid.T @ stiffness @ rigid
         whole = np.concatenate([np.zeros_like(auxiliary[:n]), last])
         self._trial = (t_end, x, v, a, slip, slipped, whole, self.a, h)
         return self.wrench(force, a, r), tangent
+
+    def matrix(self, N, slope, length, d):
+        """Derivative of minus the forces on the points by their places."""
+        K = np.zeros((3 * len(self.points),) * 2)
+        for s, (i, j) in enumerate(self.springs):
+            k = slope[s] * np.outer(d[s], d[s]) + N[s] / length[s] * (np.eye(3) - np.outer(d[s], d[s]))
+            for p, q, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+                K[3 * p : 3 * p + 3, 3 * q : 3 * q + 3] += sign * k
+        return K
+
+    def carried(self, r, push):
+        """Motions of the bonded points by those of their frames, and what turning arms do to the moments of pushes."""
+        rigid, turning = np.zeros((3 * self.n, 6 * len(self.frames))), np.zeros((6 * len(self.frames),) * 2)
+        for i, f in enumerate(self.bonds):
+            rigid[3 * i : 3 * i + 3, 6 * f : 6 * f + 3] = np.eye(3)
+            rigid[3 * i : 3 * i + 3, 6 * f + 3 : 6 * f + 6] = -skew(r[i])
+            turned = slice(6 * f + 3, 6 * f + 6)
+            turning[turned, turned] += skew(push[i]) @ skew(r[i])
+        return rigid, turning
+
+    def settle(self, t, motion):
+        n, x, v, still = self.n, self.x.copy(), self.v.copy(), np.zeros_like(self.x)
+        x[:n], _, _, r = self.bonded(motion)
+        v[:] = motion.v[0]
+        for _ in range(60):
+            force, slip, slipped, parts = self.pull(x)
+            K = self.matrix(*parts)
+            inner = K[3 * n :, 3 * n :]
+            change = np.linalg.solve(inner, (force[n:] + self.masses[n:, None] * self.g).ravel())
+            x[n:] += min(1.0, 0.1 / max(np.abs(change).max(initial=0.0), 1e-9)) * change.reshape(-1, 3)
+            if np.abs(change).max(initial=0.0) < 1e-13:
+                break
+        else:
+            raise ConvergenceError("the springs find no balance")
+        stiffness = K[: 3 * n, : 3 * n] - K[: 3 * n, 3 * n :] @ np.linalg.solve(inner, K[3 * n :, : 3 * n])
+        rigid, tangent = self.carried(r, force[:n] + self.masses[:n, None] * self.g)
+        self._trial = (t, x, v, still, slip, slipped, still, still, 0.0)
+        return self.wrench(force, still, r), tangent - rigid.T @ stiffness @ rigid
+
+    def resume(self, t, motion):
+        _, _, bonded_a, r = self.bonded(motion)
+        force = self.pull(self.x)[0]
+        self.t = t
+        self.a = np.zeros_like(self.x)
+        self.a[: self.n] = bonded_a
+        self.a[self.n :] = force[self.n :] / self.masses[self.n :, None] + self.g
+        self._start_scheme()
+        return self.wrench(force, self.a, r)
+
+    def linear(self, motion, modes):
+        n, (_, _, _, r) = self.n, self.bonded(motion)
+        force, _, _, (N, _, length, d) = self.pull(self.x)
+        K = self.matrix(N, self.k + 0.0 * N, length, d)
+        masses = np.repeat(self.masses, 3)
+        free = slice(3 * n, None)
+        values, shapes = scipy.linalg.eigh(K[free, free], np.diag(masses[free]))
+        count = min(modes.count, int(np.sum(values < (2.0 * np.pi * modes.below_hz) ** 2)))
+        push = force + self.masses[:, None] * self.g
+        rigid, turning = self.carried(r, push[:n])
+        k = 6 * len(self.frames)
+        onto = np.zeros((len(masses), k + count))
+        onto[: 3 * n, :k] = rigid
+        onto[free, :k] = -np.linalg.solve(K[free, free], K[free, : 3 * n] @ rigid)
+        onto[free, k:] = shapes[:, :count]
+        stiffness = onto.T @ K @ onto
+        stiffness[:k, :k] -= turning
+        lacking = -onto.T @ push.ravel()
+        lacking[:k] = -self.wrench(force, 0.0 * self.a, r).ravel()
+        return LinearInterior(onto.T @ (masses[:, None] * onto), 0.0 * stiffness, stiffness, lacking)
 
     def commit(self):
         (self.t, self.x, self.v, self.a, self.slip, self.slipped, self.auxiliary, self.a_before, self.h) = self._trial

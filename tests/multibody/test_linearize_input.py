@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import pendulum
-from spring_machines import Nothing
 from test_linearize import G, chain, loaded, loop, rotor
 
 import flexmbd as fm
@@ -201,14 +200,6 @@ def test_modes_that_do_not_swing_and_those_that_are_not_there():
     ball = free.add(fm.RigidBody(2.0, (0.1, 0.1, 0.1)), name="ball")
     free.connect(fm.joint.Prismatic("z"), free.ground.frame(), ball.frame())
     assert "zero" in refusal(lambda: free.linearize().mode_motion(0))
-
-
-def test_bodies_with_history_are_refused():
-    scene = fm.System()
-    body = scene.add(fm.ContinuumBody(Nothing()), name="lattice")
-    scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame("alone"))
-    assert "'lattice'" in refusal(scene.linearize)
-    assert "'lattice'" in refusal(scene.equilibrium)
 
 
 def test_a_force_of_several_functions_is_as_many_inputs():

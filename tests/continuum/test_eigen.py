@@ -10,8 +10,8 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
+from flexmbd.continuum.eigen import BlockLanczos, lowest_modes
 from flexmbd.errors import ConvergenceError
-from flexmbd.reduction.eigen import BlockLanczos, lowest_modes
 
 
 def to_petsc(matrix):

@@ -166,6 +166,11 @@ class BlockLanczos:
                 self._fail(len(self.eigenvalues) + 1)
             self._advance()
 
+    @property
+    def is_definite(self) -> bool:
+        """Whether K has shown no negative direction, which would be among the first to be seen if it is nearly none."""
+        return bool(self._values.min(initial=0.0) >= -self._noise)
+
     def count_below(self, eigenvalue: float) -> int:
         """A lower bound on the number of eigenvalues below one; not collective.
 
