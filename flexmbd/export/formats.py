@@ -27,6 +27,8 @@ from flexmbd.export.op4_file import CARRIES as _OP4
 from flexmbd.export.op4_file import op4, read_op4
 from flexmbd.export.record_arrays import CARRIES as _NPZ
 from flexmbd.export.record_arrays import npz, read_npz
+from flexmbd.export.sid_file import CARRIES as _SID
+from flexmbd.export.sid_file import read_sid, sid
 from flexmbd.export.simscape_file import CARRIES as _SIMSCAPE
 from flexmbd.export.simscape_file import read_simscape, simscape
 from flexmbd.reduced import ReducedBody
@@ -68,6 +70,7 @@ FORMATS: tuple[Format, ...] = (
     Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
     Format("mbdyn", "MBDyn", ".fem", _MBDYN, mbdyn, read_mbdyn, digits=10),
     Format("exudyn", "Exudyn", ".npz", _EXUDYN, exudyn, read_exudyn, digits=12),
+    Format("sid", "SIMPACK, DLR FlexibleBodies, EMBSlib", ".SID_FEM", _SID, sid, read_sid, digits=12),
 )
 
 
