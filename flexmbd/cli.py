@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from flexmbd.command import check, convert, export, inspect, reduce
+from flexmbd.command import check, convert, doctor, export, inspect, plot, reduce, simulate
 from flexmbd.command.terminal import Parser, is_root, warn
 from flexmbd.errors import FlexmbdError
 
@@ -46,6 +46,9 @@ SUBCOMMANDS = (
     Subcommand("inspect", "print a record as a readable sheet", inspect.describe),
     Subcommand("export", "write a record for another program", export.describe),
     Subcommand("convert", "turn a file of a reduced body into another", convert.describe),
+    Subcommand("simulate", "simulate a scene from a TOML file", simulate.describe),
+    Subcommand("plot", "draw results over time, or a record's frequencies", plot.describe),
+    Subcommand("doctor", "say what is installed, and what to do about what is broken", doctor.describe),
 )
 
 _EPILOG = """\

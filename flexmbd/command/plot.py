@@ -1,0 +1,172 @@
+"""`flexmbd plot results.csv`: columns of a simulation over time, or the frequencies of a record, as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexmbd.command.body_file import check_free, read_body
+from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.errors import ExportError, PictureError
+from flexmbd.result_table import SUFFIXES, ResultTable, read_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmbd.reduced import ReducedBody
+
+_KINDS = (".png", ".pdf", ".svg")
+_MOST_CURVES = 200
+_EXAMPLES = """\
+examples:
+  flexmbd plot pendulum_results/results.csv                          all columns, those of one unit in one diagram
+  flexmbd plot results.npz --column 'hinge.*' --column energy.total -o hinge.png
+  flexmbd plot results.csv --list                                    the names of the columns
+  flexmbd plot rod.h5 -o rod.png                                     frequencies and damping ratios of a record
+"""
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Give the subcommand's parser its arguments."""
+    parser.description = "Draw columns of a simulation's results over time, or the frequencies of a reduced body."
+    parser.epilog = _EXAMPLES
+    parser.add_argument("result", type=Path, help="results of `flexmbd simulate` (.csv, .npz), or a record (.h5)")
+    parser.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="draw these; * stands for any letters; repeat it (default: all but the time)",
+    )
+    parser.add_argument("--list", action="store_true", help="list the columns, and stop")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help=f"{', '.join(_KINDS)} (default: beside the results, .png)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace a picture that exists")
+    add_json(parser)
+    parser.set_defaults(run=plot)
+
+
+def plot(arguments: argparse.Namespace) -> int:
+    """Read, draw, write the picture. Not collective.
+
+    Raises:
+        ExportError, RecordError: the file cannot be read, or has no such column; the picture exists already.
+        PictureError: matplotlib is missing, or the picture cannot be written.
+    """
+    source: Path = arguments.result
+    table = _table(source)
+    if arguments.list:
+        columns = _columns(table)
+        if arguments.json:
+            say_json({"file": source, "columns": columns})
+        else:
+            say("\n".join(f"{name} [{unit}]" for name, unit in columns.items()))
+        return 0
+    output: Path = arguments.output or source.with_suffix(".png")
+    if output.suffix.lower() not in _KINDS:
+        raise PictureError(f"{output}: a picture's name ends in {', '.join(_KINDS)}")
+    check_free(output, force=arguments.force, source=source)
+    if table is None:
+        body = read_body(source)
+        figure, drawn = _frequency_sheet(body, source.stem), ["frequency", "damping"]
+    else:
+        drawn = _chosen(table, arguments.column)
+        figure = _over_time(table, drawn, source.stem)
+    _save(figure, output)
+    if arguments.json:
+        say_json({"file": output, "columns": drawn})
+    else:
+        say(f"{output}: {len(drawn)} column{'s' if len(drawn) > 1 else ''}")
+    return 0
+
+
+def _table(path: Path) -> ResultTable | None:
+    """The table in a file, or None where it is another kind: a body's, by its suffix or because no table is in it."""
+    if path.suffix.lower() not in SUFFIXES:
+        return None
+    try:
+        return read_table(path)
+    except ExportError as fault:
+        if path.suffix.lower() != ".npz" or "no table of results" not in str(fault):
+            raise
+        return None
+
+
+def _columns(table: ResultTable | None) -> dict[str, str]:
+    if table is None:
+        return {"frequency": "Hz", "damping": "1"}
+    return dict(zip(table.names, table.units, strict=True))
+
+
+def _chosen(table: ResultTable, patterns: Sequence[str]) -> list[str]:
+    """Names of the columns that fit the patterns, in the table's order."""
+    names = table.names[1:]
+    chosen = set(names) if not patterns else set()
+    for pattern in patterns:
+        found = [name for name in table.names if name == pattern] or fnmatch.filter(names, pattern)
+        if not found:
+            raise ExportError(f"no column fits {pattern!r}; there are {', '.join(table.names)}")
+        chosen.update(found)
+    if len(chosen) > _MOST_CURVES:
+        raise ExportError(f"{len(chosen)} columns are too many for one picture; choose by --column")
+    return [name for name in table.names if name in chosen]
+
+
+def _new_figure(count: int, title: str) -> tuple[Figure, Any]:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise PictureError("pictures need matplotlib: pip install 'flexmbd[pictures]'") from error
+    figure = Figure(figsize=(8.0, 1.0 + 2.6 * count), layout="constrained")
+    figure.suptitle(title)
+    return figure, figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+
+
+def _over_time(table: ResultTable, names: Sequence[str], title: str) -> Figure:
+    """One diagram a unit, the first column along all of them."""
+    units = dict(zip(table.names, table.units, strict=True))
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(units[name], []).append(name)
+    figure, axes = _new_figure(len(groups), title)
+    across = table.values[:, 0]
+    for diagram, (unit, members) in zip(axes, groups.items(), strict=True):
+        for name in members:
+            diagram.plot(across, table.column(name), label=name, linewidth=1.2)
+        diagram.set_ylabel(unit)
+        diagram.grid(alpha=0.3)
+        diagram.legend(fontsize="small", loc="upper right", ncols=1 + len(members) // 8)
+    axes[-1].set_xlabel(f"{table.names[0]} [{table.units[0]}]")
+    return figure
+
+
+def _frequency_sheet(body: ReducedBody, title: str) -> Figure:
+    """The free body's frequencies, and the damping ratios of its modes, by number."""
+    if body.n_modes == 0:
+        raise PictureError("the body is rigid: it has no frequencies to draw")
+    figure, (above, below) = _new_figure(2, title)
+    number = np.arange(1, body.n_modes + 1)
+    above.semilogy(number, body.frequencies(), "o", label="free")
+    if body.frame is not None:
+        above.semilogy(number, np.sqrt(body.stiffness) / (2.0 * np.pi), "x", label=f"{body.frame} held")
+    above.set_ylabel("frequency [Hz]")
+    above.legend()
+    below.plot(number, 100.0 * np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness)), "s")
+    below.set_ylabel("damping ratio [%]")
+    below.set_xlabel("mode")
+    for diagram in (above, below):
+        diagram.grid(alpha=0.3)
+    return figure
+
+
+def _save(figure: Figure, path: Path) -> None:
+    try:
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise PictureError(f"cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,145 @@
+"""`flexmbd simulate scene.toml`: a scene from a file, simulated into tables and a film."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from flexmbd.command.body_file import check_free
+from flexmbd.command.terminal import add_json, say, say_json, warn
+from flexmbd.errors import SceneError, SimulationError
+from flexmbd.result_table import ResultTable, write_table
+from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
+from flexmbd.scene_file.kinds import INTEGRATORS
+
+if TYPE_CHECKING:
+    from flexmbd.integrate.protocol import Integrator
+    from flexmbd.trajectory import Trajectory
+
+_STOPPED = 1
+_EXAMPLES = """\
+examples:
+  flexmbd simulate pendulum.toml                     the tables go to the folder pendulum_results
+  flexmbd simulate pendulum.toml -o run1 --force --quiet
+  flexmbd simulate pendulum.toml --explain           what would be computed, and by which integrator
+  flexmbd plot pendulum_results/results.csv
+
+exit code 1: the simulation stopped early; what it computed until then is in the tables
+docs/command_line.md has a whole scene file and all its keys
+"""
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Give the subcommand's parser its arguments."""
+    parser.description = "Simulate the machine that a TOML file describes, and write what it asks for."
+    parser.epilog = _EXAMPLES
+    parser.add_argument("scene", type=Path, help="a scene file, as pendulum.toml")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder of results (default: SCENE_results)")
+    parser.add_argument("--force", action="store_true", help="replace results that are there")
+    parser.add_argument("--explain", action="store_true", help="say what would be computed, and stop")
+    bar = parser.add_mutually_exclusive_group()
+    bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, also where that is no terminal")
+    bar.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+    add_json(parser)
+    parser.set_defaults(run=simulate)
+
+
+def simulate(arguments: argparse.Namespace) -> int:
+    """Read the scene, simulate, write the tables. Not collective.
+
+    Raises:
+        SceneError, AssemblyError: the file is no scene, or the machine cannot be assembled.
+        ExportError: results exist already, or cannot be written.
+        PictureError: the film cannot be made; the tables are there then.
+    """
+    scene = read_scene(arguments.scene)
+    folder: Path = arguments.output or Path(f"{arguments.scene.stem}_results")
+    files = [folder / f"results.{kind}" for kind in scene.output.formats]
+    film = None if scene.output.film is None else folder / scene.output.film
+    built = build(scene)
+    if arguments.explain:
+        say(built.system.explain(rtol=scene.run.rtol, h=scene.run.h, integrator=_integrator(scene)))
+        return 0
+    columns = plan_columns(built, scene.output)
+    _make_folder(folder)
+    for path in [*files, *([] if film is None else [film])]:
+        check_free(path, force=arguments.force)
+    run, fault = _run(built, scene, progress=_wants_bar(arguments))
+    if run is None:
+        raise SceneError(str(fault))
+    table = tabulate(run, columns, every=scene.output.every)
+    for path in files:
+        write_table(table, path)
+    if film is not None:
+        run.animate(film)
+        files.append(film)
+    _report(arguments, run, table, files, fault)
+    return 0 if fault is None else _STOPPED
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise SceneError(f"cannot make the folder {folder}: {error.strerror or error}; give another by -o") from error
+
+
+def _wants_bar(arguments: argparse.Namespace) -> bool:
+    """Whether a bar is asked for; by itself where a person looks on and tqdm is there."""
+    if arguments.progress or arguments.quiet:
+        return bool(arguments.progress)
+    return sys.stderr.isatty() and importlib.util.find_spec("tqdm") is not None
+
+
+def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory | None, SimulationError | None]:
+    """The trajectory; of a simulation that stopped early the part that there is, and the error."""
+    wanted = scene.run
+    try:
+        run = built.system.simulate(
+            wanted.t_end, rtol=wanted.rtol, h=wanted.h, integrator=_integrator(scene), progress=progress
+        )
+    except SimulationError as error:
+        return error.trajectory, error
+    return run, None
+
+
+def _integrator(scene: SceneFile) -> Integrator | Literal["auto"]:
+    return INTEGRATORS[scene.run.integrator]() if scene.run.integrator else "auto"
+
+
+def _report(
+    arguments: argparse.Namespace,
+    run: Trajectory,
+    table: ResultTable,
+    files: list[Path],
+    fault: SimulationError | None,
+) -> None:
+    """Say what was done, for people or for scripts."""
+    stats = run.stats
+    end = float(run.t[-1])
+    if fault is not None:
+        warn(f"{fault}; what was computed until t = {end:.6g} s is in {', '.join(map(str, files))}")
+    if arguments.json:
+        say_json(
+            {
+                "completed": fault is None,
+                "error": None if fault is None else str(fault),
+                "t_end": end,
+                "files": files,
+                "rows": len(table.values),
+                "columns": dict(zip(table.names, table.units, strict=True)),
+                "integrator": stats.integrator,
+                "steps": stats.steps,
+                "rejected": stats.rejected,
+                "seconds": stats.seconds,
+                "constraint_residual": stats.constraint_residual,
+            }
+        )
+    elif not arguments.quiet:
+        say(f"{end:.6g} s simulated in {stats.seconds:.3g} s: {stats.steps} steps, {stats.integrator}")
+        for path in files:
+            what = f": {len(table.values)} rows, {len(table.names)} columns" if path.stem == "results" else ""
+            say(f"{path}{what}")

@@ -1,0 +1,127 @@
+"""Columns of numbers over time, in files that other programs read: text with commas (.csv) and numpy's .npz."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import ExportError
+from flexmbd.export.archive import read_archive, write_archive
+from flexmbd.export.files import finite, read_text, write_file
+
+FloatArray = NDArray[np.float64]
+
+SUFFIXES = (".csv", ".npz")
+
+# Of names in a file from anywhere.
+_LONGEST = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class ResultTable:
+    """A table of numbers.
+
+    Attributes:
+        names: of the k columns; the first is the time.
+        units: of the columns, as "m/s"; "1" for plain numbers.
+        values: (nt, k).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+
+    def column(self, name: str) -> FloatArray:
+        """The values (nt,) of a column.
+
+        Raises:
+            ExportError: there is no such column; the message lists those there are.
+        """
+        if name not in self.names:
+            raise ExportError(f"there is no column {name!r}, but {', '.join(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+
+def write_table(table: ResultTable, path: Path) -> Path:
+    """Write a table, whole or not at all, as the path's suffix says.
+
+    A .csv has one line of headings, "name [unit]", then the rows with all digits; a .npz the arrays names, units (text)
+    and values.
+
+    Raises:
+        ExportError: the destination cannot be written, or has another suffix.
+    """
+    if path.suffix == ".npz":
+        arrays = {"names": np.array(table.names), "units": np.array(table.units), "values": table.values}
+        return write_archive(path, arrays)
+    if path.suffix != ".csv":
+        raise ExportError(f"{path}: a table is written as {' or '.join(SUFFIXES)}")
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(f"{name} [{unit}]" for name, unit in zip(table.names, table.units, strict=True))
+    lines.writerows([repr(float(value)) for value in row] for row in table.values)
+    return write_file(path, text.getvalue())
+
+
+def read_table(path: Path) -> ResultTable:
+    """Read a table that `write_table` wrote, or a .csv of numbers with one line of headings. Not collective.
+
+    Raises:
+        ExportError: the file is missing, damaged, of another kind, or holds numbers that are not finite.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        return _from_archive(path)
+    if suffix == ".csv":
+        return _from_text(path)
+    raise ExportError(f"{path}: no table of results; they end in {' or '.join(SUFFIXES)}")
+
+
+def _from_archive(path: Path) -> ResultTable:
+    arrays = read_archive(path, wanted=("names", "units", "values"))
+    missing = [name for name in ("names", "units", "values") if name not in arrays]
+    if missing:
+        raise ExportError(f"{path} is no table of results: it has no array {', '.join(missing)}")
+    names, units, values = arrays["names"], arrays["units"], arrays["values"]
+    texts = all(one.ndim == 1 and one.dtype.kind == "U" for one in (names, units))
+    if not texts or values.ndim != 2 or values.dtype.kind != "f" or len(names) != len(units):
+        raise ExportError(f"{path} is no table of results: names, units and values do not fit together")
+    known, kinds = [str(one) for one in names], [str(one) for one in units]
+    return _checked(path, known, kinds, np.asarray(values, dtype=np.float64))
+
+
+def _from_text(path: Path) -> ResultTable:
+    rows = csv.reader(io.StringIO(read_text(path)))
+    try:
+        headings = next(rows, [])
+        body = [row for row in rows if row]
+    except csv.Error as error:
+        raise ExportError(f"{path}, line {rows.line_num}: {error}") from error
+    for number, row in enumerate(body, start=2):
+        if len(row) != len(headings):
+            raise ExportError(f"{path}, line {number}: {len(row)} values under {len(headings)} headings")
+    try:
+        values = np.array([[float(word) for word in row] for row in body], dtype=np.float64)
+    except ValueError as error:
+        raise ExportError(f"{path}: {error}") from error
+    names, units = [], []
+    for heading in headings:
+        name, bracket, unit = heading.rpartition(" [")
+        names.append(name if bracket else heading)
+        units.append(unit.removesuffix("]") if bracket else "1")
+    return _checked(path, names, units, values.reshape(len(body), len(headings)))
+
+
+def _checked(path: Path, names: Sequence[str], units: Sequence[str], values: FloatArray) -> ResultTable:
+    """A table whose parts fit together."""
+    if not names or len(names) != values.shape[1] or len(values) == 0:
+        raise ExportError(f"{path} is no table of results: {len(names)} names for values of shape {values.shape}")
+    if len(set(names)) != len(names) or max(map(len, [*names, *units])) > _LONGEST or "" in names:
+        raise ExportError(f"{path}: each column must have a name of its own, of at most {_LONGEST} letters")
+    return ResultTable(tuple(names), tuple(units), finite(values, path=path, what="the table"))

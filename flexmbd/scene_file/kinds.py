@@ -1,0 +1,147 @@
+"""The kinds of joints, forces, couplings and integrators that a scene file may name, and the keys of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from flexmbd.integrate.central_difference import CentralDifference
+from flexmbd.integrate.energy_momentum import EnergyMomentum
+from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.integrate.radau_iia import RadauIIA
+from flexmbd.multibody import force, joint
+from flexmbd.scene_file import values as v
+from flexmbd.scene_file.values import Names, nearest
+from flexmbd.toml_file import Section
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a kind.
+
+    Attributes:
+        read: gives its value.
+        argument: what the class calls it, where that is another name.
+    """
+
+    read: Callable[[Section, str, Names], object]
+    argument: str = ""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of joint, force or coupling: its class, a frozen dataclass, and its keys."""
+
+    make: Callable[..., Any]
+    keys: Mapping[str, Key]
+
+
+def _kind(make: Callable[..., Any], **keys: Callable[[Section, str, Names], object] | Key) -> Kind:
+    return Kind(make, {name: key if isinstance(key, Key) else Key(key) for name, key in keys.items()})
+
+
+_JOINT = Key(v.joint, "connection")
+_FROM, _TO = Key(v.frame, "frame_F"), Key(v.frame, "frame_G")
+_ENDS = {"from": _FROM, "to": _TO}
+
+JOINTS: dict[str, Kind] = {
+    "fixed": _kind(joint.Fixed),
+    "revolute": _kind(joint.Revolute, axis=v.axis),
+    "prismatic": _kind(joint.Prismatic, axis=v.axis),
+    "screw": _kind(joint.Screw, pitch=v.number, axis=v.axis),
+    "cylindrical": _kind(joint.Cylindrical, axis=v.axis),
+    "planar": _kind(joint.Planar, axis=v.axis),
+    "universal": _kind(joint.Universal, first=v.axis, second=v.axis),
+    "spherical": _kind(joint.Spherical),
+    "free": _kind(joint.Free),
+    "point_on_line": _kind(joint.PointOnLine, axis=v.axis),
+    "point_on_plane": _kind(joint.PointOnPlane, axis=v.axis),
+    "distance": _kind(joint.Distance, length=v.number),
+    "constant_velocity": _kind(joint.ConstantVelocity, axis=v.axis),
+    "rolling_disc": _kind(joint.RollingDisc, radius=v.number),
+}
+
+FORCES: dict[str, Kind] = {
+    "joint_torque": _kind(force.JointTorque, joint=_JOINT, value=v.time_function),
+    "joint_force": _kind(force.JointForce, joint=_JOINT, value=v.time_function),
+    "joint_spring": _kind(
+        force.JointSpring, joint=_JOINT, stiffness=v.stiffness, rest=v.number, damping=v.number, coordinate=v.whole
+    ),
+    "joint_damper": _kind(force.JointDamper, joint=_JOINT, damping=v.number, coordinate=v.whole),
+    "joint_stop": _kind(
+        force.JointStop,
+        joint=_JOINT,
+        lower=v.number,
+        upper=v.number,
+        stiffness=v.number,
+        damping=v.number,
+        transition=v.number,
+        coordinate=v.whole,
+    ),
+    "joint_friction": _kind(
+        force.JointFriction,
+        joint=_JOINT,
+        coulomb=v.number,
+        regularisation=v.number,
+        static=v.number,
+        stribeck=v.number,
+        viscous=v.number,
+        coordinate=v.whole,
+    ),
+    "bearing_friction": _kind(
+        force.BearingFriction, joint=_JOINT, coefficient=v.number, regularisation=v.number, radius=v.number
+    ),
+    "spring_damper": _kind(force.SpringDamper, **_ENDS, stiffness=v.number, length=v.number, damping=v.number),
+    "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six),
+    "frame_force": _kind(
+        force.FrameForce, frame=v.frame, force=v.three_time_functions, torque=v.three_time_functions
+    ),
+    "distributed_load": _kind(
+        force.DistributedLoad, body=v.flexible, load=Key(v.text, "name"), factor=v.time_function
+    ),
+}
+
+COUPLINGS: dict[str, Kind] = {
+    "gear": _kind(joint.Gear, first=v.joint, second=v.joint, ratio=v.number),
+    "rack_and_pinion": _kind(joint.RackAndPinion, pinion=v.joint, rack=v.joint, radius=v.number),
+}
+
+INTEGRATORS: dict[str, Callable[[], Integrator]] = {
+    "generalized_alpha": GeneralizedAlpha,
+    "radau_iia": RadauIIA,
+    "explicit_runge_kutta": ExplicitRungeKutta,
+    "central_difference": CentralDifference,
+    "energy_momentum": EnergyMomentum,
+}
+
+
+def read_kind(section: Section, kinds: Mapping[str, Kind], names: Names, *, also: tuple[str, ...] = ()) -> Any:
+    """The kind's name and arguments of a table.
+
+    Args:
+        section: a table with the key "kind".
+        kinds: to choose from.
+        names: of bodies and joints.
+        also: keys that the table may have besides those of its kind.
+
+    Returns:
+        The name of the kind, and its arguments by the names of the class.
+    """
+    name = section.text("kind")
+    if name not in kinds:
+        section.fail("kind", f"{name!r} is not known; {nearest(name, kinds)}")
+    keys = kinds[name].keys
+    section.allow(("kind", *also, *keys))
+    for field in dataclasses.fields(kinds[name].make):  # type: ignore[arg-type]
+        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        called = next((key for key, one in keys.items() if (one.argument or key) == field.name), field.name)
+        if needed and called not in section.values:
+            section.fail("", f"has no {called!r}, which a {name} needs")
+    arguments = {
+        one.argument or key: one.read(section, key, names) for key, one in keys.items() if section.has(key)
+    }
+    return name, arguments

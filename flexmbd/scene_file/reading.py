@@ -1,0 +1,152 @@
+"""From a TOML file to the description of a scene; each fault is named by its place in the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flexmbd.errors import SceneError
+from flexmbd.result_table import SUFFIXES
+from flexmbd.scene_file import values as v
+from flexmbd.scene_file.description import (
+    GROUND,
+    Element,
+    JointEntry,
+    OutputEntry,
+    RecordEntry,
+    RigidEntry,
+    RunEntry,
+    SceneFile,
+)
+from flexmbd.scene_file.kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
+from flexmbd.scene_file.values import Names, nearest
+from flexmbd.toml_file import Section, read_toml
+
+_JOINT_KEYS = ("name", "parent", "child", "position", "velocity", "motion")
+FRAME_SERIES = ("positions", "velocities", "accelerations", "rotations", "angular_velocities")
+_FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
+# Of a table.
+_MOST_ROWS = 1e7
+_FILMS = (".mp4", ".gif")
+
+
+def read_scene(path: str | Path) -> SceneFile:
+    """Read a scene file; records that it names are not opened yet. Not collective.
+
+    Raises:
+        SceneError: it cannot be read, is no TOML, or holds something else than a scene: the message has the key's path,
+            what was expected, and for a key or name that is not known the nearest one.
+    """
+    top = read_toml(path, kind=SceneError)
+    top.allow(("gravity", "body", "joint", "force", "coupling", "simulate", "output"))
+    sections = top.tables("body")
+    if not sections:
+        top.fail("body", "a scene needs at least one, headed [[body]]")
+    folder = Path(path).parent
+    bodies = tuple(_body(section, folder) for section in sections)
+    for section, body in zip(sections, bodies, strict=True):
+        if body.name == GROUND or [one.name for one in bodies].count(body.name) > 1:
+            section.fail("name", f"{body.name!r} is {'the inertial frame' if body.name == GROUND else 'taken'}")
+    names = Names({body.name: isinstance(body, RecordEntry) for body in bodies})
+    joints = tuple(_joint(section, names) for section in top.tables("joint"))
+    for section, joint in zip(top.tables("joint"), joints, strict=True):
+        if [one.name for one in joints].count(joint.name) > 1:
+            section.fail("name", f"{joint.name!r} is taken; give the joint a name of its own")
+    names = Names(names.bodies, tuple(joint.name for joint in joints))
+    run = _run(top.table("simulate"))
+    output = top.table("output") if top.has("output") else Section({}, "output", top.file, top.kind)
+    return SceneFile(
+        Path(path),
+        top.numbers("gravity", count=3) if top.has("gravity") else (0.0, 0.0, 0.0),
+        bodies,
+        joints,
+        tuple(Element(one.place, *read_kind(one, FORCES, names)) for one in top.tables("force")),
+        tuple(Element(one.place, *read_kind(one, COUPLINGS, names)) for one in top.tables("coupling")),
+        run,
+        _output(output, names, run),
+    )
+
+
+def _body(section: Section, folder: Path) -> RigidEntry | RecordEntry:
+    if section.has("record"):
+        section.allow(("name", "record"))
+        return RecordEntry(section.text("name"), section.place, folder / section.text("record"))
+    section.allow(("name", "mass", "inertia", "com", "record"))
+    name, mass = section.text("name"), section.number("mass")
+    inertia = section.need("inertia")
+    whole = isinstance(inertia, list) and bool(inertia) and isinstance(inertia[0], list)
+    return RigidEntry(
+        name,
+        section.place,
+        mass,
+        section.matrix("inertia", size=3) if whole else section.numbers("inertia", count=3),
+        section.numbers("com", count=3) if section.has("com") else (0.0, 0.0, 0.0),
+    )
+
+
+def _joint(section: Section, names: Names) -> JointEntry:
+    kind, arguments = read_kind(section, JOINTS, names, also=_JOINT_KEYS)
+    return JointEntry(
+        section.text("name"),
+        section.place,
+        kind,
+        arguments,
+        v.frame(section, "parent", names) if section.has("parent") else v.frame(_from_ground(section), "parent", names),
+        v.frame(section, "child", names),
+        _coordinates(section, "position"),
+        _coordinates(section, "velocity"),
+        v.time_function(section, "motion", names) if section.has("motion") else None,
+    )
+
+
+def _from_ground(section: Section) -> Section:
+    return Section({**section.values, "parent": GROUND}, section.place, section.file, section.kind)
+
+
+def _coordinates(section: Section, key: str) -> tuple[float, ...] | None:
+    if not section.has(key):
+        return None
+    if isinstance(section.need(key), list):
+        return section.numbers(key)
+    return (section.number(key),)
+
+
+def _run(section: Section) -> RunEntry:
+    section.allow(("t_end", "rtol", "h", "integrator"))
+    integrator = section.text("integrator") if section.has("integrator") else None
+    if integrator is not None and integrator not in INTEGRATORS:
+        section.fail("integrator", f"{integrator!r} is not known; {nearest(integrator, INTEGRATORS)}")
+    return RunEntry(
+        section.number("t_end"),
+        section.number("rtol") if section.has("rtol") else 1e-6,
+        section.number("h") if section.has("h") else None,
+        integrator,
+    )
+
+
+def _output(section: Section, names: Names, run: RunEntry) -> OutputEntry:
+    section.allow(("every", "joints", *FRAME_SERIES, "modal", "reactions", "energies", "formats", "film"))
+    every = section.number("every") if section.has("every") else None
+    if every is not None and every <= 0.0:
+        section.fail("every", f"must be above 0 s, got {every:g}")
+    if every is not None and run.t_end / every > _MOST_ROWS:
+        section.fail("every", f"would make {run.t_end / every:.3g} rows; {_MOST_ROWS:.0e} are the most")
+    reactions = v.joints(section, "reactions", names) if section.has("reactions") else ()
+    if reactions and every is not None:
+        section.fail("reactions", "are known at the ends of the steps alone; leave out 'every'")
+    formats = section.texts("formats") if section.has("formats") else ("csv",)
+    for one in formats:
+        if one not in _FORMATS:
+            section.fail("formats", f"{one!r} is not known; {nearest(one, _FORMATS)}")
+    film = section.text("film") if section.has("film") else None
+    if film is not None and (Path(film).suffix not in _FILMS or Path(film).name != film):
+        section.fail("film", f"must be a file name that ends in {' or '.join(_FILMS)}, got {film!r}")
+    return OutputEntry(
+        every,
+        v.joints(section, "joints", names) if section.has("joints") else None,
+        {series: v.frames(section, series, names) for series in FRAME_SERIES if section.has(series)},
+        v.flexibles(section, "modal", names) if section.has("modal") else (),
+        reactions,
+        section.flag("energies") if section.has("energies") else True,
+        formats,
+        film,
+    )
