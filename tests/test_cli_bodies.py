@@ -207,15 +207,3 @@ def test_ranks_other_than_the_first_keep_silent(record):
         words = ["env", f"OMPI_COMM_WORLD_RANK={rank}", sys.executable, "-c", code]
         done = subprocess.run(words, capture_output=True, text=True, check=True)
         assert (done.stdout != "") is (rank == "0")
-
-
-@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
-def test_every_format_by_the_command(record, capsys, one):
-    """What is written under the name that the command gives is found again, among formats of one suffix too."""
-    assert main(["export", "a.h5", "--to", one.name, "--lossy", "--json"]) == 0
-    found = said(capsys)
-    assert found["file"] == f"a{one.suffix}"
-    assert record.with_name(found["file"]).stat().st_size == found["bytes"] > 0
-    if one.read is not None:
-        assert main(["convert", found["file"], "back.h5"]) == 0
-        assert ReducedBody.load("back.h5").mass == pytest.approx(two_crosses().mass, rel=1e-6)
