@@ -317,6 +317,70 @@ def test_amplification_keeps_bodies_on_their_interfaces():
     np.testing.assert_allclose(rigid[:, :, 0], np.outer((0.0, 1.0, 0.5), tip[:3, 0]), atol=1e-12)
 
 
+def rubber(solid, **how):
+    """A body on a ball joint at a corner, stretched and let go."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.PseudoRigidBody(solid, fm.StVenantKirchhoff(2e4, 0.3), **how), name="rubber")
+    scene.connect(fm.joint.Spherical(), scene.ground.frame(), body.frame((0.3, 0.1, 0.2)))
+    return scene.simulate(0.2, rtol=1e-5), body
+
+
+def prism():
+    """A box given by its surface, which lies beside the origin of its axes."""
+    outline = fm.Solid.box((0.6, 0.2, 0.4), density=1.0).outline
+    return fm.Solid.from_surface(outline.x + np.array([0.1, 0.0, -0.3]), outline.triangles, density=1000.0)
+
+
+@pytest.mark.parametrize(
+    "solid",
+    [fm.Solid.box((0.6, 0.2, 0.4), density=1e3), fm.Solid.ellipsoid((0.6, 0.2, 0.4), density=1e3), prism()],
+    ids=["box", "ellipsoid", "mesh"],
+)
+def test_a_pseudo_rigid_body_is_drawn_as_it_deforms(solid):
+    """Each vertex is where the machine has its material point; the volume is that of det F."""
+    run, body = rubber(solid, stretch=np.diag([1.3, 0.8, 1.0]))
+    times = np.array([0.0, 0.1, 0.2])
+    (skin,) = skins(run, times, {}, amplification=1.0)
+    pose = sketch.sketch(run, times, skinned=[body]).bodies[id(body)]
+    F = run.deformation_gradient(body, t=times)
+    assert np.linalg.norm(F[2] - np.eye(3)) > 0.05
+    a, b, c = np.moveaxis(skin.triangle, 1, 0)
+    for k, t in enumerate(times):
+        drawn = skin.at(k)[0] @ pose.R[k].T + pose.p[k]
+        for vertex in (0, 5, len(skin.x) - 1):
+            assert drawn[vertex] == pytest.approx(run.position(body.frame(skin.x[vertex]), t=[t])[0], abs=1e-12)
+        volumes = [np.einsum("ti,ti->", x[a], np.cross(x[b], x[c])) for x in (drawn, skin.x)]
+        assert volumes[0] / volumes[1] == pytest.approx(np.linalg.det(F[k]), rel=1e-11)
+
+
+def test_a_stretch_is_amplified_and_a_held_one_is_not_there():
+    run, body = rubber(prism(), stretch=np.diag([1.1, 0.9, 1.0]))
+    (skin,) = skins(run, np.array([0.0]), {}, amplification=2.0)
+    arm = skin.x - body.solid.com
+    np.testing.assert_allclose(skin.at(0)[0] - body.solid.com, arm * [1.2, 0.8, 1.0], atol=1e-14)
+    np.testing.assert_allclose(skin.at(0)[1], np.linalg.norm(arm * [0.1, -0.1, 0.0], axis=1), atol=1e-14)
+    run, body = rubber(prism(), rigid=True)
+    (skin,) = skins(run, np.array([0.0, 0.2]), {}, amplification=2.0)
+    np.testing.assert_array_equal(skin.at(1)[0], body.solid.outline.x)
+    assert skin.largest == 0.0
+
+
+def test_film_of_a_pseudo_rigid_body(tmp_path):
+    """It fills much of the picture, which sticks would not."""
+    for how in ({"stretch": np.diag([1.3, 0.8, 1.0])}, {"rigid": True}):
+        run, _ = rubber(fm.Solid.box((0.6, 0.2, 0.4), density=1e3), **how)
+        pictures = film_pictures(run.animate(tmp_path / "rubber.gif", slow_motion=2.0, **SMALL))
+        assert len(pictures) == 5
+        assert min((p.min(axis=2) < 240).mean() for p in pictures) > 0.1
+        assert np.abs(pictures[0] - pictures[4]).max() > 100
+
+
+def test_a_solid_without_a_surface_is_drawn_as_sticks():
+    box = fm.Solid.box((0.6, 0.2, 0.4), density=1e3)
+    run, _ = rubber(fm.Solid(box.mass, box.volume, box.com, box.second))
+    assert skins(run, np.array([0.0]), {}, amplification=1.0) == []
+
+
 class Model:
     """Stress as a continuum model gives it: also at nodes inside, here one."""
 

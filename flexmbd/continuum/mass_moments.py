@@ -7,6 +7,7 @@ mechanics", section 8.3.2.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -18,6 +19,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import symmetric
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.inertia import gram_matrix
+from flexmbd.continuum.mesh_outline import outline_of
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
@@ -48,14 +50,14 @@ def rigid_body_of(body: ContinuumModel | TaggedMesh, *, density: Density | None 
         FormulationError: on all ranks: a kinetic energy that has no Gram matrix.
     """
     if not isinstance(body, ContinuumModel):
-        return RigidBody.from_solid(solid_of(body, density=density))
+        return RigidBody.from_solid(_mesh_solid(body, density))
     _refuse_density(density)
     mass, com, second = _model_moments(body)
     return RigidBody(mass, np.trace(second) * np.eye(3) - second, tuple(map(float, com)))
 
 
 def solid_of(body: ContinuumModel | TaggedMesh, *, density: Density | None = None) -> Solid:
-    """The mass integrals of a body of solid cells, in the mesh's axes. Collective.
+    """The mass integrals of a body of solid cells and its outline, in the mesh's axes. Collective.
 
     Args:
         body: a model, whose own consistent mass is taken; or a mesh.
@@ -72,7 +74,12 @@ def solid_of(body: ContinuumModel | TaggedMesh, *, density: Density | None = Non
         _refuse_density(density)
         volume = float(_integrals(body.mesh, 1.0)[0][_VOLUME])
         weight, centre, moments = _model_moments(body)
-        return Solid(weight, volume, centre, moments)
+        return Solid(weight, volume, centre, moments, outline=outline_of(body.mesh))
+    return replace(_mesh_solid(body, density), outline=outline_of(body))
+
+
+def _mesh_solid(body: TaggedMesh, density: Density | None) -> Solid:
+    """As `solid_of`, without what pictures need. Collective."""
     if density is None:
         raise MeshError("a mesh has no mass of its own: give density=, in kg/m^3")
     sums, middle = _integrals(body, density)

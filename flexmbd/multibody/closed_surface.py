@@ -28,12 +28,12 @@ class Moments(NamedTuple):
     second: FloatArray
 
 
-def enclosed_moments(points: ArrayLike, triangles: ArrayLike) -> Moments:
-    """Integrals over what a closed surface encloses, exact for its flat triangles.
+def outward(points: ArrayLike, triangles: ArrayLike) -> tuple[FloatArray, IntArray]:
+    """A closed surface with every triangle facing out of what it encloses: points (k, 3) m and triangles (s, 3).
 
     The surface may be of several pieces: bodies side by side, cavities in them.  A piece that is inside out is
     turned; a cavity may face either way.  Points at the same place count as one, as in files that list the corners of
-    each triangle anew.
+    each triangle anew; triangles with two corners at one place are left out.
 
     Args:
         points: (n, 3) m.
@@ -41,15 +41,27 @@ def enclosed_moments(points: ArrayLike, triangles: ArrayLike) -> Moments:
 
     Raises:
         SceneError: arrays that do not fit; a surface that is open or whose triangles disagree which side is out, with
-            edges named; no volume.
+            edges named.
     """
     x, corners = _checked(points, triangles)
     piece = _pieces(x, corners)
+    inwards = _facing(x, corners, piece, _cones(x, corners)[0])[piece] < 0.0
+    corners[inwards] = corners[inwards, ::-1]
+    return x, corners
+
+
+def enclosed_moments(x: FloatArray, corners: IntArray) -> Moments:
+    """Integrals over what a surface of ``outward`` encloses, exact for its flat triangles.
+
+    Args:
+        x: (n, 3) m.
+        corners: (t, 3) rows of x.
+
+    Raises:
+        SceneError: no volume.
+    """
     middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
-    a, b, c = np.moveaxis(x[corners] - middle, 1, 0)
-    # tetrahedra from the middle to each triangle
-    volume = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
-    volume *= _facing(x, corners, piece, volume)[piece]
+    volume, (a, b, c) = _cones(x, corners)
     whole = a + b + c
     total = float(volume.sum())
     if not total > _NO_VOLUME * float(np.linalg.norm(np.ptp(x, axis=0))) ** 3:
@@ -60,6 +72,13 @@ def enclosed_moments(points: ArrayLike, triangles: ArrayLike) -> Moments:
         second += np.einsum("t,ti,tj->ij", volume / 20.0, part, part)
     second -= total * np.outer(centre, centre)
     return Moments(total, centre + middle, 0.5 * (second + second.T))
+
+
+def _cones(x: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Volumes (t,) m^3 of the tetrahedra from the middle of the extent to each triangle, and its corners from there."""
+    middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
+    abc = np.moveaxis(x[corners] - middle, 1, 0)
+    return np.asarray(np.einsum("ti,ti->t", abc[0], np.cross(abc[1], abc[2])) / 6.0), abc
 
 
 def _checked(points: ArrayLike, triangles: ArrayLike) -> tuple[FloatArray, IntArray]:

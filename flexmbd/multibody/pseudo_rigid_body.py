@@ -12,7 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame, marker
 from flexmbd.multibody.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.solid import Solid
-from flexmbd.reduced import ReducedBody
+from flexmbd.reduced import ReducedBody, Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -83,6 +83,15 @@ class PseudoRigidBody:
     def reduced(self) -> ReducedBody | None:
         """The record of the stretches; None where they are held."""
         return None if self.rigid else self._record
+
+    @cached_property
+    def surface(self) -> Surface | None:
+        """The solid's surface with the stretches' displacements, for pictures; without any where they are held."""
+        if self.solid.outline is None:
+            return None
+        x = self.solid.outline.x
+        phi = np.einsum("kab,vb->vak", self.modes[:0] if self.rigid else self.modes, x - self.solid.com)
+        return Surface(x, self.solid.outline.triangles, phi)
 
     def stretch_of(self, q: ArrayLike) -> FloatArray:
         """U (..., 3, 3), in body axes, of modal coordinates (..., 6)."""

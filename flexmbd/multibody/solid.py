@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.closed_surface import enclosed_moments
+from flexmbd.multibody.closed_surface import enclosed_moments, outward
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _ROUND_OFF = 1e-12  # of a second moment that should not be negative
+_RINGS, _AROUND = 18, 36  # of the triangles that show a ball
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A solid's surface, for pictures.
+
+    Attributes:
+        points: (n, 3) before scaling; solids of one kind share them.
+        triangles: (t, 3) rows of points, oriented outwards.
+        scale: (3,) m along the axes.
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    scale: FloatArray
+
+    @property
+    def x(self) -> FloatArray:
+        """(n, 3) m."""
+        return self.points * self.scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +47,7 @@ class Solid:
         volume: m^3, positive.
         com: (3,) m, centre of mass, in the axes that the solid was given in.
         second: (3, 3) kg m^2, integral of density times (x - com)(x - com)^T (Euler's tensor), in those axes.
+        outline: what pictures show of it, in those axes; None where it is not known.
 
     Raises:
         SceneError: numbers that no solid has, each named.
@@ -34,6 +57,7 @@ class Solid:
     volume: float
     com: FloatArray
     second: FloatArray
+    outline: Outline | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         com, second = np.array(self.com, np.float64), np.array(self.second, np.float64)
@@ -60,17 +84,18 @@ class Solid:
     def box(cls, sides: ArrayLike, *, density: float) -> Solid:
         """A box about the origin: sides (3,) m along the axes, density kg/m^3."""
         a = _lengths(sides, "sides of a box")
-        return cls._even(float(a.prod()), a**2 / 12.0, density)
+        return cls._even(float(a.prod()), a**2 / 12.0, density, Outline(*_unit_box(), a))
 
     @classmethod
     def ellipsoid(cls, semi_axes: ArrayLike, *, density: float) -> Solid:
         """An ellipsoid about the origin: semi-axes (3,) m along the axes, density kg/m^3."""
         a = _lengths(semi_axes, "semi-axes of an ellipsoid")
-        return cls._even(4.0 / 3.0 * np.pi * float(a.prod()), a**2 / 5.0, density)
+        volume = 4.0 / 3.0 * np.pi * float(a.prod())
+        return cls._even(volume, a**2 / 5.0, density, Outline(*_unit_ball(), a))
 
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> Solid:
-        """What a closed surface of flat triangles encloses; see ``closed_surface.enclosed_moments``.
+        """What a closed surface of flat triangles encloses; see ``closed_surface.outward``.
 
         Args:
             points: (n, 3) m.
@@ -81,13 +106,14 @@ class Solid:
             SceneError: the surface is open, its triangles disagree which side is out, or it encloses no volume.
         """
         density = _positive(density)
-        volume, centre, second = enclosed_moments(points, triangles)
-        return cls(density * volume, volume, centre, density * second)
+        x, corners = outward(points, triangles)
+        volume, centre, second = enclosed_moments(x, corners)
+        return cls(density * volume, volume, centre, density * second, outline=Outline(x, corners, np.ones(3)))
 
     @classmethod
-    def _even(cls, volume: float, squares: ArrayLike, density: float) -> Solid:
+    def _even(cls, volume: float, squares: ArrayLike, density: float, outline: Outline) -> Solid:
         mass = _positive(density) * volume
-        return cls(mass, volume, np.zeros(3), mass * np.diag(squares))
+        return cls(mass, volume, np.zeros(3), mass * np.diag(squares), outline=outline)
 
     @cached_property
     def inertia(self) -> FloatArray:
@@ -105,6 +131,33 @@ def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
         axes[:, k] *= np.sign(axes[np.argmax(abs(axes[:, k])), k])
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     return moments, axes
+
+
+@cache
+def _unit_box() -> tuple[FloatArray, IntArray]:
+    """Points and triangles of a box of sides one."""
+    points = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return points, np.array([corners for a, b, c, d in sides for corners in ((a, b, c), (a, c, d))])
+
+
+@cache
+def _unit_ball() -> tuple[FloatArray, IntArray]:
+    """Points and triangles of a ball of radius one: rings about z, and two poles."""
+    down, round_ = np.pi * np.arange(1, _RINGS) / _RINGS, 2 * np.pi * np.arange(_AROUND) / _AROUND
+    ring = np.stack([np.cos(round_), np.sin(round_), np.zeros(_AROUND)], axis=1)
+    rings = np.sin(down)[:, None, None] * ring + np.cos(down)[:, None, None] * [0.0, 0.0, 1.0]
+    points = np.vstack([rings.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    rows = np.arange((_RINGS - 1) * _AROUND).reshape(_RINGS - 1, _AROUND)
+    after = np.roll(rows, -1, axis=1)
+    top, bottom = np.full(_AROUND, rows.size), np.full(_AROUND, rows.size + 1)
+    bands = [
+        (top, rows[0], after[0]),
+        (rows[:-1], rows[1:], after[1:]),
+        (rows[:-1], after[1:], after[:-1]),
+        (bottom, after[-1], rows[-1]),
+    ]
+    return points, np.vstack([np.stack([part.ravel() for part in band], axis=1) for band in bands])
 
 
 def _lengths(values: ArrayLike, what: str) -> FloatArray:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.kernels import layout as at
+from flexmbd.visual.skin import surface_of
 
 if TYPE_CHECKING:
     from flexmbd.multibody.connection import Connection
@@ -238,10 +239,10 @@ def _joint_solids(
 
 def _thickness(frame: Frame, axis: FloatArray) -> float:
     """How far (m) a body's surface reaches along a joint's axis near the joint."""
-    record = frame.body.reduced()
-    if record is None or record.surface is None:
+    surface = surface_of(frame.body)
+    if surface is None:
         return 0.0
-    away = record.surface.x - frame.p_BF_B
+    away = surface.x - frame.p_BF_B
     distance = np.linalg.norm(away, axis=1)
     near = away[distance <= 1.5 * distance.min()]
     return float(np.abs(near @ (frame.R_BF @ axis)).max())

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+
 if TYPE_CHECKING:
     from flexmbd.multibody.body import Body, FlexibleBody
-    from flexmbd.reduced import ReducedBody
+    from flexmbd.reduced import ReducedBody, Surface
     from flexmbd.trajectory import StressModel, Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -137,21 +139,29 @@ def skins(
     found: list[Skin] = []
     x = trajectory.configuration(times)
     for body in trajectory.bodies.values():
-        record = body.reduced()
+        record, surface = body.reduced(), surface_of(body)
         if record is None:
+            if surface is not None:
+                none = np.zeros((len(times), 0))
+                found.append(DisplacementSkin(body, surface.x, surface.triangle, surface.phi, surface.phi, none))
             continue
         q = x[:, trajectory.scene.modal_slots[id(body)].x]
         model = next((m for b, m in models.items() if b is body), None)
         if model is not None:
             found.append(_stress_skin(body, record, model, q, amplification))
-        elif record.surface is not None:
-            surface = record.surface
+        elif surface is not None:
             rigid = _rigid_motion(record, surface.x)
             drawn = rigid + amplification * (surface.phi - rigid)
-            found.append(
-                DisplacementSkin(body, surface.x, surface.triangle, surface.phi, drawn, q)
-            )
+            found.append(DisplacementSkin(body, surface.x, surface.triangle, surface.phi, drawn, q))
     return found
+
+
+def surface_of(body: Body) -> Surface | None:
+    """What is drawn of a body: its record's surface, or a pseudo-rigid body's own; None for sticks."""
+    if isinstance(body, PseudoRigidBody):
+        return body.surface
+    record = body.reduced()
+    return None if record is None else record.surface
 
 
 def _stress_skin(
@@ -180,9 +190,7 @@ def _rigid_motion(record: ReducedBody, x: FloatArray) -> FloatArray:
         return np.zeros((len(x), 3, record.n_modes))
     origins = np.array([frame.p_BI_B for frame in record.interfaces])
     moved = np.array([frame.modes[:3] for frame in record.interfaces])
-    motion, *_ = np.linalg.lstsq(
-        _rigid_fields(origins).reshape(-1, 6), moved.reshape(-1, record.n_modes), rcond=1e-9
-    )
+    motion, *_ = np.linalg.lstsq(_rigid_fields(origins).reshape(-1, 6), moved.reshape(-1, record.n_modes), rcond=1e-9)
     return _rigid_fields(x) @ motion
 
 

@@ -79,6 +79,9 @@ def test_a_step_file_and_its_boundary():
     assert solid.volume == pytest.approx(shell.volume, rel=1e-12)
     assert solid.com == pytest.approx(shell.com, abs=1e-14)
     assert solid.second == pytest.approx(shell.second, rel=1e-11, abs=1e-11 * np.trace(shell.second))
+    again = fm.Solid.from_surface(solid.outline.x, solid.outline.triangles, density=2700.0)
+    assert again.volume == pytest.approx(solid.volume, rel=1e-12)
+    assert len(solid.outline.x) == len(np.unique(solid.outline.triangles))
 
 
 def test_curved_cells_come_near_the_cylinder():
@@ -93,6 +96,19 @@ def test_curved_cells_come_near_the_cylinder():
         errors.append([abs(solid.volume / volume - 1), abs(solid.second[1:, 1:].trace() / (2 * square) - 1)])
     assert np.log2(np.divide(*errors)) == pytest.approx([4.0, 4.0], abs=0.1)
     assert max(errors[1]) < 1e-4
+
+
+@pytest.mark.mpi
+def test_the_outline_is_the_same_on_any_number_of_ranks():
+    """Two triangles a quadrilateral, facing outwards."""
+    mesh = meshes.block(*SIZE, divisions=(3, 2, 2), cell="hexahedron", degree=1)
+    outline = solid_of(mesh, density=1.0).outline
+    middle = (outline.x.min(axis=0) + outline.x.max(axis=0)) / 2
+    a, b, c = np.moveaxis(outline.x[outline.triangles] - middle, 1, 0)
+    assert len(outline.triangles) == 2 * 2 * (3 * 2 + 3 * 2 + 2 * 2)
+    assert len(outline.x) == 4 * 3 * 3 - 2
+    assert np.einsum("ti,ti->t", a, np.cross(b, c)).min() > 0.0
+    assert np.einsum("ti,ti->", a, np.cross(b, c)) / 6 == pytest.approx(SIZE.prod(), rel=1e-13)
 
 
 def test_a_density_for_each_group():

@@ -95,6 +95,37 @@ def test_corners_listed_anew_for_each_triangle():
     assert solid.volume == pytest.approx(polyhedra.prism_moments(9, 0.2, 0.7)[0], rel=1e-13)
 
 
+def enclosed(outline):
+    """m^3, by the outline's own sense: positive where it faces outwards."""
+    a, b, c = np.moveaxis(outline.x[outline.triangles], 1, 0)
+    return np.einsum("ti,ti->", a, np.cross(b, c)) / 6.0
+
+
+def test_outlines_are_the_solids_surfaces():
+    """They face outwards; a ball's corners lie on it."""
+    assert enclosed(fm.Solid.box(SIDES, density=1.0).outline) == pytest.approx(SIDES.prod(), rel=1e-14)
+    ball = fm.Solid.ellipsoid(SIDES, density=1.0)
+    assert (ball.outline.x**2 / SIDES**2).sum(axis=1) == pytest.approx(np.ones(len(ball.outline.x)))
+    assert 0.97 * ball.volume < enclosed(ball.outline) < ball.volume
+    # closed, or it is refused
+    again = fm.Solid.from_surface(ball.outline.x, ball.outline.triangles, density=1.0)
+    assert again.volume == pytest.approx(enclosed(ball.outline), rel=1e-12)
+
+
+@pytest.mark.parametrize("turns", [(1, 1), (1, -1), (-1, 1)])
+def test_an_outline_faces_away_from_the_material(turns):
+    """A cavity's faces look into it."""
+    outer, inner = polyhedra.box((-1, -1, -1), (1, 1, 1)), polyhedra.box((-0.5, -0.6, -0.4), (0.5, 0.6, 0.4))
+    points, triangles = (
+        np.vstack([outer[0], inner[0]]),
+        np.vstack([outer[1][:, :: turns[0]], inner[1][:, :: turns[1]] + 8]),
+    )
+    outline = fm.Solid.from_surface(points, triangles, density=1.0).outline
+    a, b, c = np.moveaxis(outline.x[outline.triangles], 1, 0)
+    outside = np.abs(a).max(axis=1) == 1.0
+    assert (np.einsum("ti,ti->t", np.cross(b - a, c - a), a) > 0.0).tolist() == outside.tolist()
+
+
 POINTS, TRIANGLES = polyhedra.box((0, 0, 0), (1, 2, 3))
 
 
