@@ -33,3 +33,5 @@ from flexmbd.export.simscape_file import simscape as simscape
 from flexmbd.export.superelement import Superelement as Superelement
 from flexmbd.export.superelement import superelement as superelement
 from flexmbd.export.superelement_frames import InterfaceNode as InterfaceNode
+from flexmbd.export.vtkhdf_file import vtkhdf as vtkhdf
+from flexmbd.export.vtkhdf_file import vtkhdf_modes as vtkhdf_modes

@@ -31,6 +31,8 @@ from flexmbd.export.sid_file import CARRIES as _SID
 from flexmbd.export.sid_file import read_sid, sid
 from flexmbd.export.simscape_file import CARRIES as _SIMSCAPE
 from flexmbd.export.simscape_file import read_simscape, simscape
+from flexmbd.export.vtkhdf_file import CARRIES as _VTKHDF
+from flexmbd.export.vtkhdf_file import vtkhdf_modes
 from flexmbd.reduced import ReducedBody
 
 #: (body, path, lossy=...) -> what the file leaves out, a phrase each.
@@ -71,6 +73,7 @@ FORMATS: tuple[Format, ...] = (
     Format("mbdyn", "MBDyn", ".fem", _MBDYN, mbdyn, read_mbdyn, digits=10),
     Format("exudyn", "Exudyn", ".npz", _EXUDYN, exudyn, read_exudyn, digits=12),
     Format("sid", "SIMPACK, DLR FlexibleBodies, EMBSlib", ".SID_FEM", _SID, sid, read_sid, digits=12),
+    Format("vtkhdf_modes", "ParaView, VTK", ".vtkhdf", _VTKHDF, vtkhdf_modes),
 )
 
 

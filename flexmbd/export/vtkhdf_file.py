@@ -1,0 +1,202 @@
+"""VTKHDF: pictures for ParaView of a body's modes and of a machine that moves (docs/export/vtkhdf.md).
+
+An UnstructuredGrid of triangles (or of points alone), version 2.0 of the layout that VTK's documentation gives. A
+motion has its places one instant after another in one dataset; the group Steps says where each instant begins, and
+that all share the triangles.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexmbd.errors import ExportError, RecordError
+from flexmbd.export.loss import Carries
+from flexmbd.multibody.body import Body, Frame
+from flexmbd.record_groups import FloatArray, IntArray, Surface
+from flexmbd.reduced import ReducedBody
+from flexmbd.trajectory import Trajectory
+
+CARRIES = Carries(interfaces=0, rotations=False, damping=False, large_motion=False, nodes=True)
+
+# VTK's numbers of kinds of cells, and how many points each has.
+_POINT, _TRIANGLE = 1, 5
+
+
+def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
+    """Write the shapes of a body's modes as vectors on its surface, or at its nodes, for ParaView. Not collective.
+
+    Vectors are called ``mode 1`` and so on, in m per unit of a modal coordinate, in the body frame's axes as the
+    places are; the field data ``frequency`` holds their frequencies (Hz). ParaView's filter Warp By Vector shows them.
+
+    Args:
+        body: with `surface`, or else `modes`.
+        path: destination.
+        lossy: as of all formats; a picture is not taken for a body, so that nothing is refused.
+
+    Returns:
+        What is not in the file, a phrase each: all but the shapes.
+
+    Raises:
+        ExportError: the record has neither group, or the destination cannot be written.
+    """
+    if body.surface is not None:
+        x, cells, phi = body.surface.x, body.surface.triangle, body.surface.phi
+    elif body.modes is not None:
+        x, cells, phi = body.modes.x, np.arange(len(body.modes.x))[:, None], body.modes.phi
+    else:
+        raise ExportError(
+            "the record has no surface and no modes at nodes: reduce the body with keep_surface=True or keep_modes=True"
+        )
+
+    def fill(file: h5py.File) -> None:
+        root = _grid(file, len(x), cells)
+        root["Points"] = x
+        points = root.create_group("PointData")
+        for i in range(body.n_modes):
+            points[f"mode {i + 1}"] = phi[:, :, i]
+        root.create_group("FieldData")["frequency"] = np.sqrt(body.stiffness) / (2.0 * np.pi)
+
+    _write(path, fill)
+    return ("everything but the shapes and frequencies of the modes: the file is for pictures",)
+
+
+def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
+    """Write the surfaces of a machine's flexible bodies, moving, for ParaView. Not collective; the root alone writes.
+
+    One mesh in the inertial frame, with the vector ``displacement`` (m, in inertial axes: of the deformation, without
+    the body frame's motion) at its points and ``body`` at its triangles: the number, from 0, of the body in the
+    dataset ``/bodies``, which holds their names.
+
+    Args:
+        run: of a machine with bodies whose records have `surface`.
+        path: destination.
+        t: (k,) s, ascending instants; those of the steps by default.
+
+    Returns:
+        What is not in the file, a phrase each: the bodies without a surface.
+
+    Raises:
+        ExportError: no body has a surface, the instants do not ascend, or the destination cannot be written.
+        SceneError: an instant outside the trajectory.
+    """
+    instants = np.atleast_1d(run.t if t is None else np.asarray(t, dtype=np.float64))
+    if instants.ndim != 1 or len(instants) == 0 or not (np.diff(instants) > 0.0).all():
+        raise ExportError("t must be instants that ascend, each once")
+    skins = [_Skin.of(run, body, instants) for body in run.bodies.values() if _surface(body) is not None]
+    if not skins:
+        raise ExportError("no body of this machine has a surface to show: reduce flexible ones with keep_surface=True")
+    bare = [name for name, body in run.bodies.items() if _surface(body) is None]
+    if run.team.is_root:
+        _write(path, lambda file: _fill(file, skins, instants))
+    return (f"bodies without a surface: {', '.join(bare)}",) if bare else ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Skin:
+    """A body's surface and its motion.
+
+    p (nt, 3), R (nt, 3, 3) of the body frame in the inertial one; q (nt, n).
+    """
+
+    name: str
+    surface: Surface
+    p: FloatArray
+    R: FloatArray
+    q: FloatArray
+
+    @classmethod
+    def of(cls, run: Trajectory, body: Body, t: FloatArray) -> _Skin:
+        surface = _surface(body)
+        if surface is None:
+            raise RecordError(f"body {body.name!r} has no surface")
+        frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
+        return cls(body.name, surface, run.position(frame, t=t), run.rotation(frame, t=t), run.q(body, t=t))
+
+    def at(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """(v, 3) places and displacements at instant k, in the inertial frame."""
+        moved = (self.surface.phi @ self.q[k]) @ self.R[k].T
+        return self.p[k] + self.surface.x @ self.R[k].T + moved, moved
+
+
+def _surface(body: Body) -> Surface | None:
+    record = body.reduced()
+    return None if record is None else record.surface
+
+
+def _fill(file: h5py.File, skins: list[_Skin], t: FloatArray) -> None:
+    sizes = [len(skin.surface.x) for skin in skins]
+    starts = np.cumsum([0, *sizes])
+    triangles = np.vstack([skin.surface.triangle + start for skin, start in zip(skins, starts, strict=False)])
+    n = int(starts[-1])
+    root = _grid(file, n, triangles)
+    points = root.create_dataset("Points", (len(t) * n, 3), dtype=np.float64)
+    moves = root.create_dataset("PointData/displacement", (len(t) * n, 3), dtype=np.float32)
+    for k in range(len(t)):
+        for skin, start, size in zip(skins, starts, sizes, strict=False):
+            rows = slice(k * n + start, k * n + start + size)
+            points[rows], moves[rows] = skin.at(k)
+    numbers = np.arange(len(skins), dtype=np.int32)
+    root["CellData/body"] = np.repeat(numbers, [len(skin.surface.triangle) for skin in skins])
+    steps, whole = root.create_group("Steps"), np.zeros(len(t), np.int64)
+    steps.attrs["NSteps"] = len(t)
+    steps["Values"] = t
+    steps["NumberOfParts"] = whole + 1
+    steps["PartOffsets"] = whole
+    steps["PointOffsets"] = steps["PointDataOffsets/displacement"] = n * np.arange(len(t))
+    # the triangles are those of the first instant at all of them
+    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = whole[:, None]
+    steps["CellDataOffsets/body"] = whole
+    file["bodies"] = [skin.name for skin in skins]
+
+
+def _grid(file: h5py.File, n: int, cells: IntArray) -> Any:
+    """The group VTKHDF with n points and cells (c, points of each), all of one kind."""
+    root = file.create_group("VTKHDF", track_order=True)
+    root.attrs["Version"] = np.array([2, 0], np.int64)
+    kind = b"UnstructuredGrid"
+    root.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+    count, corners = cells.shape
+    root["NumberOfPoints"] = np.array([n], np.int64)
+    root["NumberOfCells"] = np.array([count], np.int64)
+    root["NumberOfConnectivityIds"] = np.array([cells.size], np.int64)
+    root["Connectivity"] = np.ascontiguousarray(cells, np.int64).ravel()
+    root["Offsets"] = corners * np.arange(count + 1, dtype=np.int64)
+    root["Types"] = np.full(count, _TRIANGLE if corners == 3 else _POINT, np.uint8)
+    return root
+
+
+def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
+    """Let ``fill`` write a file under a temporary name and rename it; an existing file survives until then."""
+    target = Path(os.path.realpath(path))
+    try:
+        with _draft(target) as draft:
+            with h5py.File(draft, "x") as file:
+                fill(file)
+            os.replace(draft, target)
+    except OSError as error:
+        raise ExportError(
+            f"cannot write {path}: {error.strerror or error}; nothing was changed there: choose a folder that exists, "
+            "that you may write to and that has the space"
+        ) from error
+
+
+@contextmanager
+def _draft(target: Path) -> Iterator[Path]:
+    """A name beside the target, of a file that is gone afterwards."""
+    if target.exists() and not target.is_file():
+        raise OSError(f"{target} is no regular file")
+    draft = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        yield draft
+    finally:
+        draft.unlink(missing_ok=True)
