@@ -1,0 +1,51 @@
+"""docs/export.md: its table is what the formats say of themselves, its code runs, its links lead somewhere."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from exported_bodies import damped_rod
+
+import flexmbd as fm
+
+PAGE = Path(__file__).parents[2] / "docs" / "export.md"
+
+
+def row(one):
+    """A format's line in the table."""
+
+    def said(carried):
+        return "yes" if carried else "-"
+
+    carries = one.carries
+    cells = [
+        f"`{one.name}`",
+        one.suffix,
+        one.programs,
+        "all" if carries.interfaces is None else f"{carries.interfaces or '-'}",
+        *(said(getattr(carries, name)) for name in ("rotations", "damping", "large_motion", "stiffening")),
+        *(said(getattr(carries, name)) for name in ("floating", "nodes", "stress")),
+        "-" if one.read is None else f"{one.digits} digits",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def test_the_table_is_what_the_code_says():
+    shown = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    assert set(shown) <= {row(one) for one in fm.export.FORMATS}
+    assert len(shown) == len(set(shown))
+
+
+def test_the_code_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    damped_rod().save("rod.h5")
+    names = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        exec(block, names)
+    np.testing.assert_allclose(names["back"].frequencies(), names["rod"].frequencies(), rtol=1e-12)
+
+
+def test_links_lead_somewhere():
+    for page in (PAGE, *sorted((PAGE.parent / "export").glob("*.md"))):
+        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).exists(), (page.name, link)
