@@ -1,8 +1,10 @@
 """Exudyn reads our file, computes the same arrays from the same elements, and moves as we do."""
 
+import re
 import zipfile
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -239,6 +241,48 @@ def test_moves_as_we_do(spin):
     assert np.abs((4.0 * fine - coarse)[:, 1:] / 3.0 - right).max() < 1e-7
 
 
+@cache
+def floating_block():
+    """A soft block whose body frame floats on the mean axis."""
+    from flexmbd import meshes
+    from flexmbd.continuum import ContinuumModel, Interface
+    from flexmbd.forms import solid_linear
+    from flexmbd.reduction import craig_bampton
+
+    rubber = solid_linear.Parameters(E=1e6, nu=0.3, rho=1100.0)
+    mesh = meshes.block(1.0, 0.1, 0.2, divisions=(3, 1, 1))
+    model = ContinuumModel(mesh, solid_linear, rubber, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
+    return craig_bampton(model, modes=2, frame=None, geometric_stiffness=False)
+
+
+def test_a_floating_body_tumbles_as_here():
+    """In free flight, about no principal axis, under a force on one end that bends it."""
+    body, end, push = floating_block(), 0.24, (0.0, 120.0, -180.0)
+    scene = fm.System()
+    block = scene.add(fm.FlexibleBody(body), name="block")
+    flight = scene.connect(fm.joint.Free(), scene.ground.frame(), block.frame())
+    flight.velocity = (0.1, 0.2, -0.3, *SPIN)
+    scene.add_force(fm.force.FrameForce(block.frame("x_min"), force=push))
+    run = scene.simulate(end, rtol=1e-11, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
+    found = []
+    for h in (2e-4, 1e-4):
+        mbs, _, added = machine(body, velocity=(0.1, 0.2, -0.3), angular_velocity=SPIN)
+        mbs.AddLoad(item.LoadForceVector(markerNumber=added.markers["x_min"], loadVector=push))
+        place = sensor(mbs, added.markers["x_max"], exudyn.OutputVariableType.Position)
+        mbs.Assemble()
+        settings = exudyn.SimulationSettings()
+        settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = round(end / h), end
+        settings.timeIntegration.verboseMode = 0
+        settings.solutionSettings.writeSolutionToFile = False
+        settings.solutionSettings.sensorsWritePeriod = end / 10.0
+        mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
+        found.append(mbs.GetSensorStoredData(place))
+    ends = body.interface("x_max").modes[:3] - body.interface("x_min").modes[:3]
+    assert np.linalg.norm(run.q(block) @ ends.T, axis=1).max() > 0.02
+    right = run.position(block.frame("x_max"), t=found[1][:, 0])
+    assert np.abs((4.0 * found[1] - found[0])[:, 1:] / 3.0 - right).max() < 1e-7
+
+
 def test_moments_are_taken_by_the_markers_own_axes():
     """What docs/export/exudyn.md says of moments: the virtual rotation of a turned marker is T(theta)' for T(theta).
 
@@ -419,6 +463,20 @@ def test_another_archive_is_told(tmp_path):
     fm.export.npz(damped_rod(), tmp_path / "rod.npz")
     with pytest.raises(ExportError, match="is no reduced body of Exudyn: it lacks infoList"):
         fm.export.read_exudyn(tmp_path / "rod.npz")
+
+
+def test_the_page_is_true(tmp_path, monkeypatch):
+    """The snippets of docs/export/exudyn.md, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    soft_bar().save("bar.h5")
+    page = (Path(__file__).parents[2] / "docs" / "export" / "exudyn.md").read_text()
+    fm.export.exudyn(soft_bar(), "bar.npz")
+    names: dict = {}
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(block, names)
+    assert set(names["added"]) >= {"nRigidBody", "oFFRFreducedOrder"}
 
 
 def test_damaged_files(tmp_path):

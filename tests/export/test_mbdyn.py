@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -343,6 +344,17 @@ def test_the_deck_is_complete(tmp_path):
 def test_no_pendulum(tmp_path, make, options, says):
     with pytest.raises(ExportError, match=says):
         fm.export.mbdyn_deck(make(), tmp_path / "x.fem", tmp_path / "x.mbd", **options)
+
+
+def test_the_page_is_true(tmp_path, monkeypatch):
+    """The snippet of docs/export/mbdyn.md."""
+    monkeypatch.chdir(tmp_path)
+    soft_bar().save("bar.h5")
+    page = (Path(__file__).parents[2] / "docs" / "export" / "mbdyn.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(block, {})
+    (joint,) = re.findall(r"joint: 10, .*;", page)
+    assert statements(joint)[0] in statements((tmp_path / "bar.mbd").read_text())
 
 
 def our_pendulum(body, pendulum, *, end):
