@@ -141,16 +141,7 @@ class RigidBody:
 
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> RigidBody:
-        """What a closed surface of flat triangles encloses, as a rigid body in the points' axes.
-
-        Args:
-            points: (n, 3) m.
-            triangles: (t, 3) rows of points.
-            density: kg/m^3.
-
-        Raises:
-            SceneError: the surface is open, its triangles disagree which side is out, or it encloses no volume.
-        """
+        """What a closed surface encloses, as a rigid body in the points' axes; see ``Solid.from_surface``."""
         return cls.from_solid(Solid.from_surface(points, triangles, density=density))
 
     def principal_axes(self) -> tuple[FloatArray, FloatArray]:

@@ -6,28 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 
 
 @dataclass(frozen=True, eq=False)
-class EnergyForce:
+class EnergyForce(OnState):
     """The rest of a body's energy, as a force element on its modes; the machine adds it with the body."""
 
     body: PseudoRigidBody
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on modes."""
-        return ()
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """None: it acts on modes."""
-        return ()
 
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody, FrameMotion, LaidInterior, Memory
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.interface_frames import (
     M_A,
@@ -33,15 +32,10 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class InteriorForce:
+class InteriorForce(OffJoints):
     """What an interior exerts on its frames: forces in inertial axes whose numbers change with each step."""
 
     body: ContinuumBody
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on frames."""
-        return ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Union
 
 import numpy as np
 from numba import carray, cfunc, njit, types
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels import layout as at
@@ -31,10 +31,20 @@ class Sine:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A cubic spline through the points (t, y); t in s, ascending."""
+    """A cubic spline through the points (t, y); t in s, ascending.
+
+    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over.
+
+    Attributes:
+        t: (n,) s.
+        y: (n,) values.
+        monotone: stay between neighbouring points, and level between equal ones (Fritsch and Butland 1984,
+            doi:10.1137/0905021); then only the first derivative is continuous, and a smooth function is met less well.
+    """
 
     t: ArrayLike
     y: ArrayLike
+    monotone: bool = field(default=False, kw_only=True)
 
 
 class Signature(Enum):
@@ -189,14 +199,14 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 
 def spline(table: Table, what: str) -> PPoly:
-    """The cubic spline through a table's points; SceneError where there is none."""
+    """The piecewise cubic through a table's points; SceneError where there is none."""
     t = np.asarray(table.t, dtype=np.float64)
     y = np.asarray(table.y, dtype=np.float64)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
         raise SceneError(f"{what}: a table needs t and y of one length, at least 2")
     if not (np.isfinite(t).all() and np.isfinite(y).all() and (np.diff(t) > 0.0).all()):
         raise SceneError(f"{what}: a table needs finite values and strictly ascending t")
-    return CubicSpline(t, y)
+    return PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
 
 
 def _piecewise(poly: PPoly, what: str) -> TimeRow:

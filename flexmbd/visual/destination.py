@@ -5,8 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flexmbd.errors import PictureError
+from flexmbd.multibody.team import Team
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def checked_path(path: str | Path, suffixes: Collection[str]) -> Path:
@@ -21,6 +26,21 @@ def checked_path(path: str | Path, suffixes: Collection[str]) -> Path:
             f"{target}: the suffix {target.suffix!r} is not known; use {' or '.join(sorted(suffixes))}"
         )
     return target
+
+
+def save(figure: Figure, target: Path, team: Team) -> None:
+    """Let the team's root write a figure of matplotlib. Collective over the team.
+
+    Raises:
+        PictureError: on all ranks: the folder or the file cannot be written.
+    """
+    error = None
+    if team.is_root:
+        try:
+            write(target, lambda temporary: figure.savefig(temporary, dpi=150))
+        except PictureError as caught:
+            error = caught
+    team.fail(error)
 
 
 def write(target: Path, fill: Callable[[Path], None]) -> Path:

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.multibody.team import Team
-from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.library import load
-from flexmbd.visual.series import SUFFIXES
+from flexmbd.visual.destination import checked_path, save
+from flexmbd.visual.series import SUFFIXES, bare, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,8 +61,7 @@ def plot_response(
     if not (frequency > 0.0).all() or not (np.diff(frequency) > 0.0).all():
         raise PictureError("the frequencies of a response must be positive and ascending (rad/s)")
     response = machine.frequency_response(frequency)
-    owner = load("matplotlib.pyplot").figure if target is None else load("matplotlib.figure").Figure
-    figure: Figure = owner(figsize=(8.0, 6.0), layout="constrained")
+    figure = new_figure(6.0, shown=target is None)
     gain, phase = figure.subplots(2, 1, sharex=True)
     for i, output in enumerate(machine.outputs):
         for j, name in enumerate(machine.drivers):
@@ -79,14 +77,7 @@ def plot_response(
     phase.set_ylabel("phase in degrees")
     phase.set_xlabel("frequency in Hz")
     for axes in (gain, phase):
-        axes.grid(color="0.9")
-        axes.spines[["top", "right"]].set_visible(False)
+        bare(axes)
     if target is not None:
-        error = None
-        if machine.team.is_root:
-            try:
-                write(target, lambda temporary: figure.savefig(temporary, dpi=150))
-            except PictureError as caught:
-                error = caught
-        machine.team.fail(error)
+        save(figure, target, machine.team)
     return figure

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import PictureError
 from flexmbd.multibody.body import FlexibleBody, Frame
 from flexmbd.multibody.connection import Connection
-from flexmbd.visual.destination import checked_path, write
+from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.library import load
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def plot_series(
     lines = [_line(trajectory, fine, *pair) for pair in series] or _energies(trajectory, fine)
     if not series:
         ylabel = ylabel or "energy in J"
-    figure = _figure(shown=target is None)
+    figure = new_figure(4.5, shown=target is None)
     axes = figure.subplots()
     for label, t, values in lines:
         _draw(axes, t, label, values)
@@ -81,13 +81,7 @@ def plot_series(
     _mark_events(axes, trajectory)
     _dress(axes, legend=curves > 1 or len(axes.lines) > curves)
     if target is not None:
-        error = None
-        if trajectory.team.is_root:
-            try:
-                write(target, lambda temporary: figure.savefig(temporary, dpi=150))
-            except PictureError as caught:
-                error = caught
-        trajectory.team.fail(error)
+        save(figure, target, trajectory.team)
     return figure
 
 
@@ -128,10 +122,10 @@ def _energies(trajectory: Trajectory, fine: FloatArray) -> list[tuple[str, Float
     return [(name, fine, part) for name, part in {**shown, "total": energy.total}.items()]
 
 
-def _figure(*, shown: bool) -> Figure:
-    """A figure of pyplot's where it is to be shown; else one that nothing else holds."""
+def new_figure(height: float, *, shown: bool) -> Figure:
+    """A figure, this high in inches: pyplot's where it is to be shown; else one that nothing else holds."""
     owner = load("matplotlib.pyplot").figure if shown else load("matplotlib.figure").Figure
-    figure: Figure = owner(figsize=(8.0, 4.5), layout="constrained")
+    figure: Figure = owner(figsize=(8.0, height), layout="constrained")
     return figure
 
 
@@ -158,7 +152,12 @@ def _mark_events(axes: Axes, trajectory: Trajectory) -> None:
 
 
 def _dress(axes: Axes, *, legend: bool) -> None:
-    axes.grid(color="0.9")
-    axes.spines[["top", "right"]].set_visible(False)
+    bare(axes)
     if legend:
         axes.legend(frameon=False)
+
+
+def bare(axes: Axes) -> None:
+    """A grid, and no lines at the top and the right."""
+    axes.grid(color="0.9")
+    axes.spines[["top", "right"]].set_visible(False)

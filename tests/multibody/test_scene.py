@@ -23,6 +23,35 @@ def wheel():
     return scene, disc, scene.connect(fm.joint.Revolute(), scene.ground.frame(), disc.frame())
 
 
+def test_a_monotone_table_does_not_swing_over():
+    """A pulse and a distant zero: by the cubic pieces' closed forms, and nothing after it, as a spline would have."""
+    points = [0.0, 0.1, 0.2, 2.0], [0.0, 5.0, 0.0, 0.0]
+    found = {}
+    for monotone in (False, True):
+        scene, _, hinge = wheel()
+        scene.add_force(fm.force.JointTorque(hinge, fm.Table(*points, monotone=monotone)))
+        run = scene.simulate(2.0, rtol=1e-8)
+        found[monotone] = run.drive(hinge), run.beta_rate(hinge)
+        after = run.t >= 0.2
+    drive, rate = found[True]
+    assert drive.min() >= 0.0
+    assert drive.max() == pytest.approx(5.0, rel=1e-2)
+    assert abs(drive[after]).max() == 0.0
+    # slopes 100, 0, 0 at the first points: 0.1 (0 + 5) / 2 + 0.01 (100 - 0) / 12 + 0.1 (5 + 0) / 2
+    assert rate[after] == pytest.approx(np.full(after.sum(), 7 / 12 / 0.25), rel=1e-7)
+    assert found[False][0].min() < -1.0
+
+
+def test_a_monotone_table_of_a_prescribed_motion():
+    """Its rate is that of the pieces; a straight line stays one, also of two points."""
+    for points in (([0.0, 2.0], [0.0, 4.0]), ([0.0, 0.5, 2.0], [0.0, 1.0, 4.0])):
+        scene, _, hinge = wheel()
+        hinge.prescribe(fm.Table(*points, monotone=True))
+        run = scene.simulate(1.0, rtol=1e-6)
+        assert run.beta(hinge) == pytest.approx(2.0 * run.t, abs=1e-12)
+        assert run.beta_rate(hinge) == pytest.approx(np.full(len(run.t), 2.0), abs=1e-12)
+
+
 @pytest.mark.parametrize(
     "value",
     [

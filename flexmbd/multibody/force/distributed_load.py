@@ -8,14 +8,13 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import FlexibleBody, Frame
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.time_function import TimeFunction
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedLoad:
+class DistributedLoad(OffJoints):
     """A named load of the record times a factor: work on the modes, and its resultants on the body frame.
 
     It keeps to the body's axes, and its resultants are those on the undeformed body (`DistributedLoads`).
@@ -29,11 +28,6 @@ class DistributedLoad:
     body: FlexibleBody
     name: str
     factor: TimeFunction = 1.0
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on a body."""
-        return ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:

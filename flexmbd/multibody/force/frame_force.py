@@ -10,8 +10,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.time_function import TimeFunction
 
@@ -24,7 +23,7 @@ class Axes(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class FrameForce:
+class FrameForce(OffJoints):
     """A force at a frame's origin and a torque, each component a number or a function of time (s).
 
     Attributes:
@@ -38,11 +37,6 @@ class FrameForce:
     force: Sequence[TimeFunction] = (0.0, 0.0, 0.0)
     torque: Sequence[TimeFunction] = (0.0, 0.0, 0.0)
     axes: Axes = Axes.WORLD
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on a frame."""
-        return ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.force.protocol import Table
+from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.kane import Kinematics
 from flexmbd.multibody.kane_inertia import GivenBody, InertiaAndForces
 
 
 @dataclass(frozen=True, eq=False)
-class KaneBody:
+class KaneBody(OffJoints):
     """A body of one's own at k frames of the machine, given by its inertia and active forces.
 
     The function gets the ``Kinematics`` of the moment (no accelerations) and gives ``inertia`` (6 k, 6 k) and
@@ -34,11 +33,6 @@ class KaneBody:
     at: Sequence[Frame]
     function: Callable[[Kinematics], InertiaAndForces]
     name: str = ""
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on frames."""
-        return ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:

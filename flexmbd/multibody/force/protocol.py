@@ -170,13 +170,17 @@ class DrivesJoint(OnJoint):
         table.drive(self.connection, self.value, self.what)
 
 
-class OnState:
-    """What forces that ask for the whole state share; a base for frozen dataclasses."""
+class OffJoints:
+    """What forces that act on no joint's coordinate share; a base for frozen dataclasses."""
 
     @property
     def connections(self) -> tuple[Connection, ...]:
-        """None in particular."""
+        """None."""
         return ()
+
+
+class OnState(OffJoints):
+    """What forces on the state, or on a body's modes, share; a base for frozen dataclasses."""
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -184,7 +188,7 @@ class OnState:
         return ()
 
 
-class BetweenFrames:
+class BetweenFrames(OffJoints):
     """What elements between two frames share; a base for frozen dataclasses.
 
     Attributes:
@@ -193,11 +197,6 @@ class BetweenFrames:
 
     frame_F: Frame
     frame_G: Frame
-
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        """None: it acts on frames."""
-        return ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
