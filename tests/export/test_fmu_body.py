@@ -38,6 +38,14 @@ def coupled_rod():
 BODIES = {"bar": soft_bar, "rod": damped_rod, "coupled": coupled_rod}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def no_warnings():
+    """The compiler's warnings are errors here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(building, "COMPILE", (*building.COMPILE, "-Wpedantic", "-Werror"))
+        yield
+
+
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory):
     """Units of the bodies, compiled once."""

@@ -79,6 +79,9 @@ def object_code(kernel: Kernel) -> bytes:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     module = llvm.parse_assembly(kernel.program)
+    for one in module.functions:
+        if not one.is_declaration and one.name != kernel.symbol:
+            one.linkage = "internal"
     oldest = "x86-64" if kernel.triple.startswith("x86_64") else "generic"
     target = llvm.Target.from_triple(kernel.triple)
     machine = target.create_target_machine(cpu=oldest, features="", opt=2, reloc="pic", codemodel="default")

@@ -5,20 +5,31 @@
 #include <stddef.h>
 #include <stdint.h>
 
-extern const unsigned char machine_image[];  /* what an instance's memory is at the start */
-extern const double machine_start_time;      /* s */
-extern const int machine_follows_time;       /* whether anything but the inputs is a function of time */
-extern const double machine_step;            /* s, the longest step of the integrator */
-extern const size_t machine_numbers;         /* places in the memory: scalars of the integration, */
-extern const size_t machine_counts;
-extern const size_t machine_flag;            /* what functions of time report, */
-extern const size_t machine_input_places[];  /* each input's value, */
-extern const size_t machine_output_places[]; /* each output's */
-extern const int machine_time, machine_time_end, machine_step_size, machine_stored; /* entries of numbers and counts */
-extern const int machine_done, machine_output; /* what the integrator returns: at its end, with a full record */
+extern const unsigned char machine_image[]; /* what an instance's memory is at the start */
+extern const double machine_start_time;     /* s */
+extern const int machine_follows_time;      /* whether anything but the inputs is a function of time */
+extern const double machine_step;           /* s, the longest step of the integrator */
 
-/* Runs the integrator up to its end; its code, or -1. */
+/* Places in the memory: the integration's scalars, accelerations (n of them), and rows of n that remember them. */
+extern const size_t machine_numbers, machine_counts, machine_accelerations, machine_history;
+extern const size_t machine_velocities, machine_history_rows;
+extern const size_t machine_input_places[];
+extern const size_t machine_output_places[];
+
+/* Entries of numbers and counts: how many there are, the first of the method's own, and some. */
+enum { MOST_ENTRIES = 64 };
+extern const int machine_number_entries, machine_count_entries, machine_own_numbers, machine_own_counts;
+extern const int machine_time, machine_time_end, machine_step_size, machine_stored;
+extern const int machine_full; /* what the integrator returns with a full record */
+
+/* Puts addresses of this process into the memory. */
+void machine_bind(unsigned char *memory);
+
+/* One step of the integrator; its code, or -1. */
 int64_t machine_run(unsigned char *memory);
+
+/* One step of no motion, which brings accelerations and reactions up to date; its code, or -1. */
+int64_t machine_refresh(unsigned char *memory);
 
 /* Brings the frames among the outputs up to date; 0, or -1. */
 int machine_frames(unsigned char *memory);

@@ -1,16 +1,18 @@
-"""What the kernels of a machine work on, set up as an integrator would, but for inputs that jump."""
+"""What the kernels of a machine work on, set up as its integrator would."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from flexmbd.errors import ExportError
+from flexmbd.integrate import alpha_layout, explicit_runge_kutta, generalized_alpha
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, _new_scratch
-from flexmbd.integrate.loop_dynamics import new_loops, survey
+from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.loop_dynamics import N_MEMORY, new_loops, survey
 from flexmbd.integrate.tableau import Tableau
 from flexmbd.multibody.body import Frame
 from flexmbd.multibody.initial import Start
@@ -19,26 +21,56 @@ from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.layout import Plan, new_work
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.round_bodies import round_axes
+from flexmbd.multibody.kernels.tangent import tangent_after_residual
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import evaluate_inputs, new_snapshot
+
+#: The integrators that machines leave with.
+Method = ExplicitRungeKutta | GeneralizedAlpha
+
+#: The relative tolerance that rules Newton's iteration.
+NEWTON = 1e-9
+
+#: One stage at the step's beginning, which moves nothing.
+_STANDSTILL = Tableau(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)))
+
+
+@dataclass(frozen=True)
+class Call:
+    """A kernel and what it is called with."""
+
+    kernel: Any
+    arguments: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class FrameCall:
-    """Arguments of `frame_series` for one frame; ``out`` is the last of them."""
+    """A call of `frame_series` for one frame; its last argument takes what comes out."""
 
     frame: Frame
-    arguments: tuple[Any, ...]
+    call: Call
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Parts:
-    """What the kernels work on: arguments of ``advance`` and of each frame's ``frame_series``."""
+    """What the kernels of a machine work on.
 
-    advance: tuple[Any, ...]
+    Attributes:
+        run: takes a step, for the record has room for one.
+        refresh: a step of no motion that finds accelerations and reactions.
+        state, plan: among their arguments.
+        history_rows: rows of ``state.memory`` that begin as the accelerations.
+        behind: kernels behind addresses: the array that holds one, and the call.
+        frames: calls for outputs, which are added to.
+    """
+
+    run: Call
+    refresh: Call
     state: st.State
     plan: Plan
-    frames: list[FrameCall]
+    history_rows: int = 0
+    behind: tuple[tuple[np.ndarray, Call], ...] = ()
+    frames: list[FrameCall] = field(default_factory=list)
 
 
 def refuse_functions(scene: CompiledScene) -> None:
@@ -61,33 +93,40 @@ def refuse_functions(scene: CompiledScene) -> None:
         )
 
 
-def parts_of(start: Start, method: ExplicitRungeKutta, h: float) -> Parts:
-    """What ``ExplicitRungeKutta.stepper`` sets up, with formulas that evaluate each step's beginning anew.
-
-    Inputs jump there, so that the accelerations of the step before are not those of this one.
-    """
+def parts_of(start: Start, method: Method, h: float) -> Parts:
+    """What the method's ``stepper`` sets up at a start, for fixed steps of at most h (s)."""
     scene = start.scene
-    snapshot = new_snapshot(start, method, t_start=0.0, t_end=1.0, rtol=1e-6, h=h)
+    snapshot = new_snapshot(start, method, t_start=0.0, t_end=1.0, rtol=NEWTON, h=h)
     state, groups, work = snapshot.state, snapshot.groups, new_work(scene.plan)
-    tableau = _restarting(method.pair.tableau)
-    plain, quaternions = coordinate_slots(scene.plan)
-    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
-    loops = new_loops(scene.plan, state)
     evaluate_inputs(scene, work, 0.0)
-    survey(scene, state, work)
-    # addresses in this process: SciPy's LAPACK, which explicit steps do without
-    plan = scene.plan._replace(lapack=np.zeros_like(scene.plan.lapack))
-    sizes = (scene.nx, scene.nv, scene.nv, len(plan.rows))
-    record = st.Record(np.zeros(8), *(np.zeros((8, size)) for size in sizes))
-    articulated = new_articulated_work(plan)
-    way = int(method.rotations)
-    arguments = (plan, work, articulated, loops, plain, quaternions, way, tableau, state, groups, scratch, record)
-    return Parts(arguments, state, plan, [])
+    plan = scene.plan._replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
+    record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
+    explicit = method if isinstance(method, ExplicitRungeKutta) else ExplicitRungeKutta()
+    resting = _explicit(scene, explicit, _STANDSTILL, (plan, work, state, groups, record))
+    if isinstance(method, ExplicitRungeKutta):
+        run = _explicit(scene, method, method.pair.tableau, (plan, work, state, groups, record))
+        return Parts(run, resting, state, plan)
+    state.counts[alpha_layout.INDEX] = method.index
+    state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
+    state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
+    scratch = alpha_layout.new_scratch(plan, work, scene.nx, scene.nv)
+    run = Call(generalized_alpha.advance, (plan, work, state, groups, scratch, record))
+    tangent = Call(tangent_after_residual, (
+        plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full
+    ))  # fmt: skip
+    scratch.kernels[:] = 0
+    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, ((scratch.kernels, tangent),))
 
 
-def _restarting(tableau: Tableau) -> Tableau:
-    """The same formulas with one stage more, which evaluates the beginning."""
-    stages = tableau.a.shape[1]
-    a = np.zeros((stages + 2, stages + 1))
-    a[1:, 1:] = tableau.a
-    return Tableau(a, np.concatenate([[0.0], tableau.nodes]), np.zeros((2, stages + 2)))
+def _explicit(scene: CompiledScene, method: ExplicitRungeKutta, tableau: Tableau, shared: tuple[Any, ...]) -> Call:
+    """A call of the explicit methods' loop."""
+    plan, work, state, groups, record = shared
+    plain, quaternions = coordinate_slots(plan)
+    own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
+    survey(scene, own, work)
+    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(plan, quaternions))
+    loops, articulated, way = new_loops(plan, own), new_articulated_work(plan), int(method.rotations)
+    return Call(
+        explicit_runge_kutta.advance,
+        (plan, work, articulated, loops, plain, quaternions, way, tableau, state, groups, scratch, record),
+    )

@@ -12,7 +12,7 @@ from scipy.interpolate import PPoly
 
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.description import Causality, Variable
-from flexmbd.export.functional_mockup.machine_parts import FrameCall, Parts
+from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
 from flexmbd.multibody.body import FlexibleBody, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.distributed_load import DistributedLoad
@@ -21,6 +21,7 @@ from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.kernels.series import frame_series
 from flexmbd.multibody.output import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.probe import with_probe
@@ -130,7 +131,7 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
     found = []
     for k, unit in enumerate(_units_of(of, type(output), len(names))):
         text = f"{type(output).__name__} of {scene.velocity_names[slots.v][k]}"
-        variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=False)
+        variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=isinstance(output, Acceleration))
         found.append(Observed(variable, array, places.start + k))
     return found
 
@@ -152,7 +153,8 @@ def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Part
     if call is None:
         plan, s = with_probe(parts.plan, scene.body_row, frame), parts.state
         probe, motion = len(plan.frames) - 1, (s.x[None], s.v[None], s.a[None])
-        call = FrameCall(frame, (plan, new_work(plan), probe, *motion, np.zeros((1, 21))))
+        arguments = (plan, new_work(plan), probe, *motion, np.zeros((1, 21)))
+        call = FrameCall(frame, Call(frame_series, arguments))
         parts.frames.append(call)
     axes = [a + b for a in "xyz" for b in "xyz"] if kind is Rotation else list("xyz")
     unit = {Position: "m", Rotation: "1", Velocity: "m/s", Acceleration: "m/s2"}[kind]
@@ -160,6 +162,6 @@ def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Part
     found = []
     for column, axis in zip(range(*_COLUMNS[kind]), axes, strict=True):
         called = f"{name}.{_ENDINGS[kind].format(axis)}"
-        variable = Variable(called, Causality.OUTPUT, unit, text, direct=False)
-        found.append(Observed(variable, call.arguments[-1], column))
+        variable = Variable(called, Causality.OUTPUT, unit, text, direct=kind is Acceleration)
+        found.append(Observed(variable, call.call.arguments[-1], column))
     return found

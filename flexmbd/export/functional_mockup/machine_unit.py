@@ -13,7 +13,7 @@ from flexmbd.export.files import write_file
 from flexmbd.export.functional_mockup.building import compile_library, layer_sources, source, zipped
 from flexmbd.export.functional_mockup.description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.kernel_code import Kernel, Memory, c_call, kernel_for, lay_out, object_code
-from flexmbd.export.functional_mockup.machine_parts import Parts, parts_of, refuse_functions
+from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
     Given,
@@ -25,11 +25,10 @@ from flexmbd.export.functional_mockup.machine_ports import (
 )
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.integrate import state as st
-from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, advance
+from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import Plan
-from flexmbd.multibody.kernels.series import frame_series
 from flexmbd.multibody.output import Output
 from flexmbd.system import System
 
@@ -43,14 +42,14 @@ def fmu_machine(
     h: float,
     inputs: Sequence[Given] | Mapping[str, Given] = (),
     outputs: Sequence[Output] | Mapping[str, Output] = (),
-    method: ExplicitRungeKutta | None = None,
+    integrator: Method | None = None,
     fmi: Fmi | int = Fmi.V3,
     step: float | None = None,
 ) -> None:
     """Write a whole machine as an FMU for co-simulation, whose host needs no Python. Not collective.
 
-    It moves as ``scene.simulate(..., h=h, integrator=method)`` does, with its inputs held from one communication point
-    to the next. The machine's kernels are compiled for any processor of this architecture.
+    It moves as ``scene.simulate(..., h=h, integrator=integrator)`` does, begun anew where inputs jump; they are held
+    from one communication point to the next. The machine's kernels are compiled for any processor of this architecture.
 
     Args:
         scene: bodies, joints and forces but for bodies with history and users' functions.
@@ -63,7 +62,7 @@ def fmu_machine(
         outputs: places are absolute, in inertial axes: of a frame ``.x`` .. ``.z`` (m), ``.vx`` .. , ``.ax`` .. , and
             of a Rotation its matrix R_WF, ``.Rxx``, ``.Rxy`` .. ``.Rzz``; of a joint or a flexible body its
             coordinates by their names, with ``.rate`` and ``.acceleration``. A mapping gives other names, alike.
-        method: pair of formulas and way to turn, by default those of ExplicitRungeKutta.
+        integrator: ExplicitRungeKutta, by default, or GeneralizedAlpha for stiff machines.
         fmi: version of the interface, 2 or 3.
         step: communication step that is proposed to importers (s), by default ten of the integrator's.
 
@@ -73,77 +72,122 @@ def fmu_machine(
         SceneError, AssemblyError: as `System.start`.
     """
     version = version_of(fmi, binary=True)
-    method = method or ExplicitRungeKutta()
+    integrator = integrator or ExplicitRungeKutta()
+    if not isinstance(integrator, Method):
+        raise ExportError(f"machines leave with ExplicitRungeKutta or GeneralizedAlpha, not with {integrator!r}")
     step = 10.0 * h if step is None else step
     if not (np.isfinite([h, step]).all() and h > 0.0 and step > 0.0):
         raise ExportError(f"h is {h} s and step {step} s; both must be positive and finite")
     forces = [(name, replaced(one)) for name, one in named(inputs)]
     start = scene.start_with([force for _, force in forces], instead_of=[force for _, force in named(inputs)])
     refuse_functions(start.scene)
+    integrator.check(start.scene)
     drives = [drive for name, one in forces for drive in drives_of(start.scene, one, name)]
-    parts = parts_of(start, method, h)
+    parts = parts_of(start, integrator, h)
     observed = [one for name, output in named(outputs) for one in observed_by(start.scene, output, name, parts)]
     variables = (*(drive.variable for drive in drives), *(one.variable for one in observed))
-    memory = lay_out([parts.advance, *(frame.arguments for frame in parts.frames)])
-    announce(type(method).__name__)
-    kernels = [kernel_for(advance, parts.advance)]
-    mark_compiled(type(method).__name__)
-    if parts.frames:
-        kernels.append(kernel_for(frame_series, parts.frames[0].arguments))
-    data = _data(parts, memory, kernels, drives, observed, h)
+    memory = lay_out([parts.run.arguments, parts.refresh.arguments, *(one.call.arguments for one in parts.frames)])
+    announce(type(integrator).__name__)
+    code = _compiled(parts)
+    mark_compiled(type(integrator).__name__)
+    data = _data(parts, memory, code, drives, observed, h)
     token = token_of(version, data + sha256(memory.image).hexdigest(), variables)
-    objects = {f"kernel{k}.o": object_code(kernel) for k, kernel in enumerate(kernels)}
+    objects = {f"{name}.o": object_code(kernel) for name, kernel in {one.symbol: one for one in code.values()}.items()}
+    objects = {f"kernel{k}.o": content for k, content in enumerate(objects.values())}
     files = {
         **layer_sources(version),
-        "machine.c": source("machine.c"),
-        "machine.h": source("machine.h"),
+        **{one: source(one) for one in ("machine.c", "machine.h", "lapack.c", "lapack.h")},
         "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
         "image.bin": memory.image,
         "exports.map": _EXPORTS,
     }
     name = Path(path).stem
-    text = f"Multibody machine, {method.name}, steps of at most {h:g} s"
+    text = f"Multibody machine, {integrator.name}, steps of at most {h:g} s"
     unit = Description(name, identifier_of(name), token, text, variables, step, inner_step=h)
     library = compile_library(files | objects, link=(*objects, "-Wl,--version-script=exports.map"))
     write_file(path, zipped(unit_members(unit, version, {}, library)))
 
 
+def _compiled(parts: Parts) -> dict[str, Kernel]:
+    """The kernels of all calls, by what the calls are named."""
+    calls = {"run": parts.run, "refresh": parts.refresh}
+    calls |= {f"frame{k}": one.call for k, one in enumerate(parts.frames)}
+    calls |= {f"behind{k}": call for k, (_, call) in enumerate(parts.behind)}
+    return {name: kernel_for(call.kernel, call.arguments) for name, call in calls.items()}
+
+
 def _data(
-    parts: Parts, memory: Memory, kernels: Sequence[Kernel], drives: Sequence[Drive],
-    observed: Sequence[Observed], h: float,
+    parts: Parts, memory: Memory, code: Mapping[str, Kernel], drives: Sequence[Drive], observed: Sequence[Observed],
+    h: float,
 ) -> str:  # fmt: skip
     """The numbers of model.h and machine.h, and the calls of the kernels, as C."""
     plan, state = parts.plan, parts.state
     starts = ", ".join(repr(drive.variable.start) for drive in drives) or "0.0"
     places_in = ", ".join(str(memory.place(plan.time_data, drive.offset)) for drive in drives) or "0"
     places_out = ", ".join(str(memory.place(one.array, one.index)) for one in observed) or "0"
-    follows = _follows_time(plan, drives)
-    entries = f"{st.TIME}, machine_time_end = {st.TIME_END}, machine_step_size = {st.STEP}"
-    calls = [c_call(kernels[0], parts.advance, memory, name="run")]
-    calls += [c_call(kernels[1], one.arguments, memory, name=f"frame{k}") for k, one in enumerate(parts.frames)]
-    frames = "".join(f"    failed |= frame{k}(m, &nothing);\n" for k in range(len(parts.frames)))
+    sizes = {
+        "model_inputs": len(drives),
+        "model_parameters": 0,
+        "model_outputs": len(observed),
+        "model_memory": len(memory.image),
+        "model_scratch": 0,
+        "machine_numbers": memory.place(state.numbers),
+        "machine_counts": memory.place(state.counts),
+        "machine_accelerations": memory.place(state.a),
+        "machine_history": memory.place(state.memory),
+        "machine_velocities": len(state.v),
+        "machine_history_rows": parts.history_rows,
+    }
+    entries = {
+        "machine_follows_time": int(_follows_time(plan, drives)),
+        "machine_number_entries": st.N_NUMBER,
+        "machine_count_entries": st.N_COUNT,
+        "machine_own_numbers": st.METHOD,
+        "machine_own_counts": st.METHOD_COUNT,
+        "machine_time": st.TIME,
+        "machine_time_end": st.TIME_END,
+        "machine_step_size": st.STEP,
+        "machine_stored": st.STORED,
+        "machine_full": st.OUTPUT,
+    }
     return (
-        '#include "machine.h"\n#include "model.h"\n\n'
+        '#include "lapack.h"\n#include "machine.h"\n#include "model.h"\n\n'
         '__asm__(".section .rodata\\n.balign 64\\n.globl machine_image\\nmachine_image: .incbin \\"image.bin\\"\\n'
         '.previous\\n");\n\n'
-        f"const size_t model_inputs = {len(drives)};\nconst size_t model_parameters = 0;\n"
-        f"const size_t model_outputs = {len(observed)};\nconst size_t model_memory = {len(memory.image)};\n"
-        f"const size_t model_scratch = 0;\nconst double model_start[] = {{{starts}}};\n"
-        f"const double machine_start_time = 0.0;\nconst int machine_follows_time = {int(follows)};\n"
-        f"const double machine_step = {float(h)!r};\n"
-        f"const size_t machine_numbers = {memory.place(state.numbers)};\n"
-        f"const size_t machine_counts = {memory.place(state.counts)};\n"
-        f"const size_t machine_flag = {memory.place(plan.flag)};\n"
+        + "".join(f"const size_t {name} = {value};\n" for name, value in sizes.items())
+        + "".join(f"const int {name} = {value};\n" for name, value in entries.items())
+        + f"const double model_start[] = {{{starts}}};\n"
+        f"const double machine_start_time = 0.0;\nconst double machine_step = {float(h)!r};\n"
         f"const size_t machine_input_places[] = {{{places_in}}};\n"
-        f"const size_t machine_output_places[] = {{{places_out}}};\n"
-        f"const int machine_time = {entries}, machine_stored = {st.STORED};\n"
-        f"const int machine_done = {st.DONE}, machine_output = {st.OUTPUT};\n\n"
-        + "".join(calls)
-        + "int64_t machine_run(unsigned char *m) {\n    int64_t code = -1;\n"
-        "    return run(m, &code) == 0 ? code : -1;\n}\n\n"
-        "int machine_frames(unsigned char *m) {\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
-        f"{frames}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n"
+        f"const size_t machine_output_places[] = {{{places_out}}};\n\n" + _calls(parts, memory, code)
     )
+
+
+def _calls(parts: Parts, memory: Memory, code: Mapping[str, Kernel]) -> str:
+    """The functions of machine.h as C."""
+    calls = [("run", parts.run), ("refresh", parts.refresh)]
+    calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]
+    text = "".join(c_call(code[name], call.arguments, memory, name=name) for name, call in calls)
+    for name in ("run", "refresh"):
+        text += (
+            f"int64_t machine_{name}(unsigned char *m) {{\n    int64_t code = -1;\n"
+            f"    return {name}(m, &code) == 0 ? code : -1;\n}}\n\n"
+        )
+    frames = "".join(f"    failed |= frame{k}(m, &nothing);\n" for k in range(len(parts.frames)))
+    text += (
+        "int machine_frames(unsigned char *m) {\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
+        f"{frames}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n\n"
+    )
+    addresses = {
+        memory.place(parts.plan.lapack, k): name for k, name in enumerate(("machine_dgetrf", "machine_dgetrs"))
+    }
+    for k, (array, _) in enumerate(parts.behind):
+        text += f'extern void behind{k}(void) __asm__("{code[f"behind{k}"].symbol}");\n'
+        addresses[memory.place(array)] = f"behind{k}"
+    lines = "".join(
+        f"    *(int64_t *)(m + {place}) = (int64_t)(intptr_t){name};\n" for place, name in addresses.items()
+    )
+    return text + f"\nvoid machine_bind(unsigned char *m) {{\n{lines}}}\n"
 
 
 def _follows_time(plan: Plan, drives: Sequence[Drive]) -> bool:
