@@ -98,14 +98,6 @@ def add_to_exudyn(
         damping = exudyn.MatrixContainer()
         damping.SetWithDenseMatrix(record.damping, useDenseMatrix=True)
         mbs.SetObjectParameter(number, "dampingMatrixReduced", damping)
-    markers = {}
-    for frame, nodes in zip(record.interfaces, arrays["flexmbd interface nodes"].tolist(), strict=True):
-        if frame.name == record.frame and not frame.modes.any():
-            # the same motion at a fraction of the time
-            marker: Any = item.MarkerNodeRigid(nodeNumber=added["nRigidBody"])
-        else:
-            marker = item.MarkerSuperElementRigid(bodyNumber=number, meshNodeNumbers=nodes, weightingFactors=[0.25] * 4)
-        markers[frame.name] = mbs.AddMarker(marker)
     centre = mbs.AddMarker(
         item.MarkerSuperElementPosition(
             bodyNumber=number, meshNodeNumbers=[int(arrays["flexmbd centre"])], weightingFactors=[1.0]
@@ -115,4 +107,22 @@ def add_to_exudyn(
     if np.any(gravity):
         force = record.mass * np.asarray(gravity, dtype=np.float64)
         weight = mbs.AddLoad(item.LoadForceVector(markerNumber=centre, loadVector=force))
+    markers = _add_markers(mbs, record, arrays["flexmbd interface nodes"].tolist(), added)
     return ExudynBody(number, added["nRigidBody"], added["nGenericODE2"], markers, centre, weight)
+
+
+def _add_markers(mbs: Any, record: ReducedBody, nodes: list[list[int]], added: dict[str, Any]) -> dict[str, Any]:
+    """A rigid marker a frame, by its name."""
+    from exudyn import itemInterface as item
+
+    markers = {}
+    for frame, four in zip(record.interfaces, nodes, strict=True):
+        if frame.name == record.frame and not frame.modes.any():
+            # the same motion at a fraction of the time
+            marker: Any = item.MarkerNodeRigid(nodeNumber=added["nRigidBody"])
+        else:
+            marker = item.MarkerSuperElementRigid(
+                bodyNumber=added["oFFRFreducedOrder"], meshNodeNumbers=four, weightingFactors=[0.25] * 4
+            )
+        markers[frame.name] = mbs.AddMarker(marker)
+    return markers

@@ -108,17 +108,37 @@ def _directions(body: ReducedBody, axis: Sequence[float]) -> tuple[FloatArray, F
 
 
 def _lines(body: ReducedBody, fem: str, pendulum: MbdynPendulum, *, end: float, step: float) -> Iterator[str]:
-    spin = pendulum.rate * pendulum.axis
     hung = [body.interface(name) for name, label in pendulum.nodes.items() if label != MODAL_NODE]
-    across = np.cross(pendulum.axis, np.eye(3)[int(np.argmin(np.abs(pendulum.axis)))])
-    hinge = f"orientation, 3, {vector(pendulum.axis)}, 2, {vector(across / np.linalg.norm(across))}"
-    strength = float(np.linalg.norm(pendulum.gravity))
-    down = pendulum.gravity / strength if strength else np.array([0.0, 0.0, -1.0])
-    damping = "damping from file" if np.any(body.damping) else "no damping"
-    yield from (
-        "# A reduced elastic body as a pendulum; SI units. Run it in this folder: mbdyn -f <this file>",
-        "# Nodes: 1 is the body frame"
-        + "".join(f", {label} is {name}" for name, label in pendulum.nodes.items() if label > 1),
+    names = "".join(f", {pendulum.nodes[frame.name]} is {frame.name}" for frame in hung)
+    yield "# A reduced elastic body as a pendulum; SI units. Run it in this folder: mbdyn -f <this file>"
+    yield f"# Nodes: {MODAL_NODE} is the body frame{names}"
+    yield from _settings(1 + len(hung), end=end, step=step)
+    spin = pendulum.rate * pendulum.axis
+    yield "begin: nodes;"
+    yield "    # position, orientation, velocity, angular velocity"
+    yield f"    structural: {MODAL_NODE}, modal, null, eye, null, {vector(spin)};"
+    for frame in hung:
+        # all nodes have the orientation of the modal node: the file's rotations count from it
+        place, speed = vector(frame.p_BI_B), vector(np.cross(spin, frame.p_BI_B))
+        yield f"    structural: {pendulum.nodes[frame.name]}, static, {place}, eye, {speed}, {vector(spin)};"
+    yield "end: nodes;"
+    yield ""
+    yield "begin: elements;"
+    yield f"    joint: {MODAL_JOINT}, modal, {MODAL_NODE},"
+    yield f"        {body.n_modes},"
+    yield "        from file,"
+    yield "        damping from file," if np.any(body.damping) else "        no damping,"
+    yield f'        "{fem}",'
+    yield f"        {len(hung)},"
+    yield from (f'            "{frame.name}", {pendulum.nodes[frame.name]}, null,' for frame in hung)
+    yield "        use invariant 9;"
+    yield ""
+    yield from _hinge_and_weight(pendulum)
+    yield "end: elements;"
+
+
+def _settings(nodes: int, *, end: float, step: float) -> tuple[str, ...]:
+    return (
         "begin: data;",
         "    problem: initial value;",
         "end: data;",
@@ -136,42 +156,27 @@ def _lines(body: ReducedBody, fem: str, pendulum: MbdynPendulum, *, end: float, 
         "end: initial value;",
         "",
         "begin: control data;",
-        f"    structural nodes: {1 + len(hung)};",
+        f"    structural nodes: {nodes};",
         "    joints: 2;",
         "    gravity;",
         "    output precision: 16;",
         "    default orientation: orientation matrix;",
         "end: control data;",
         "",
-        "begin: nodes;",
-        "    # position, orientation, velocity, angular velocity",
-        f"    structural: {MODAL_NODE}, modal, null, eye, null, {vector(spin)};",
     )
-    for frame in hung:
-        # all nodes have the orientation of the modal node: the file's rotations count from it
-        place, speed = vector(frame.p_BI_B), vector(np.cross(spin, frame.p_BI_B))
-        yield f"    structural: {pendulum.nodes[frame.name]}, static, {place}, eye, {speed}, {vector(spin)};"
-    yield from (
-        "end: nodes;",
-        "",
-        "begin: elements;",
-        f"    joint: {MODAL_JOINT}, modal, {MODAL_NODE},",
-        f"        {body.n_modes},",
-        "        from file,",
-        f"        {damping},",
-        f'        "{fem}",',
-        f"        {len(hung)},",
-    )
-    yield from (f'            "{frame.name}", {pendulum.nodes[frame.name]}, null,' for frame in hung)
-    yield from (
-        "        use invariant 9;",
-        "",
+
+
+def _hinge_and_weight(pendulum: MbdynPendulum) -> tuple[str, ...]:
+    across = np.cross(pendulum.axis, np.eye(3)[int(np.argmin(np.abs(pendulum.axis)))])
+    axes = f"orientation, 3, {vector(pendulum.axis)}, 2, {vector(across / np.linalg.norm(across))}"
+    strength = float(np.linalg.norm(pendulum.gravity))
+    down = pendulum.gravity / strength if strength else np.array([0.0, 0.0, -1.0])
+    return (
         f"    joint: {HINGE}, revolute pin, {MODAL_NODE},",
         "            position, null,",
-        f"            {hinge},",
+        f"            {axes},",
         "        position, null,",
-        f"        {hinge};",
+        f"        {axes};",
         "",
         f"    gravity: uniform, {vector(down)}, const, {number(strength)};",
-        "end: elements;",
     )

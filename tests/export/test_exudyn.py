@@ -1,6 +1,7 @@
 """Exudyn reads our file, computes the same arrays from the same elements, and moves as we do."""
 
 import re
+import sys
 import zipfile
 from dataclasses import replace
 from functools import cache
@@ -378,6 +379,12 @@ def rigid():
         gram=body.gram[:4, :4], stiffness=[], damping=np.zeros((0, 0)), interfaces=frames, frame="x_min",
         partition=np.zeros((0, 0)), partition_names=(),
     )  # fmt: skip
+
+
+def test_exudyn_is_asked_for_by_name(monkeypatch):
+    monkeypatch.setitem(sys.modules, "exudyn", None)
+    with pytest.raises(ExportError, match=r"Exudyn cannot be imported \(.*\): pip install exudyn"):
+        fm.export.add_to_exudyn(None, soft_bar())
 
 
 def test_a_rigid_body_is_refused(tmp_path):
