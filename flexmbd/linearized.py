@@ -331,11 +331,7 @@ def working_point(start: Start, about: WorkingPoint | Trajectory | None, t: floa
     scene = start.scene
     if about is None:
         return WorkingPoint(scene, t, start.x, start.v, start.multipliers)
-    if about.scene.velocity_names != scene.velocity_names:
-        raise SceneError(
-            "`about` is of another scene, or the inputs change which joints have coordinates; add the input forces to "
-            "the scene before its equilibrium or simulation"
-        )
+    about.scene.refuse_other(scene)
     if isinstance(about, WorkingPoint):
         if scene.interiors is not None:
             scene.interiors.restore(scene.plan, about.interiors)

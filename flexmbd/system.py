@@ -36,7 +36,7 @@ from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
-from flexmbd.multibody.ports import Input, leave_out
+from flexmbd.multibody.ports import Input, leave_out, refuse_followers
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.steady_interior import InteriorModes
 from flexmbd.multibody.team import Alone, Team
@@ -240,8 +240,7 @@ class System:
         if about is None:
             x, v, held_x, held_v = self._given(scene)
         else:
-            if about.scene.velocity_names != scene.velocity_names:
-                raise SceneError("`about` is of another scene, or the scene has changed since")
+            about.scene.refuse_other(scene)
             x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
         memories = None if about is None else about.interiors
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
@@ -320,6 +319,7 @@ class System:
                 self._refuse_foreign_joint(one)
             elif not hasattr(one, "lay"):
                 raise SceneError(f"{one!r} is no input; give a force element, or a joint whose motion is prescribed")
+        refuse_followers(self._forces, ports)
         added = [force for force in forces if not any(force is other for other in self._forces)]
         for force in forces:
             self._check_force(force)

@@ -20,6 +20,7 @@ from flexmbd.continuum.body_memory import BodyMemory
 from flexmbd.continuum.bonded_nodes import BondedNodes
 from flexmbd.continuum.face_averages import FaceAverages
 from flexmbd.continuum.frame_response import Condensation
+from flexmbd.continuum.interface import AveragedInterface
 from flexmbd.continuum.linear_interior import linear_equations
 from flexmbd.continuum.newton import Balance, Convergence, Newton, Solution
 from flexmbd.continuum.tangent_solver import LinearSolver
@@ -276,7 +277,7 @@ class ImplicitContinuum:
         return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
 
     def _refuse_loose(self) -> None:
-        if self._bonds.averaged.all():
+        if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
             raise SceneError(
                 "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
                 "found only where one interface is rigid (Coupling.RIGID)"

@@ -132,6 +132,14 @@ class CompiledScene:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
         return digest.hexdigest()
 
+    def refuse_other(self, scene: CompiledScene) -> None:
+        """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
+        if self.velocity_names != scene.velocity_names:
+            raise SceneError(
+                "`about` is of another scene, or the scene has changed since; where inputs change which joints have "
+                "coordinates, add them to the scene before its equilibrium or simulation"
+            )
+
     def keep_rows(self, kept: Sequence[int]) -> CompiledScene:
         """Return the scene with only these constraint rows; the others are redundant."""
         chosen = sorted(kept)

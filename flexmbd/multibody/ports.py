@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.elimination import Prescribed
+from flexmbd.multibody.force.bearing_friction import BearingFriction
+from flexmbd.multibody.force.kane_body import KaneBody
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import new_work
@@ -51,6 +53,17 @@ class Ports:
         motion = np.pad(self.given.motion, ((0, 0), (0, added), (0, 0)))
         force = np.pad(self.force, ((0, added), (0, 0)))
         return replace(self, force=force, given=replace(self.given, motion=motion))
+
+
+def refuse_followers(forces: Sequence[Force], inputs: Sequence[Input]) -> None:
+    """Raise SceneError where the scene's ``forces`` follow accelerations, and so what inputs do at that instant."""
+    for force in forces:
+        if isinstance(force, KaneBody | BearingFriction) and inputs:
+            raise SceneError(
+                f"{getattr(force, 'what', type(force).__name__)} follows the machine's accelerations, and so the "
+                "inputs, which V and W do not hold; linearise without inputs and disturbances, which gives what the machine "
+                "does by itself, or give a RigidBody or a JointFriction in its place"
+            )
 
 
 def lay_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> Ports:

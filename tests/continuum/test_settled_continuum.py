@@ -1,5 +1,7 @@
 """A body with history in equilibrium, and its linear equations there."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
 from flexmbd.errors import SceneError
 from flexmbd.multibody.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
@@ -26,7 +28,7 @@ def ends(couplings=(RIGID, RIGID)):
 
 
 def block(length=1.0):
-    return meshes.block(length, 0.1, 0.1, divisions=(4, 1, 1))
+    return meshes.block(length, 0.1, 0.1, divisions=(4, 1, 1), comm=MPI.COMM_SELF)
 
 
 def bar(form=ELASTIC, parameters=ELASTIC_STEEL, couplings=(RIGID, RIGID), length=1.0):
@@ -38,9 +40,9 @@ def reduced():
     return fm.FlexibleBody(craig_bampton(model, modes=36, frame="x_min"))  # all there are
 
 
-def machine(body, *, gravity=9.81, joint=None, force=None):
+def machine(body, *, gravity=9.81, joint=None, force=None, **team):
     """A bar held or hinged at one end, with a lump of iron on the other."""
-    scene = fm.System(gravity=(0.0, 0.0, -gravity))
+    scene = fm.System(gravity=(0.0, 0.0, -gravity), **team)
     scene.add(body, name="bar")
     lump = scene.add(fm.RigidBody(5.0, (0.1, 0.1, 0.1), (0.05, 0.0, 0.0)), name="lump")
     held = scene.connect(joint or fm.joint.Fixed(), scene.ground.frame(), body.frame("x_min"), name="held")
@@ -254,6 +256,22 @@ def test_a_bar_that_buckles_between_its_frames_is_refused():
         with pytest.raises(SceneError, match=r"body 'bar' failed to be linearised: .* buckles between its frames"):
             scene.linearize(about=eq)
     assert found[1] < 0.8 * found[0]
+
+
+@pytest.mark.mpi
+def test_spread_over_all_ranks_it_is_the_same():
+    found = []
+    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
+        team = {} if comm.size == 1 else {"team": MpiTeam(comm)}
+        mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1), comm=comm)
+        interfaces = ends((RIGID, AVERAGED))
+        body = UpdatedLagrangian(mesh, ELASTIC, ELASTIC_STEEL, degree=1, interfaces=interfaces)
+        scene, _, tip = machine(fm.ContinuumBody(ImplicitContinuum(body)), **team)
+        eq = scene.equilibrium()
+        run = scene.simulate(2e-3, h=1e-3, about=eq, integrator=fm.GeneralizedAlpha())
+        assert np.ptp(run.position(tip), axis=0).max() < 1e-9
+        found.append(np.append(scene.linearize(about=eq, modes=ALL).frequencies(), eq.position(tip)))
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-10)
 
 
 def test_what_no_frame_holds_is_refused():

@@ -106,6 +106,27 @@ def test_joints_bear_it(loop):
     np.testing.assert_allclose(reactions[1], reactions[0], atol=1e-9 * np.abs(reactions[0]).max())
 
 
+def test_small_vibrations_are_those_of_the_rigid_body():
+    """Of themselves; what an input does depends on the accelerations that follow, and is refused."""
+    values = []
+    for kane in (True, False):
+        scene, first, second = chain(kane=kane)
+        first.velocity = second.velocity = 0.0
+        for joint in (first, second):
+            scene.add_force(fm.force.JointSpring(joint, 60.0, 0.0, 0.8))
+        eq = scene.equilibrium()
+        lin = scene.linearize(about=eq, outputs=[fm.output.Acceleration(second)])
+        values.append(lin.eigenvalues())
+        torque = fm.force.JointTorque(first, 1.0)
+        if kane:
+            with pytest.raises(SceneError, match=r"load.* follows the machine's accelerations, and so the inputs"):
+                scene.linearize(about=eq, inputs=[torque])
+        else:
+            assert scene.linearize(about=eq, inputs=[torque]).V.shape == (2, 1)
+    assert abs(values[1].real).max() > 0.1
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
+
+
 def test_added_mass_of_a_fluid():
     """A sphere that rises in water: half of the displaced mass moves with it; z = (buoyancy - weight) t^2 / 2 M."""
     scene = fm.System(gravity=(0.0, 0.0, -9.81))
