@@ -4,6 +4,8 @@
 ``fm.export.read_NAME(path)`` reads it back. Numpy only; nothing here knows DOLFINx.
 """
 
+from flexmbd.export.calculix_file import calculix as calculix
+from flexmbd.export.calculix_file import read_calculix as read_calculix
 from flexmbd.export.dmig_file import dmig as dmig
 from flexmbd.export.dmig_file import read_dmig as read_dmig
 from flexmbd.export.extptfm_file import openfast as openfast

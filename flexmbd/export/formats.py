@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexmbd.errors import ExportError
+from flexmbd.export.calculix_file import CARRIES as _CALCULIX
+from flexmbd.export.calculix_file import calculix, read_calculix
 from flexmbd.export.dmig_file import CARRIES as _DMIG
 from flexmbd.export.dmig_file import dmig, read_dmig
 from flexmbd.export.extptfm_file import CARRIES as _OPENFAST
@@ -67,6 +69,7 @@ FORMATS: tuple[Format, ...] = (
     Format("npz", "numpy", ".npz", _NPZ, npz, read_npz, digits=15),
     Format("simscape", "Simscape Multibody, Matlab, Octave", ".mat", _SIMSCAPE, simscape, read_simscape, digits=11),
     Format("dmig", "Nastran, OptiStruct, Radioss", ".pch", _DMIG, dmig, read_dmig, digits=8),
+    Format("calculix", "CalculiX, Abaqus", ".inp", _CALCULIX, calculix, read_calculix, digits=10),
     Format("openfast", "OpenFAST's ExtPtfm", ".dat", _OPENFAST, openfast, read_openfast, digits=10),
     Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
     Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
