@@ -86,7 +86,7 @@ def calculix(
     deck = ["** reduced body, SI units; Abaqus reads the same files by *MATRIX INPUT, and takes these nodes"]
     deck += ["** " + comment(element, i, node=first + i) for i in range(b)]
     deck += [f"*NODE, NSET=N{name}"]
-    deck += [f"{first + i}, {', '.join(f'{x:.12E}' for x in p)}" for i, p in enumerate(element.p.tolist())]
+    deck += [f"{first + i}, {x:.12E}, {y:.12E}, {z:.12E}" for i, (x, y, z) in enumerate(element.p)]
     deck += [f"{first + i}, 0., 0., 0." for i in range(b, nodes)]
     # without quotes, which CalculiX does not take off
     files = f"STIFFNESS FILE={stem}.sti,MASS FILE={stem}.mas"
