@@ -17,6 +17,10 @@ from flexmbd.export.exudyn_scene import add_to_exudyn as add_to_exudyn
 from flexmbd.export.formats import FORMATS as FORMATS
 from flexmbd.export.formats import Format as Format
 from flexmbd.export.formats import format_named as format_named
+from flexmbd.export.full_matrices import NodeSet as NodeSet
+from flexmbd.export.full_matrices import read_matrix_market as read_matrix_market
+from flexmbd.export.full_matrices import read_triplets as read_triplets
+from flexmbd.export.full_matrices import reduce_matrices as reduce_matrices
 from flexmbd.export.functional_mockup.description import Fmi as Fmi
 from flexmbd.export.functional_mockup.machine_unit import fmu_machine as fmu_machine
 from flexmbd.export.functional_mockup.reduced_unit import fmu as fmu

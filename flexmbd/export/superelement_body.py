@@ -17,6 +17,11 @@ from flexmbd.reduced import InterfaceFrame, ReducedBody
 
 # Forces of a rigid motion, and asymmetry, relative to the matrix's own; programs write as few as six digits.
 _RIGID = 1e-5
+# Of the largest entry: asymmetry that is round-off.
+_ROUND_OFF = 1e-12
+
+_SUPPORT = "a support or a spring to the ground, or interfaces that lie elsewhere"
+_EXTERNAL = "damping of the motion in space, as a share of the mass is: leave it out"
 
 
 def reduced_body(element: Superelement, *, source: str) -> ReducedBody:
@@ -45,8 +50,9 @@ def _body(element: Superelement, source: str) -> ReducedBody:
     K, M, D = (_symmetrised(matrix, name) for matrix, name in ((element.K, "K"), (element.M, "M"), (element.D, "D")))
     p, R = _body_frame(element, M)
     motions = element.rigid_motions(p)
-    _check_free(K, motions, "stiffness", "a support or a spring to the ground, or interfaces that lie elsewhere")
-    _check_free(D, motions, "damping", "damping of the motion in space, as a share of the mass is: leave it out")
+    rigid_mass = motions.T @ M @ motions
+    stiffness, damping = (motions.T @ matrix @ motions for matrix in (K, D))
+    unfree = {"stiffness": resistance(K, motions), "damping": resistance(D, motions)}
     # from here on positions and rows are B's
     turn = scipy.linalg.block_diag(*[R] * (2 * len(element.names)), np.eye(element.n_modes))
     motions = turn.T @ motions @ np.kron(np.eye(2), R)
@@ -54,9 +60,11 @@ def _body(element: Superelement, source: str) -> ReducedBody:
     kept = _elastic_coordinates(element)
     shapes = np.eye(len(K))[:, kept]
     if element.frame is None:
-        mass = motions.T @ M @ motions
-        shapes = shapes - motions @ np.linalg.solve(mass, motions.T @ M @ shapes)
+        shapes = shapes - motions @ np.linalg.solve(motions.T @ M @ motions, motions.T @ M @ shapes)
     k, x = _normal_form(K[np.ix_(kept, kept)], shapes.T @ M @ shapes)
+    slowest = k[0] if len(k) else 1.0
+    _check_free(unfree["stiffness"], _rates(stiffness, rigid_mass) / slowest, "stiffness", _SUPPORT)
+    _check_free(unfree["damping"], _rates(damping, rigid_mass) / np.sqrt(slowest), "damping", _EXTERNAL)
     modes = shapes @ x
     field = np.hstack([motions, modes])
     gram = completed_gram(field.T @ M @ field)
@@ -88,7 +96,7 @@ def _symmetrised(matrix: FloatArray, name: str) -> FloatArray:
     size = np.sqrt(abs(np.diag(matrix)))
     off = abs(matrix - matrix.T)
     bound = _RIGID * np.maximum(np.outer(size, size), abs(matrix))
-    if not (off <= bound).all():
+    if not (off <= np.maximum(bound, _ROUND_OFF * abs(matrix).max(initial=0.0))).all():
         raise ExportError(f"matrix {name} is not symmetric: entries differ by up to {off.max():.1e}")
     return 0.5 * (matrix + matrix.T)
 
@@ -103,15 +111,31 @@ def _body_frame(element: Superelement, M: FloatArray) -> tuple[FloatArray, Float
     return element.p[at], element.R[at]
 
 
-def _check_free(matrix: FloatArray, motions: FloatArray, what: str, remedy: str) -> None:
-    """Refuse a matrix that resists rigid motions."""
+def resistance(matrix: FloatArray, motions: FloatArray) -> float:
+    """The largest force of a rigid motion, as a share of what would come without cancellation.
+
+    Args:
+        matrix: (N, N) stiffness or damping, dense or sparse.
+        motions: (N, 6).
+    """
     forces = abs(matrix @ motions)
     bound = abs(matrix) @ abs(motions)
-    # moments of K and lengths of the motions are of several sizes: each row by itself, the smallest by the largest
-    off = float((forces / np.maximum(bound, 1e-9 * bound.max(initial=0.0) + 1e-300)).max(initial=0.0))
-    if not off <= _RIGID:
+    # each row by itself, since forces and moments are of several sizes; but none by its own round-off
+    return float((forces / np.maximum(bound, 1e-9 * bound.max(initial=0.0) + 1e-300)).max(initial=0.0))
+
+
+def _rates(matrix: FloatArray, mass: FloatArray) -> float:
+    """The largest eigenvalue of a rigid body's stiffness or damping, per mass."""
+    size = 1.0 / np.sqrt(np.diag(mass).clip(min=1e-300))
+    grid = np.outer(size, size)
+    return float(abs(scipy.linalg.eigvals(matrix * grid, mass * grid)).max())
+
+
+def _check_free(share: float, rate: float, what: str, remedy: str) -> None:
+    """Refuse a matrix that resists rigid motions, both beside its entries and beside the slowest deformation."""
+    if not min(share, rate) <= _RIGID:
         raise ExportError(
-            f"the {what} resists rigid motions by {off:.1e} of its entries, and a free body's does not; it may hold "
+            f"the {what} resists rigid motions by {share:.1e} of its entries, and a free body's does not; it may hold "
             f"{remedy}"
         )
 
