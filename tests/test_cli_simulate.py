@@ -1,6 +1,7 @@
 """`flexmbd simulate`, `plot` and `doctor`: from a file to tables and pictures, and what is said on the way."""
 
 import json
+import signal
 import subprocess
 import sys
 
@@ -357,6 +358,24 @@ def test_doctor_and_a_cache_that_may_not_be_written(monkeypatch, capsys):
     finding = doctor._numba_cache()
     assert finding.state == "broken"
     assert "NUMBA_CACHE_DIR" in finding.remedy
+
+
+def test_ctrl_c_ends_a_run(folder):
+    """As the terminal sends it: the bar stops, one line follows, and no file is begun."""
+    pytest.importorskip("tqdm", reason="tqdm is not installed")
+    (folder / "p.toml").write_text(PENDULUM.replace("t_end = 2", "t_end = 1e5"))
+    words = [sys.executable, "-m", "flexmbd", "simulate", "p.toml", "--progress"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        while b" s [" not in process.stderr.read(20):
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == b""
+    assert err.endswith(b"\nflexmbd: stopped by Ctrl-C\n")
+    assert b"Traceback" not in err
+    assert list((folder / "p_results").iterdir()) == []
 
 
 def test_in_a_process_of_its_own(folder):

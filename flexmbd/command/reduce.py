@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmbd.command.body_file import check_free
 from flexmbd.command.material_file import Material, make_damping, read_material
-from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.command.terminal import add_json, note, say, say_json
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError
 
@@ -146,6 +146,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     damping = make_damping(material.damping)
     form: Any = load(Path(material.form) if material.form.endswith(".py") or "/" in material.form else material.form)
     parameters = make_parameters(form, material.parameters)
+    note(f"reading {arguments.mesh}")
     mesh, size = mesh_part(
         arguments.mesh,
         tags=arguments.tag,
@@ -157,7 +158,9 @@ def reduce(arguments: argparse.Namespace) -> int:
         comm=comm,
     )
     frame = None if arguments.floating or not interfaces else arguments.frame or interfaces[0].name
+    note("assembling")
     model = ContinuumModel(mesh, form, parameters, degree=arguments.degree, interfaces=interfaces)
+    note("reducing")
     body = craig_bampton(
         model,
         modes=arguments.modes,

@@ -59,6 +59,12 @@ def warn(text: str) -> None:
         print(f"flexmbd: {text}", file=sys.stderr)
 
 
+def note(text: str) -> None:
+    """Tell a person at the terminal what takes its time now; nothing where nobody looks on."""
+    if is_root() and sys.stderr.isatty():
+        print(f"flexmbd: {text} ...", file=sys.stderr)
+
+
 def say_json(values: Mapping[str, Any]) -> None:
     """Print an object as JSON on rank 0; arrays become lists, and numbers that are not finite null."""
     say(json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False))
