@@ -72,6 +72,7 @@ def test_the_page_from_end_to_end(tmp_path, monkeypatch, capsys):
     assert len(t) == 201
     expected = {
         "pivot.angle": run.beta(pivot, t=t),
+        "pivot.angle_rate": run.beta_rate(pivot, t=t),
         "link:bore_2.x": run.position(link.frame("bore_2"), t=t)[:, 0],
         "link:bore_2.vy": run.velocity(link.frame("bore_2"), t=t)[:, 1],
         "centre.y": run.position(weight.frame((0.0, -0.02, 0.0)), t=t)[:, 1],

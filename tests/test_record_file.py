@@ -126,7 +126,7 @@ def test_foreign_hdf5_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("parts", "size"), [(1, 10**12), (1000, 10**4)])
 def test_claimed_size_beyond_the_file_is_refused(tmp_path, parts, size):
-    """A file that says it holds 8 TB, or parts that are each as long as it, with its check sum right, is not believed."""
+    """A file that says it holds 8 TB, or many parts of almost its length, with its check sum right: not believed."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", userblock_size=512) as file:
         for number in range(parts):
