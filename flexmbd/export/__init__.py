@@ -32,6 +32,7 @@ from flexmbd.export.op4_file import op4 as op4
 from flexmbd.export.op4_file import read_op4 as read_op4
 from flexmbd.export.record_arrays import npz as npz
 from flexmbd.export.record_arrays import read_npz as read_npz
+from flexmbd.export.sid_file import SidColumns as SidColumns
 from flexmbd.export.sid_file import read_sid as read_sid
 from flexmbd.export.sid_file import sid as sid
 from flexmbd.export.simscape_file import read_simscape as read_simscape

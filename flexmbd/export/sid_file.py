@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import Enum
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -14,8 +15,10 @@ from flexmbd.export.files import write_file
 from flexmbd.export.loss import Carries, settle_losses
 from flexmbd.export.sid_text import SidModal, SidNode, parse_sid, sid_text
 from flexmbd.export.taylor_blocks import (
+    AGREE,
     BLOCKS,
     Taylor,
+    axis_by_axis,
     load_stiffness,
     mass_integrals,
     stiffening_loads,
@@ -36,7 +39,21 @@ _NAMES = "flexmbd, interfaces "
 _ROUNDING = 1e-11
 
 
-def sid(body: ReducedBody, path: str | Path, *, nodes: Sequence[int] = (), lossy: bool = False) -> tuple[str, ...]:
+class SidColumns(Enum):
+    """The order of the 3 n columns of Gr and Ge, which programs do not agree on."""
+
+    BY_MODE = "x, y, z of the first mode, then of the next: EMBSlib, welib"
+    BY_AXIS = "x of all modes, then y, then z: SIMPACK's FEMBS and what reads its files, as DLR's FlexibleBodies"
+
+
+def sid(
+    body: ReducedBody,
+    path: str | Path,
+    *,
+    nodes: Sequence[int] = (),
+    columns: SidColumns = SidColumns.BY_MODE,
+    lossy: bool = False,
+) -> tuple[str, ...]:
     """Write a body's SID_FEM file. Not collective.
 
     Nodes 1, 2, ... are the interface frames in the record's order, the first line tells their names. Numbers have 17
@@ -47,6 +64,7 @@ def sid(body: ReducedBody, path: str | Path, *, nodes: Sequence[int] = (), lossy
         body: any reduced body.
         path: destination.
         nodes: numbers of mesh nodes (`NodalModes.node`) that are written as nodes too, after the interfaces.
+        columns: the order of the columns of Gr and Ge.
         lossy: as of all formats; nothing that matters is lost here.
 
     Returns:
@@ -64,11 +82,14 @@ def sid(body: ReducedBody, path: str | Path, *, nodes: Sequence[int] = (), lossy
         title = "flexmbd"
         lost.append(f"the names of the interfaces, which are the nodes 1 to {len(body.interfaces)}")
     frames = [_interface(body, frame, i) for i, frame in enumerate(body.interfaces, start=1)]
+    blocks = taylor_blocks(body)
+    if columns is SidColumns.BY_AXIS:
+        blocks |= {name: axis_by_axis(blocks[name], body.n_modes) for name in ("Gr", "Ge")}
     modal = SidModal(
         title=title,
         mass=body.mass,
         nodes=(*frames, *_mesh_nodes(body, nodes)),
-        blocks=taylor_blocks(body),
+        blocks=blocks,
         n_modes=body.n_modes,
         frequencies=np.sqrt(body.stiffness) / (2.0 * np.pi),
     )
@@ -130,7 +151,7 @@ def _hidden(name: str) -> str:
     return plain
 
 
-def read_sid(path: str | Path) -> ReducedBody:
+def read_sid(path: str | Path, *, tolerance: float = AGREE) -> ReducedBody:
     """Read a SID_FEM file, ours or another program's. Not collective.
 
     The mass integrals come back from the blocks, see `flexmbd.export.taylor_blocks`. Modes that are not normalised
@@ -138,19 +159,24 @@ def read_sid(path: str | Path) -> ReducedBody:
     as the first line says in files of ours, else node_<number>; nodes that it does not name are `modes`. The frame is
     the interface that B rests on: at the origin, with B's axes, not moved by the modes.
 
+    Args:
+        path: the file.
+        tolerance: by what part of their size blocks may differ that say the same, as they do where masses are
+            lumped; Ct, Cr and Me are believed.
+
     Raises:
         ExportError: the file is missing, damaged, no SID_FEM file, or does not hold all of a body: it says what.
     """
     modal = parse_sid(path)
     try:
-        return _body(modal)
+        return _body(modal, tolerance)
     except (ExportError, RecordError) as error:
         raise ExportError(f"{path}: {error}") from error
 
 
-def _body(modal: SidModal) -> ReducedBody:
+def _body(modal: SidModal, tolerance: float) -> ReducedBody:
     n, blocks = modal.n_modes, _checked(modal)
-    parts = mass_integrals(modal.mass, blocks)
+    parts = mass_integrals(modal.mass, blocks, tolerance=tolerance)
     loads, K = stiffening_loads(blocks, parts.ff)
     frames, points = _frames(modal)
     for node, frame in zip(modal.nodes, frames, strict=False):
@@ -160,7 +186,7 @@ def _body(modal: SidModal) -> ReducedBody:
     fields = np.eye(4 + 3 * n)
     fields[4:, 4:] = np.kron(T, np.eye(3))
     gram = fields.T @ parts.gram() @ fields
-    _refuse_no_mass(gram)
+    _refuse_no_mass(gram, tolerance)
     return ReducedBody(
         gram=gram,
         stiffness=stiffness,
@@ -267,13 +293,13 @@ def _normal_form(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, F
     return values, T
 
 
-def _refuse_no_mass(gram: FloatArray) -> None:
+def _refuse_no_mass(gram: FloatArray, tolerance: float) -> None:
     """Refuse integrals that no distribution of mass has."""
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     size[1:] = np.repeat(np.sqrt(np.sum(size[1:].reshape(-1, 3) ** 2, axis=1)), 3)
     scaled = gram / np.outer(size, size)
     least = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else -np.inf
-    if least < -1e-6:
+    if least < -tolerance:
         raise ExportError(f"its blocks are the integrals of no distribution of mass (relative eigenvalue {least:.1e})")
 
 

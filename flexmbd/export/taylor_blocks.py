@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record_groups import FloatArray
+from flexmbd.record_groups import FloatArray, IntArray
 from flexmbd.reduced import GeometricStiffness, ReducedBody
 
 #: Blocks of a body in the order of a file.
@@ -38,8 +38,10 @@ _CROSS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _CROSS[_a, _b, _c], _CROSS[_a, _c, _b] = 1.0, -1.0
 
-# What blocks may differ by that say the same, relative to the largest entry.
-_AGREE = 1e-3
+#: What blocks may differ by that say the same, relative to the largest entry.
+AGREE = 0.03
+# The round-off of modes that are called normalised.
+_UNIT = 1e-9
 # Stiffness by spinning is of the size of the inertia; less than this part of it is the file's rounding.
 _NO_STIFFENING = 1e-8
 
@@ -185,43 +187,94 @@ def _doubled(tensor: FloatArray) -> FloatArray:
     return np.stack([tensor[..., a, b] + (tensor[..., b, a] if a != b else 0.0) for a, b in _SPIN], axis=-1)
 
 
-def mass_integrals(mass: float, blocks: Mapping[str, Taylor]) -> Integrals:
+def mass_integrals(mass: float, blocks: Mapping[str, Taylor], *, tolerance: float = AGREE) -> Integrals:
     """The mass integrals that blocks of right shapes come from.
 
-    s f is in Gr, or else half in Cr and half in the linear part of J. f f is in the linear part of Gr; where that
+    s f is half in Cr and half in the linear part of J, and once more in Gr. f f is in the linear part of Gr; where that
     is left out, as most programs do, its symmetric part is in the linear part of Oe, unless stiffening by spinning
-    is added there, and the rest in Ge, or else in the linear part of Cr.
+    is added there, and the rest in Ge, or else in the linear part of Cr. Where blocks differ, those count that make the
+    linear motion: Ct, Cr and Me.
+
+    Args:
+        mass: kg.
+        blocks: by name.
+        tolerance: by what part of their size blocks may differ that say the same.
 
     Raises:
         ExportError: blocks contradict each other, or do not say enough.
     """
     n = len(blocks["Me"].m0)
+    blocks = _arranged(blocks, n)
     f, inertia = blocks["Ct"].m0, blocks["J"]
-    lever = np.einsum("cab,lc->alb", _CROSS, blocks["Cr"].m0)
+    lever = np.einsum("cab,lc->lab", _CROSS, blocks["Cr"].m0)
     second = None if inertia.m1 is None else _second(_tensor(inertia.m1[:, :, 0].T, _INERTIA))
     if "Gr" in blocks:
-        half = -0.5 * blocks["Gr"].m0.reshape(3, n, 3).swapaxes(0, 1)
-        sf = np.einsum("jba->ajb", _unturned(half))
-        _same("Gr and Cr", sf - sf.swapaxes(0, 2), lever, size=sf)
-        if second is not None:
-            _same("Gr and m1 of J", sf.swapaxes(0, 1) + np.einsum("ajb->jba", sf), second, size=sf)
-    elif second is not None:
-        sf = 0.5 * (second.swapaxes(0, 1) + lever)
-    else:
+        levers = _levers(blocks["Gr"].m0, n)
+        both = levers + levers.swapaxes(1, 2)
+        _same("Gr and Cr", levers - levers.swapaxes(1, 2), lever, size=levers, tolerance=tolerance)
+        second = both if second is None else second
+        _same("Gr and m1 of J", both, second, size=levers, tolerance=tolerance)
+    if second is None:
         raise ExportError("it has neither Gr nor m1 of J: how the modes change the inertia is not known")
     if blocks["mdCM"].m1 is not None:
-        _same("Ct and m1 of mdCM", f, blocks["mdCM"].m1[:, :, 0].T, size=f)
+        _same("Ct and m1 of mdCM", f, blocks["mdCM"].m1[:, :, 0].T, size=f, tolerance=tolerance)
+    ff = _products_of_modes(blocks, n, tolerance)
+    modal = np.einsum("iaja->ij", ff)
+    _same("Me and the products of modes in Gr or Oe", modal, blocks["Me"].m0, size=modal, tolerance=tolerance)
     return Integrals(
         mass=mass,
         s=blocks["mdCM"].m0[:, 0],
         ss=_second(_tensor(inertia.m0[:, 0], _INERTIA)),
         f=f,
-        sf=sf,
-        ff=_products_of_modes(blocks, n),
+        sf=0.5 * (second + lever).swapaxes(0, 1),
+        ff=_with_mass(ff, blocks["Me"].m0),
     )
 
 
-def _products_of_modes(blocks: Mapping[str, Taylor], n: int) -> FloatArray:
+def mode_by_mode(block: Taylor, n: int) -> Taylor:
+    """A block of 3 n columns, those of an axis together, with those of a mode together."""
+    return _ordered(block, np.arange(3 * n).reshape(3, n).T.ravel())
+
+
+def axis_by_axis(block: Taylor, n: int) -> Taylor:
+    """A block of 3 n columns, those of a mode together, with those of an axis together."""
+    return _ordered(block, np.arange(3 * n).reshape(n, 3).T.ravel())
+
+
+def _ordered(block: Taylor, columns: IntArray) -> Taylor:
+    return Taylor(block.m0[:, columns], None if block.m1 is None else block.m1[:, :, columns])
+
+
+def _levers(gyration: FloatArray, n: int) -> FloatArray:
+    """Integrals (n, 3, 3) of s_a f_jb by m0 of Gr."""
+    return _unturned(-0.5 * gyration.reshape(3, n, 3).swapaxes(0, 1)).swapaxes(1, 2)
+
+
+def _arranged(blocks: Mapping[str, Taylor], n: int) -> Mapping[str, Taylor]:
+    """The blocks with three columns a mode in Gr and Ge; SIMPACK's FEMBS has the columns of an axis together.
+
+    Which it is follows from Cr, which has no such choice.
+    """
+    if "Gr" not in blocks:
+        return blocks
+    lever = np.einsum("cab,lc->lab", _CROSS, blocks["Cr"].m0)
+    turned = {name: mode_by_mode(blocks[name], n) for name in ("Gr", "Ge") if name in blocks}
+    apart = []
+    for gyration in (blocks["Gr"].m0, turned["Gr"].m0):
+        levers = _levers(gyration, n)
+        apart.append(np.abs(levers - levers.swapaxes(1, 2) - lever).max(initial=0.0))
+    return {**blocks, **turned} if apart[1] < 0.5 * apart[0] else blocks
+
+
+def _with_mass(ff: FloatArray, mass: FloatArray) -> FloatArray:
+    """f f with the modal mass that is said; what a unit matrix leaves out of a nearly unit one stays."""
+    more = mass - np.einsum("iaja->ij", ff)
+    if np.abs(more).max(initial=0.0) <= _UNIT * np.abs(mass).max(initial=0.0):
+        return ff
+    return ff + np.einsum("ij,ab->iajb", more, np.eye(3) / 3.0)
+
+
+def _products_of_modes(blocks: Mapping[str, Taylor], n: int, tolerance: float) -> FloatArray:
     """(n, 3, n, 3)."""
     gyration, spin = blocks.get("Gr"), blocks.get("Oe")
     if gyration is not None and gyration.m1 is not None:
@@ -232,16 +285,15 @@ def _products_of_modes(blocks: Mapping[str, Taylor], n: int) -> FloatArray:
             raise ExportError("neither Gr nor Oe has a term m1: the velocity forces of the deformed body are not known")
         crossed = _crossed(blocks, n)
         spinning = _tensor(spin.m1 * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]), _SPIN)
-        trace = np.trace(spinning, axis1=2, axis2=3)
-        if np.abs(trace + 2.0 * blocks["Me"].m0).max(initial=0.0) > _AGREE * np.abs(blocks["Me"].m0).max(initial=0.0):
+        # with nothing added its trace is minus twice the modal mass
+        more = 0.5 * np.trace(spinning, axis1=2, axis2=3) + blocks["Me"].m0
+        if np.abs(more).max(initial=0.0) > tolerance * np.abs(blocks["Me"].m0).max(initial=0.0):
             raise ExportError(
                 "m1 of Oe has stiffening by spinning added, and without m1 of Gr it cannot be told from the inertia: "
-                "have the file written without geometric stiffness"
+                "have the file written without geometric stiffness; if it is, read it with a larger tolerance"
             )
         dyads = _unturned(spinning) + 0.5 * np.einsum("cba,lkc->lkab", _CROSS, crossed)
         ff = np.einsum("lkab->lakb", dyads)
-    mass = np.einsum("iaja->ij", ff)
-    _same("the modal mass Me and the products of modes", mass, blocks["Me"].m0, size=mass)
     return ff
 
 
@@ -249,19 +301,21 @@ def _crossed(blocks: Mapping[str, Taylor], n: int) -> FloatArray:
     """(n, n, 3) integrals of f_k x f_l, l first."""
     rates, turning = blocks.get("Ge"), blocks["Cr"].m1
     if rates is not None:
-        return 0.5 * rates.m0.reshape(n, n, 3)
+        crossed = 0.5 * rates.m0.reshape(n, n, 3)
+        return 0.5 * (crossed - crossed.swapaxes(0, 1))
     if turning is None:
         raise ExportError("neither Ge is there nor a term m1 of Cr: gyroscopic forces between modes are not known")
     return 0.5 * (turning - turning.swapaxes(0, 1))
 
 
-def _same(what: str, found: FloatArray, wanted: FloatArray, *, size: FloatArray) -> None:
+def _same(what: str, found: FloatArray, wanted: FloatArray, *, size: FloatArray, tolerance: float) -> None:
     worst = np.abs(found - wanted).max(initial=0.0)
     largest = max(np.abs(size).max(initial=0.0), np.abs(wanted).max(initial=0.0))
-    if worst > _AGREE * largest:
+    if worst > tolerance * largest:
         raise ExportError(
-            f"{what} contradict each other by {worst / largest:.1e} of their size: either other conventions hold in "
-            "this file, or its nodes have rotary inertia of their own, which a reduced body here cannot have"
+            f"{what} contradict each other by {worst / largest:.1e} of their size: other conventions hold in this "
+            "file, its nodes have rotary inertia of their own, or its blocks were lumped differently; with a larger "
+            "tolerance Ct, Cr and Me, which make the linear motion, are believed"
         )
 
 
@@ -272,8 +326,9 @@ def stiffening_loads(blocks: Mapping[str, Taylor], ff: FloatArray) -> tuple[list
     rest = {
         "Ct": blocks["Ct"].m1,
         "Cr": None if blocks["Cr"].m1 is None else 0.5 * (blocks["Cr"].m1 + blocks["Cr"].m1.swapaxes(0, 1)),
-        "Oe": None if "Oe" not in blocks or blocks["Oe"].m1 is None else blocks["Oe"].m1 - _doubled(spinning),
     }
+    if "Gr" in blocks and blocks["Gr"].m1 is not None and "Oe" in blocks and blocks["Oe"].m1 is not None:
+        rest["Oe"] = blocks["Oe"].m1 - _doubled(spinning)
     names: list[str] = []
     stiffness: list[FloatArray] = []
     for block, K in rest.items():

@@ -175,6 +175,27 @@ def test_the_integrals_follow_from_what_other_programs_write(tmp_path, change):
     np.testing.assert_allclose(back.gram, body.gram, rtol=0.0, atol=1e-13 * np.abs(body.gram).max())
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_columns_axis_by_axis(tmp_path, whole):
+    """As SIMPACK has them; a reader sees from Cr which order holds."""
+    body, path = plain(soft_bar()), tmp_path / "bar.SID_FEM"
+    n = body.n_modes
+    fm.export.sid(body, path)
+    before = SidBody(path).blocks
+    fm.export.sid(body, path, columns=fm.export.SidColumns.BY_AXIS)
+    after = SidBody(path).blocks
+    for mode in (0, 3, n - 1):
+        for axis in range(3):
+            for block in ("Gr", "Ge"):
+                here, there = before[block].m0[:, 3 * mode + axis], after[block].m0[:, n * axis + mode]
+                np.testing.assert_array_equal(here, there)
+            np.testing.assert_array_equal(before["Gr"].m1[:, :, 3 * mode + axis], after["Gr"].m1[:, :, n * axis + mode])
+    if not whole:
+        path.write_text(without(path.read_text(), "Gr", "m1"))
+    back = fm.export.read_sid(path)
+    np.testing.assert_allclose(back.gram, body.gram, rtol=0.0, atol=1e-13 * np.abs(body.gram).max())
+
+
 #: Masses of 2 kg at (1, 0, 0) and of 3 kg at (0, 2, 0); the one mode moves them by (0, 0.5, 0) and (0, 0, 1). Me is
 #: 2 0.25 + 3 = 3.5, Ke 14: a frequency of 2 rad/s. Entries as in the equations of taylor_blocks, by hand.
 TWO_MASSES = """    1   1    :No. nodes, No. modes: two masses on springs
@@ -263,6 +284,21 @@ def test_a_file_of_another_program(tmp_path):
     assert (frame.name, body.frame, body.geometric) == ("node_6022", None, None)
     np.testing.assert_allclose(frame.modes[:, 0], [0.0, 0.5 * scale, 0.0, 0.0, 0.0, 0.0], rtol=1e-14)
     np.testing.assert_allclose(body.partition, [[scale]], rtol=1e-14)
+
+
+def test_blocks_of_different_lumpings(tmp_path):
+    """Those that make the linear motion are believed, where the caller lets the others differ."""
+    path = tmp_path / "two.SID_FEM"
+    path.write_text(heads(TWO_MASSES))
+    right = fm.export.read_sid(path)
+    path.write_text(
+        heads(TWO_MASSES).replace("= -12.0", "= -11.0").replace("m1( 1, 1, 2) = -3.0", "m1( 1, 1, 2) = -2.5")
+    )
+    with pytest.raises(ExportError, match="Gr and Cr contradict each other"):
+        fm.export.read_sid(path)
+    body = fm.export.read_sid(path, tolerance=0.2)
+    np.testing.assert_allclose(body.mass_matrix(), right.mass_matrix(), rtol=0.0, atol=1e-14)
+    assert body.geometric is None
 
 
 def test_names_that_hold_keywords(tmp_path):
