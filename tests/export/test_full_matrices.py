@@ -168,7 +168,8 @@ def test_what_does_not_fit():
     refused("modes=-1", modes=-1)
     refused("no rotation", interfaces={"x_min": NodeSet(ends["x_min"].nodes, axes=np.zeros((3, 3)))})
     alone = scipy.sparse.block_diag([full.K, full.K]).tocsr(), scipy.sparse.block_diag([full.M, full.M]).tocsr()
-    refused("connected to no interface|held by nothing", *alone, table=np.vstack([table, table + np.array([1000.0, 5.0, 0.0, 0.0])]))
+    twice = np.vstack([table, table + np.array([1000.0, 5.0, 0.0, 0.0])])
+    refused("connected to no interface|held by nothing", *alone, table=twice)
 
 
 def test_damaged_matrix_market_files(tmp_path):
