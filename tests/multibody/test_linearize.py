@@ -8,6 +8,7 @@ import bicycle
 import numpy as np
 import pytest
 from particles import particle_body
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.multibody.initial import consistent_start
@@ -330,6 +331,36 @@ def test_rolling_machine_against_differences():
         return riding(torque=value)[0] if "Torque" in name else riding(push=tuple(push))[0]
 
     compare(scene, lin, variant, [seen])
+
+
+def test_rotations_joints_and_modes_are_seen_as_they_move():
+    """Each state alone: what the nonlinear machine's frame turns by, and where its own coordinates are."""
+    scene, _, hinge, _, limb, hand = loaded()
+    eq, place = scene.equilibrium(), hand.frame()
+    kinds = (fm.output.Position, fm.output.Velocity, fm.output.Acceleration)
+    outputs = [fm.output.Rotation(place), *(kind(of) for of in (hinge, limb) for kind in kinds)]
+    lin = scene.linearize(about=eq, outputs=outputs)
+    A, _, C, _ = lin.state_space()
+    rows = {name: row for name, row in zip(lin.outputs, C, strict=True)}
+    n, plan = len(lin.coordinates), lin.scene.plan
+    R, step = eq.rotation(place), 1e-5
+    for k, name in enumerate(lin.coordinates):
+        turns, moved = [], []
+        for sign in (1.0, -1.0):
+            x = np.empty_like(eq.x)
+            retract(plan, eq.x, sign * step * np.eye(lin.scene.nv)[lin.equations.by.y[k]], x)
+            there = replace(eq, x=x)
+            turns.append(Rotation.from_matrix(R.T @ there.rotation(place)).as_rotvec())
+            moved.append(np.append(there.beta(hinge), there.q(limb)))
+        found = np.array([rows[f"rotation {axis} of {place.label}"][k] for axis in "xyz"])
+        np.testing.assert_allclose(found, (turns[0] - turns[1]) / (2.0 * step), atol=1e-8)
+        own = ["hinge.angle", *(f"limb.q[{i}]" for i in range(3))]
+        slopes = (moved[0] - moved[1]) / (2.0 * step)
+        np.testing.assert_allclose([rows[f"position of {one}"][k] for one in own], slopes, atol=1e-9)
+        np.testing.assert_allclose([rows[f"velocity of {one}"][n + k] for one in own], slopes, atol=1e-9)
+        if name in own:
+            np.testing.assert_allclose(rows[f"acceleration of {name}"], A[n + k], atol=1e-12 * np.abs(A).max())
+    assert abs(C[:3]).max() > 0.5
 
 
 def test_frequency_response_is_that_of_the_state_space():
