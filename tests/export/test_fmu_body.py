@@ -222,8 +222,10 @@ def test_instances_do_not_know_each_other_and_begin_anew(unit, fmi):
         two.step(1e-4)
     first = one.get(["small_end.y"])
     near(two.get(["small_end.y"]), -2.0 * first, 1e-13)
+    one.set({"small_end.Fx": 9.0})
     one.fmu.reset()
     one.initialise(t=3.0, **{"gravity.gy": 1.0})
+    assert one.get(["small_end.Fx"])[0] == 0.0
     assert one.get(["time", "small_end.y"]) == pytest.approx([3.0, 0.0], abs=0.0)
     for _ in range(5):
         one.step(1e-4)

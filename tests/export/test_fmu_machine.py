@@ -4,6 +4,7 @@ import ctypes
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -231,6 +232,34 @@ def crank_motion(torque, integrator, rtol):
     run = scene.simulate(0.5 + H, h=H, rtol=rtol, integrator=integrator)
     parts = run.position(piston), run.velocity(piston), run.beta(shaft)[:, None], run.beta_rate(shaft)[:, None]
     return np.hstack(parts)[50:2501:50]
+
+
+ELSEWHERE = """
+import sys
+from pathlib import Path
+from units import Unit
+unit = Unit(sys.argv[1], sys.argv[1])
+one = unit.instance()
+one.restore(one.fmu.deserializeFMUState(Path(sys.argv[2]).read_bytes()))
+one.t = 2e-3
+one.step(1e-3)
+print(repr(float(one.get(["tip.x"])[0])))
+"""
+
+
+def test_states_go_on_in_another_process(arm, tmp_path):
+    """Whose addresses are others: of the kernels behind addresses as well."""
+    unit = arm(3, IMPLICIT)
+    one = unit.instance(torque=2.0)
+    one.step(1e-3)
+    one.step(1e-3)
+    (tmp_path / "state").write_bytes(one.fmu.serializeFMUState(one.keep()))
+    one.step(1e-3)
+    command = [sys.executable, "-c", ELSEWHERE, unit.folder, tmp_path / "state"]
+    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split()[-1]) == one.get(["tip.x"])[0]
+    one.free()
 
 
 HOST = r"""

@@ -101,7 +101,6 @@ static Status begin(Instance *instance) {
     char message[MESSAGE_SIZE] = "";
     if (state->begun)
         return STATUS_OK;
-    memset(memory(instance), 0, model_memory);
     state->begun = 1;
     state->observed = 0;
     return outcome(instance, model_begin(memory(instance), instance->scratch, state->time, state->content, message),
