@@ -177,6 +177,16 @@ def test_version_and_wrong_words(capsys):
     assert "inspect" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["größer 十.h5", b"no text \xff.h5"])
+def test_names_that_a_terminal_has_no_letters_for(record, name):
+    two_crosses().save(os.fsdecode(name))
+    words = [sys.executable, "-m", "flexmbd", "inspect", name, "--json"]
+    ascii_alone = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = subprocess.run(words, capture_output=True, text=True, env=ascii_alone)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert '"file": "' in done.stdout
+
+
 @pytest.mark.parametrize("lines", [1, 100_000])
 def test_a_broken_pipe_is_silent(record, lines):
     """Nobody reads any more, whether the sheet is shorter than what is kept back for a while or longer."""
