@@ -65,7 +65,7 @@ def test_a_spin_in_space(tmp_path, held, w, bent):
 
 def test_the_first_order_is_off_by_the_square_of_the_deformation(tmp_path):
     """What a program computes that takes J as the standard has it."""
-    t, w = np.linspace(0.0, 0.1, 3), [3.0, 2.0, -4.0]
+    t, w = np.linspace(0.0, 0.07, 3), [3.0, 2.0, -4.0]
     apart, bent = [], []
     for stiffer in (30.0, 90.0):
         body = slow(plain(soft_bar()), 4, stiffer=stiffer)
@@ -119,6 +119,37 @@ def test_spinning_stiffens_by_the_blocks_as_it_does_here(tmp_path):
     assert found[0] == pytest.approx(np.hypot(still[0], np.sqrt(0.193) * spin / (2.0 * np.pi)), rel=2e-3)
     assert found[1] == pytest.approx(np.hypot(still[1], np.sqrt(1.193) * spin / (2.0 * np.pi)), rel=2e-3)
     assert rotating(path, plain(body), spin)[0] < 0.7 * still[0]
+
+
+@pytest.mark.parametrize("along", [-9.81, 9.81])
+def test_weight_along_a_clamped_bar(tmp_path, along):
+    """Hanging and standing, by m1 of Ct with the acceleration less gravity, against the machine's linear equations."""
+    body, path = soft_bar(), tmp_path / "bar.SID_FEM"
+    scene = fm.System(gravity=(along, 0.0, 0.0))
+    bar = scene.add(fm.FlexibleBody(body), name="bar")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), bar.frame("x_min"))
+    here = np.sort(scene.linearize(about=scene.equilibrium()).frequencies())[:2]
+    fm.export.sid(body, path)
+    blocks = SidBody(path).blocks
+    squares = np.linalg.eigvalsh(blocks["Ke"].m0 - along * blocks["Ct"].m1[:, :, 0])
+    np.testing.assert_allclose(np.sqrt(squares[:2]) / (2.0 * np.pi), here, rtol=2e-3)
+    assert (here[0] > body.frequencies(["x_min"])[0]) == (along > 0.0)
+
+
+@pytest.mark.parametrize("force", [-20.0, 20.0])
+def test_a_force_along_a_clamped_bar(tmp_path, force):
+    """Pushed at more than half of Euler's load, or pulled, by m1 of phi, against the machine's linear equations."""
+    body, path = soft_bar(), tmp_path / "bar.SID_FEM"
+    scene = fm.System()
+    bar = scene.add(fm.FlexibleBody(body), name="bar")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), bar.frame("x_min"))
+    scene.add_force(fm.force.FrameForce(bar.frame("x_max"), force=(force, 0.0, 0.0)))
+    here = np.sort(scene.linearize(about=scene.equilibrium()).frequencies())[:2]
+    fm.export.sid(body, path)
+    file = SidBody(path)
+    squares = np.linalg.eigvalsh(file.blocks["Ke"].m0 - force * file.nodes[1]["phi"].m1[0])
+    np.testing.assert_allclose(np.sqrt(squares[:2]) / (2.0 * np.pi), here, rtol=2e-3)
+    assert (here[0] > 1.2 * body.frequencies(["x_min"])[0]) == (force > 0.0)
 
 
 @pytest.mark.parametrize("make", [soft_bar, damped_rod])
