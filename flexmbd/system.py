@@ -272,13 +272,15 @@ class System:
     def equilibrium(self, *, t: float = 0.0) -> WorkingPoint:
         """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
 
-        Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.
+        Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.  Bodies with
+        history find their own balance in each step; the equilibrium keeps their state.
 
         Args:
             t: s, at which forces and motions are taken.
 
         Raises:
-            SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking.
+            SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
+                a body with history has no balance, can only be stepped, or turns.
         """
         start = self.start(t=t)
         work = new_work(start.scene.plan)
