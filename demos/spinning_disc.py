@@ -158,7 +158,7 @@ say(f"joint moves by {abs(joint[:, 0]).max():.2f} across and {abs(joint[:, 2]).m
 assert wrong < 1e-5
 assert spread < 5e-4
 assert abs(work / energy[-1] - 1.0) < 2e-4
-assert abs(swung - 1.0) < 2e-2
+assert abs(swung - 1.0) < 3e-3
 # the motor's reaction throws the arm aside, by more than the load presses it down
 assert abs(joint[:, 0]).max() > 1.5 * abs(joint[:, 2]).max()
 assert aside < 1e-7
