@@ -6,6 +6,7 @@ Libraries of the continuum side are loaded in a process of their own: one that c
 from __future__ import annotations
 
 import argparse
+import importlib
 import importlib.metadata
 import json
 import os
@@ -32,9 +33,10 @@ examples:
 exit code 1: something that is needed is broken; its line says what to do
 """
 
-#: Libraries by what needs them: the module, and the distribution that pip knows.
-_MACHINE = (("numpy", "numpy"), ("scipy", "scipy"), ("numba", "numba"), ("h5py", "h5py"))
+#: Libraries by what needs them.
+_MACHINE = ("numpy", "scipy", "numba", "h5py")
 _CONTINUUM = ("mpi4py.MPI", "petsc4py.PETSc", "slepc4py.SLEPc", "dolfinx", "basix", "ufl", "gmsh")
+_OURS = "flexmbd.continuum"
 _PICTURES = ("matplotlib", "pyvista", "vtk", "imageio", "imageio-ffmpeg", "tqdm")
 _CLIENTS = ("exudyn", "fmpy", "pyNastran", "openfast_io")
 _PROGRAMS = ("mbdyn", "ccx", "octave-cli", "mpirun")
@@ -123,10 +125,9 @@ def _machine() -> list[Finding]:
         Finding("machine", "flexmbd", "ok", f"{_version('flexmbd') or 'not installed'}, {Path(__file__).parents[1]}"),
         Finding("machine", "python", "ok", f"{platform.python_version()}, {sys.executable}"),
     ]
-    probed = _probe([name for name, _ in _MACHINE])
-    for name, distribution in _MACHINE:
-        fine, text = probed[name]
-        remedy = "" if fine else f"pip install --upgrade {distribution}"
+    for name in _MACHINE:
+        fine, text = _load(name)
+        remedy = "" if fine else f"pip install --upgrade {name}"
         findings.append(Finding("machine", name, "ok" if fine else "broken", text, remedy))
     return [*findings, _numba_cache()]
 
@@ -173,7 +174,7 @@ def _loaded_blas() -> str:
 
 def _continuum() -> list[Finding]:
     """DOLFINx and what goes with it: all missing is a choice, some missing or of a wrong version is a fault."""
-    probed = _probe(list(_CONTINUUM))
+    probed = _probe([*_CONTINUUM, _OURS])
     missing = [name for name in _CONTINUUM if probed[name][1].startswith("ModuleNotFoundError")]
     remedy = "see README.md: ./run, Debian's python3-dolfinx or conda-forge's fenics-dolfinx"
     if "dolfinx" in missing:
@@ -185,9 +186,9 @@ def _continuum() -> list[Finding]:
         findings.append(
             Finding("continuum", name.partition(".")[0], "ok" if fine else "broken", text, "" if fine else remedy)
         )
-    fine, text = _probe(["flexmbd.continuum"])["flexmbd.continuum"]
+    fine, text = probed[_OURS]
     if not fine and all(one.state == "ok" for one in findings):
-        findings.append(Finding("continuum", "flexmbd.continuum", "broken", text, remedy))
+        findings.append(Finding("continuum", _OURS, "broken", text, remedy))
     return findings
 
 
@@ -221,6 +222,14 @@ def _version(distribution: str) -> str:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def _load(name: str) -> tuple[bool, str]:
+    """Whether a module loads here, and its version or what is wrong."""
+    try:
+        return True, str(importlib.import_module(name).__version__)
+    except ImportError as error:
+        return False, f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def _probe(names: list[str]) -> dict[str, tuple[bool, str]]:
