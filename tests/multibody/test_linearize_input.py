@@ -202,6 +202,16 @@ def test_modes_that_do_not_swing_and_those_that_are_not_there():
     assert "zero" in refusal(lambda: free.linearize().mode_motion(0))
 
 
+def test_inputs_beside_friction_that_follows_the_reaction():
+    """The reaction follows the input at once; by itself the chain is damped."""
+    scene, joints = chain(1)
+    scene.add_force(fm.force.BearingFriction(joints[0], 0.2, 0.1, radius=0.05))
+    assert "follows the machine's accelerations" in refusal(
+        lambda: scene.linearize(inputs=[fm.force.JointTorque(joints[0], 1.0)])
+    )
+    assert (scene.linearize().eigenvalues().real < -1e-3).all()
+
+
 def test_a_force_of_several_functions_is_as_many_inputs():
     """Each component by a function of time has a column of its own, beside the one of what is given by numbers."""
     scene, joints = chain(1)
