@@ -23,8 +23,8 @@ from flexmbd.record_groups import FloatArray
 from flexmbd.reduced import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
 
-#: Rows of the matrices of a superelement that is read; 800 MB a matrix.
-MOST_ROWS = 10_000
+#: Rows of the matrices of a superelement that is read; 200 MB a matrix.
+MOST_ROWS = 5_000
 _MARK = "flexmbd interface "
 
 

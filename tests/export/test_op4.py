@@ -54,7 +54,7 @@ def written(tmp_path, *changes):
     ("old", "new", "match"),
     [
         ("       8       8       6       2KAAX", "99999999       8       6       2KAAX", "read are dense real ones"),
-        ("       8       8       6       2KAAX", "    9000    9000       6       2KAAX", "too short to hold"),
+        ("       8       8       6       2KAAX", "    4000    4000       6       2KAAX", "too short to hold"),
         ("       8       8       6       2KAAX", "       8      -8       6       2KAAX", "-8 rows"),
         ("       8       8       6       2KAAX", "       8       8       6       4KAAX", "type 4"),
         ("       1       1       8", "       1       1       9", "rows 1 to 9|header|could not convert"),
