@@ -109,7 +109,7 @@ def announce(purpose: str) -> bool:
         return False
     _announced.add(purpose)
     sys.stderr.write(
-        f"flexmbd: compiling the kernels of {purpose}, once for this machine (ten seconds to half a minute; kept in "
+        f"flexmbd: compiling the kernels of {purpose}, once for this machine (half a minute to two; kept in "
         f"{cache_folder()})\n"
     )
     return True
