@@ -16,13 +16,13 @@ from full_model import FullModel
 from machine_side import dynamic_stiffness, motions, relative
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, tagged_mesh
+from flexmbd.continuum import ContinuumModel, Interface, eigen, tagged_mesh
 from flexmbd.continuum.tagged_mesh import from_arrays
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduced import FRAME_DOFS
-from flexmbd.reduction import craig_bampton, eigen, guyan
+from flexmbd.reduction import craig_bampton, guyan
 
 DATA = Path(__file__).parents[1] / "data"
 
