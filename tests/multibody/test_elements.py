@@ -464,6 +464,8 @@ def test_elements_that_no_joint_takes():
         scene.add_force(fm.force.Bushing(*ends, np.ones(5)))
     with pytest.raises(SceneError, match="force takes three components"):
         scene.add_force(fm.force.FrameForce(disc.frame(), (1.0, 2.0)))
+    with pytest.raises(SceneError, match=r"axes must be fm.force.Axes.WORLD or fm.force.Axes.FRAME, got Frame"):
+        scene.add_force(fm.force.FrameForce(disc.frame(), axes=disc.frame()))
     stranger = fm.RigidBody(1.0, (1, 1, 1), name="stranger")
     with pytest.raises(SceneError, match="on a body that is not in this scene"):
         scene.add_force(fm.force.SpringDamper(ends[0], stranger.frame(), 1.0, 1.0))

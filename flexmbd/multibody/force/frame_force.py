@@ -49,7 +49,11 @@ class FrameForce(OffJoints):
         return f"FrameForce on {self.frame.label}"
 
     def check(self) -> None:
-        """Raise SceneError unless there are three components of each, numbers finite."""
+        """Raise SceneError unless there are three components of each, numbers finite, along axes that there are."""
+        if not isinstance(self.axes, Axes):
+            raise SceneError(
+                f"{self.what}: axes must be fm.force.Axes.WORLD or fm.force.Axes.FRAME, got {type(self.axes).__name__}"
+            )
         for name in ("force", "torque"):
             if len(getattr(self, name)) != 3:
                 raise SceneError(f"{self.what}: {name} takes three components, got {getattr(self, name)!r}")
