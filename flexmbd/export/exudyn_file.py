@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.export.archive import write_archive
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Carries, check_body, settle_losses
 from flexmbd.point_masses import point_masses
 from flexmbd.record_groups import FloatArray, InterfaceFrame
 from flexmbd.reduced import ReducedBody
@@ -56,6 +56,7 @@ def exudyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple
     Raises:
         ExportError: the body has no modes or no mass; its damping would be lost; the destination cannot be written.
     """
+    check_body(body)
     arrays = exudyn_arrays(body)
     rayleigh = rayleigh_damping(body)
     losses = settle_losses(

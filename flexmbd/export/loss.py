@@ -41,6 +41,15 @@ class Carries:
     stress: bool = False
 
 
+def check_body(body: object) -> None:
+    """Raise an ExportError for what is no reduced body, as a body of a scene or the scene itself."""
+    if not isinstance(body, ReducedBody):
+        raise ExportError(
+            f"formats of bodies take a ReducedBody, as craig_bampton and ReducedBody.load return it, not a "
+            f"{type(body).__name__}; a whole System goes by fm.export.fmu_machine"
+        )
+
+
 def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool) -> tuple[str, ...]:
     """What a file of this kind leaves out of this body.
 
@@ -54,8 +63,10 @@ def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool
         What is not in the file, a phrase each, for whoever asked for it.
 
     Raises:
-        ExportError: the body itself would become another, and ``lossy`` does not say that it may.
+        ExportError: it is no reduced body; the body itself would become another, and ``lossy`` does not say that it
+            may.
     """
+    check_body(body)
     grave = list(_grave(body, carries))
     if grave and not lossy:
         raise ExportError(

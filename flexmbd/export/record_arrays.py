@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.archive import read_archive, write_archive
-from flexmbd.export.loss import Carries
+from flexmbd.export.loss import Carries, check_body
 from flexmbd.record_file import Tree
 from flexmbd.reduced import ReducedBody
 
@@ -33,6 +33,7 @@ def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
     Raises:
         ExportError: the destination cannot be written.
     """
+    check_body(body)
     write_archive(path, dict(_flat(body.tree(), "")))
     return ()
 

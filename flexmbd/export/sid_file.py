@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.files import write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Carries, check_body, settle_losses
 from flexmbd.export.sid_text import SidModal, SidNode, parse_sid, sid_text
 from flexmbd.export.taylor_blocks import (
     AGREE,
@@ -73,6 +73,7 @@ def sid(
     Raises:
         ExportError: the destination cannot be written, or a node is not in the record.
     """
+    check_body(body)
     every = body.modes is not None and bool(np.isin(body.modes.node, nodes).all())
     lost = [*settle_losses(body, replace(CARRIES, nodes=every), kind="SID_FEM", lossy=lossy)]
     if body.stretch is not None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.loss import Carries
+from flexmbd.export.loss import Carries, check_body
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.record_groups import FloatArray, IntArray, Surface
 from flexmbd.reduced import ReducedBody
@@ -49,6 +49,7 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
     Raises:
         ExportError: the record has neither group, or the destination cannot be written.
     """
+    check_body(body)
     if body.surface is not None:
         x, cells, phi = body.surface.x, body.surface.triangle, body.surface.phi
     elif body.modes is not None:

@@ -28,7 +28,7 @@ from flexmbd.export.functional_mockup.description import (
     identifier_of,
     model_description,
 )
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Carries, check_body, settle_losses
 from flexmbd.reduced import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 CARRIES = Carries(large_motion=False, floating=False)
@@ -71,6 +71,7 @@ def fmu(
         ExportError: a body whose frame floats or that does not deform; names that FMI does not carry; no gcc; the
             destination cannot be written.
     """
+    check_body(body)
     version = version_of(fmi, binary=binary)
     if not (np.isfinite(step) and step > 0.0):
         raise ExportError(f"step is {step} s; an importer is proposed a positive finite step")
