@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,6 +24,9 @@ from flexmbd.multibody.body import Body, Frame
 from flexmbd.record_groups import FloatArray, IntArray, Surface
 from flexmbd.reduced import ReducedBody
 from flexmbd.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import h5py
 
 CARRIES = Carries(interfaces=0, rotations=False, damping=False, large_motion=False, nodes=True)
 
@@ -162,6 +164,8 @@ def _fill(file: h5py.File, skins: list[_Skin], t: FloatArray) -> None:
 
 def _grid(file: h5py.File, n: int, cells: IntArray) -> Any:
     """The group VTKHDF with n points and cells (c, points of each), all of one kind."""
+    import h5py
+
     root = file.create_group("VTKHDF", track_order=True)
     root.attrs["Version"] = np.array([2, 0], np.int64)
     kind = b"UnstructuredGrid"
@@ -178,6 +182,8 @@ def _grid(file: h5py.File, n: int, cells: IntArray) -> Any:
 
 def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
     """Let ``fill`` write a file under a temporary name and rename it; an existing file survives until then."""
+    import h5py
+
     target = Path(os.path.realpath(path))
     try:
         with _draft(target) as draft:
