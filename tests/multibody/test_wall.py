@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -96,6 +97,22 @@ def test_kernels_of_other_sources_are_not_touched(tmp_path):
     )
     known = subprocess.run([sys.executable, "-c", stamp], capture_output=True, text=True, check=True)
     assert version == f"flexmbd-{known.stdout.strip()[:16]}"
+
+
+def test_kernels_of_equal_sources_are_shared(tmp_path):
+    """Another installation of the same sources finds what this one compiled."""
+    package = Path(compiling.__file__).parents[2]
+    shutil.copytree(package, tmp_path / "flexmbd", symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    place = "from flexmbd.multibody.kernels import so3; print(so3.__file__, so3.add3._cache.cache_path)"
+    here, there = (
+        subprocess.run(
+            [sys.executable, "-c", place], capture_output=True, text=True, check=True, cwd=folder
+        ).stdout.split()
+        for folder in (package.parent, tmp_path)
+    )
+    assert Path(there[0]).is_relative_to(tmp_path)
+    assert here[0] != there[0]
+    assert here[1] == there[1]
 
 
 def test_a_kernel_is_stamped_with_all_that_it_calls():

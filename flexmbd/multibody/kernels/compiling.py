@@ -74,8 +74,8 @@ class _KernelCacheLocator(caching._CacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
         self._stamp = _source_stamp(Path(py_file).resolve())
-        # a folder for these very sources: numba cannot even read what others left under its names
-        self._path = _version_folder(self._stamp) / self.get_suitable_cache_subpath(py_file)
+        # a folder for these very sources, wherever they lie: numba cannot even read what others left under its names
+        self._path = _version_folder(self._stamp) / Path(py_file).resolve().parent.relative_to(_PACKAGE)
 
     def get_cache_path(self) -> str:
         return str(self._path)
