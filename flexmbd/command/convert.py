@@ -20,8 +20,8 @@ from: {readable}
 to:   {writable}
 
 examples:
-  flexmbd convert rod.npz rod.h5
-  flexmbd convert rod.h5 rod.dat --to {FORMATS[0].name}
+  flexmbd convert rod.SID_FEM rod.h5
+  flexmbd convert rod.fem rod.npz --to exudyn
 """
     parser.add_argument("source", type=Path, metavar="IN", help="the file to read")
     parser.add_argument("output", type=Path, metavar="OUT", help="the file to write")

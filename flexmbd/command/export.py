@@ -20,8 +20,8 @@ formats:
 {formats}
 
 examples:
-  flexmbd export rod.h5 --to {FORMATS[0].name}
-  flexmbd export rod.h5 --to {FORMATS[0].name} -o for_a_friend{FORMATS[0].suffix} --force --json
+  flexmbd export rod.h5 --to mbdyn
+  flexmbd export rod.h5 --to exudyn -o for_a_friend.npz --lossy --force --json
 """
     parser.add_argument("record", type=Path, help="a record, or another file of a reduced body that can be read")
     parser.add_argument("--to", required=True, metavar="FORMAT", help="see below")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -125,8 +124,3 @@ def _frame_slopes(
     )
     found = derive(plan, new_work(plan), x, v, np.zeros(3))
     return found.jacobian, found.rate_slope
-
-
-def names_of(slopes: Sequence[Slopes]) -> tuple[str, ...]:
-    """Names of all rows."""
-    return tuple(name for one in slopes for name in one.names)

@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-from exported_bodies import damped_rod
+import pytest
+from exported_bodies import damped_rod, soft_bar
 
 import flexmbd as fm
 
@@ -42,6 +43,16 @@ def test_the_code_runs(tmp_path, monkeypatch):
     for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
         exec(block, names)
     np.testing.assert_allclose(names["back"].frequencies(), names["rod"].frequencies(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("page", ["npz", "sid"])
+def test_the_code_of_a_format_runs(tmp_path, monkeypatch, page):
+    monkeypatch.chdir(tmp_path)
+    names = {"rod": soft_bar()}
+    text = (PAGE.parent / "export" / f"{page}.md").read_text(encoding="utf-8")
+    for block in re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        exec(block, names)
+    np.testing.assert_allclose(names["back"].frequencies(), soft_bar().frequencies(), rtol=1e-10)
 
 
 def test_links_lead_somewhere():
