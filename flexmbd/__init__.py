@@ -34,6 +34,7 @@ from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBo
 from flexmbd.multibody.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
 from flexmbd.multibody.solid import Solid as Solid
 from flexmbd.multibody.steady_interior import InteriorModes as InteriorModes
+from flexmbd.multibody.time_function import Beyond as Beyond
 from flexmbd.multibody.time_function import Motion as Motion
 from flexmbd.multibody.time_function import Sine as Sine
 from flexmbd.multibody.time_function import Table as Table

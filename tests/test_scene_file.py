@@ -141,8 +141,10 @@ FORCE_TEXTS = {
     ),
     "joint_force": ('joint = "slide"\nvalue = -2', lambda b: fm.force.JointForce(b.joints["slide"], -2.0)),
     "joint_spring": (
-        'joint = "hinge"\nstiffness = { deflection = [-1, 0, 1], force = [-5, 0, 9] }\nrest = 0.2',
-        lambda b: fm.force.JointSpring(b.joints["hinge"], fm.Table((-1.0, 0.0, 1.0), (-5.0, 0.0, 9.0)), 0.2),
+        'joint = "hinge"\nstiffness = { deflection = [-1, 0, 1], force = [-5, 0, 9], beyond = "linear" }\nrest = 0.2',
+        lambda b: fm.force.JointSpring(
+            b.joints["hinge"], fm.Table((-1.0, 0.0, 1.0), (-5.0, 0.0, 9.0), beyond=fm.Beyond.LINEAR), 0.2
+        ),
     ),
     "joint_damper": ('joint = "hinge"\ndamping = 2', lambda b: fm.force.JointDamper(b.joints["hinge"], 2.0)),
     "joint_stop": (
@@ -171,9 +173,9 @@ FORCE_TEXTS = {
         ),
     ),
     "frame_force": (
-        'frame = "bob"\nforce = [1, { t = [0, 1, 2], y = [0, 5, 0] }, 0]',
+        'frame = "bob"\nforce = [1, { t = [0, 1, 2], y = [0, 5, 0], monotone = true }, 0]',
         lambda b: fm.force.FrameForce(
-            b.bodies["bob"].frame(), (1.0, fm.Table((0.0, 1.0, 2.0), (0.0, 5.0, 0.0)), 0.0)
+            b.bodies["bob"].frame(), (1.0, fm.Table((0.0, 1.0, 2.0), (0.0, 5.0, 0.0), monotone=True), 0.0)
         ),
     ),
     "distributed_load": (
@@ -237,6 +239,9 @@ WRONG = {
     ('record = "a.h5"', 'record = "a.h5"\nmass = 1'): "body[2].mass: is not known; there may be name, record",
     ("gravity = [0, 0, -9.81]", "gravity = -9.81"): "gravity: must be a list of 3 numbers, got -9.81",
     ("gravity", "gravty"): "gravty: is not known; did you mean 'gravity'?",
+    ('child = "bob"\n', 'child = "bob"\nmotion = { t = [0, 1], y = [0, 1], beyond = "hol" }\n'): (
+        "joint[1].motion.beyond: 'hol' is not known; did you mean 'hold'?"
+    ),
     ("[[joint]]", "[[joints]]"): "joints: is not known; did you mean 'joint'?",
     ("[simulate]", "coupling = 3\n[simulate]"): "joint[1].coupling: is not known",
     ("gravity", "coupling = 3\ngravity"): "coupling: must be tables headed [[coupling]], got 3",

@@ -29,6 +29,20 @@ class Sine:
     offset: float = 0.0
 
 
+class Beyond(Enum):
+    """How a table goes on before its first point and after its last.
+
+    Attributes:
+        HOLD: it keeps the first and the last value.
+        LINEAR: it goes on straight, with the slopes that it has there.
+        EXTRAPOLATE: its first and last cubics go on, as far from the points as they may lead.
+    """
+
+    HOLD = "hold"
+    LINEAR = "linear"
+    EXTRAPOLATE = "extrapolate"
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """A cubic spline through the points (t, y); t in s, ascending.
@@ -40,11 +54,14 @@ class Table:
         y: (n,) values.
         monotone: stay between neighbouring points, and level between equal ones (Fritsch and Butland 1984,
             doi:10.1137/0905021); then only the first derivative is continuous, and a smooth function is met less well.
+        beyond: what it is before the first point and after the last. Held, its slope there is zero: a motion whose
+            points do not end at rest stops dead at the last of them.
     """
 
     t: ArrayLike
     y: ArrayLike
     monotone: bool = field(default=False, kw_only=True)
+    beyond: Beyond = field(default=Beyond.HOLD, kw_only=True)
 
 
 class Signature(Enum):
@@ -199,14 +216,30 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 
 def spline(table: Table, what: str) -> PPoly:
-    """The piecewise cubic through a table's points; SceneError where there is none."""
-    t = np.asarray(table.t, dtype=np.float64)
-    y = np.asarray(table.y, dtype=np.float64)
+    """A table as a piecewise cubic whose end pieces go on as the table is to; SceneError where there is none."""
+    try:
+        t, y = np.asarray(table.t, dtype=np.float64), np.asarray(table.y, dtype=np.float64)
+    except (TypeError, ValueError) as reason:
+        raise SceneError(f"{what}: a table's t and y must be numbers, got {table.t!r} and {table.y!r}") from reason
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
         raise SceneError(f"{what}: a table needs t and y of one length, at least 2")
     if not (np.isfinite(t).all() and np.isfinite(y).all() and (np.diff(t) > 0.0).all()):
         raise SceneError(f"{what}: a table needs finite values and strictly ascending t")
-    return PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
+    if not isinstance(table.beyond, Beyond):
+        raise SceneError(
+            f"{what}: a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTRAPOLATE, got {table.beyond!r}"
+        )
+    inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
+    if table.beyond is Beyond.EXTRAPOLATE:
+        return inner
+    # straight pieces at both ends, as wide as the table; the first begins where the line from its end is there
+    width = t[-1] - t[0]
+    ends = np.zeros((len(inner.c), 2))
+    if table.beyond is Beyond.LINEAR:
+        ends[-2] = inner(t[[0, -1]], 1)
+    ends[-1] = y[[0, -1]] - ends[-2] * [width, 0.0]
+    x = np.concatenate([[t[0] - width], t, [t[-1] + width]])
+    return PPoly(np.column_stack([ends[:, 0], inner.c, ends[:, 1]]), x)
 
 
 def _piecewise(poly: PPoly, what: str) -> TimeRow:
@@ -214,6 +247,11 @@ def _piecewise(poly: PPoly, what: str) -> TimeRow:
         raise SceneError(f"{what}: a piecewise polynomial must be scalar and finite")
     if not (np.diff(poly.x) > 0.0).all():
         raise SceneError(f"{what}: a piecewise polynomial needs ascending breakpoints")
+    if poly.extrapolate is not True:
+        raise SceneError(
+            f"{what}: a piecewise polynomial goes on with its end pieces, and this one has extrapolate="
+            f"{poly.extrapolate!r}; make it with extrapolate=True, with all the pieces that are needed"
+        )
     order, pieces = poly.c.shape
     data = np.concatenate([[float(order)], poly.x, poly.c.T.ravel()])
     return TimeRow(

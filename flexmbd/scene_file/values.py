@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.multibody.time_function import Sine, Table, TimeFunction
+from flexmbd.multibody.time_function import Beyond, Sine, Table, TimeFunction
 from flexmbd.scene_file.description import GROUND, BodyName, FramePlace, JointName
 from flexmbd.toml_file import Section
 
@@ -86,12 +86,23 @@ def stiffness(section: Section, key: str, names: Names) -> float | Table:
 
 
 def _points(inner: Section, across: str, up: str) -> Table:
-    inner.allow((across, up))
-    table = Table(inner.numbers(across), inner.numbers(up))
+    inner.allow((across, up, "monotone", "beyond"))
+    monotone = inner.flag("monotone") if inner.has("monotone") else False
+    table = Table(inner.numbers(across), inner.numbers(up), monotone=monotone, beyond=_beyond(inner))
     x, y = np.asarray(table.t), np.asarray(table.y)
     if len(x) != len(y) or len(x) < 2 or not (np.diff(x) > 0.0).all():
         inner.fail("", f"needs at least two points, as many {across} as {up}, with ascending {across}")
     return table
+
+
+def _beyond(inner: Section) -> Beyond:
+    """How a table goes on, held where nothing is said."""
+    if not inner.has("beyond"):
+        return Beyond.HOLD
+    name, known = inner.text("beyond"), {one.value: one for one in Beyond}
+    if name not in known:
+        inner.fail("beyond", f"{name!r} is not known; {nearest(name, known)}")
+    return known[name]
 
 
 def three_time_functions(section: Section, key: str, names: Names) -> tuple[TimeFunction, ...]:

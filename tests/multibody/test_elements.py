@@ -59,12 +59,12 @@ def test_the_energy_of_a_spring_is_counted():
 
 
 def test_a_spring_by_its_characteristic():
-    """A table resists by its spline and goes on straight outside; its energy is the spline's integral."""
+    """A table resists by its spline, here with straight ends; its energy is the spline's integral."""
     deflection = np.linspace(-0.3, 0.3, 7)
     force = 20.0 * deflection + 90.0 * deflection**3
     spline = CubicSpline(deflection, force)
     scene, _, hinge = wheel()
-    scene.add_force(fm.force.JointSpring(hinge, fm.Table(deflection, force), rest=0.2))
+    scene.add_force(fm.force.JointSpring(hinge, fm.Table(deflection, force, beyond=fm.Beyond.LINEAR), rest=0.2))
     hinge.position = 0.9
     start = scene.start()
     expected = -(float(spline(0.3)) + 0.4 * float(spline(0.3, 1))) / 0.25
@@ -449,6 +449,8 @@ def test_elements_that_no_joint_takes():
         scene.add_force(fm.force.JointDamper(hinge, np.nan))
     with pytest.raises(SceneError, match=r"lower = 0\.3 must lie below upper = 0\.3"):
         scene.add_force(fm.force.JointStop(hinge, 0.3, 0.3, 1.0))
+    with pytest.raises(SceneError, match=r"transition = 0\.0 must be positive"):
+        scene.add_force(fm.force.JointStop(hinge, -0.3, 0.3, 1.0, transition=0.0))
     with pytest.raises(SceneError, match="static friction needs Stribeck's speed"):
         scene.add_force(fm.force.JointFriction(hinge, 1.0, 0.1, static=2.0))
     with pytest.raises(SceneError, match=r"static = 0\.5 must not be below coulomb = 1\.0"):
@@ -472,6 +474,21 @@ def test_elements_that_no_joint_takes():
     _, _, foreign = wheel()
     with pytest.raises(SceneError, match="'hinge' is not in this scene"):
         scene.add_force(fm.force.JointDamper(foreign, 1.0))
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_the_transition_of_a_stop_goes_with_the_unit_of_length(unit):
+    """A block at rest in its stop by a hundredth of the range: stiffness (s - transition / 2), a thousandth of it."""
+    scene = fm.System()
+    block = scene.add(fm.RigidBody(1.0, (unit**2, unit**2, unit**2)), name="block")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), block.frame(), name="slide")
+    scene.add_force(fm.force.JointStop(slide, -1.0 * unit, 1.0 * unit, 300.0, transition=1.0 * unit))
+    scene.add_force(fm.force.JointStop(slide, -0.5 * unit, 0.5 * unit, 300.0))
+    slide.position = 0.501 * unit
+    assert scene.start().a[0] == pytest.approx(-300.0 * (1e-3 - 5e-4) * unit, rel=1e-9)
+    with pytest.raises(SceneError, match="a stop of one limit has no range to take the transition from"):
+        scene.add_force(fm.force.JointStop(slide, 0.0, np.inf, 300.0))
+    scene.add_force(fm.force.JointStop(slide, -0.5 * unit, np.inf, 300.0, transition=1e-3 * unit))
 
 
 def test_a_start_beyond_a_stop():

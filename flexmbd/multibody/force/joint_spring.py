@@ -21,7 +21,8 @@ class JointSpring(OnCoordinate):
     Attributes:
         connection: a joint with coordinates that are numbers.
         stiffness: N/m or N m/rad; or a ``Table`` of the resisting force (N or N m) over the deflection
-            beta - rest, a cubic spline that goes on straight outside.
+            beta - rest, a cubic spline, which keeps its first and last force outside unless its ``beyond`` says
+            otherwise.
         rest: coordinate at which it is slack (m or rad).
         damping: N s/m or N m s/rad.
         coordinate: which of the joint's coordinates, from 0.
@@ -49,23 +50,12 @@ class JointSpring(OnCoordinate):
             data = table.numbers([self.stiffness, self.rest, self.damping])
             table.element(at.ON_SPRING, self.what, x=x, v=v, data=data)
             return
-        force = _straight_outside(spline(self.stiffness, self.what))
+        force = spline(self.stiffness, self.what)
         potential = force.antiderivative()
         potential.c[-1] -= potential(0.0)
         head = np.array([self.rest, self.damping])
         data = table.numbers(np.concatenate([head, _laid(force), _laid(potential)]))
         table.element(at.ON_CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
-
-
-def _straight_outside(inner: PPoly) -> PPoly:
-    """The same with a straight piece at each end, which the kernel goes on with."""
-    ends = inner.x[[0, -1]]
-    line = np.zeros((len(inner.c), 2))
-    line[-2] = inner(ends, 1)
-    line[-1] = inner(ends)
-    line[-1, 0] -= line[-2, 0]  # the left piece begins one unit before the table
-    c = np.column_stack([line[:, 0], inner.c, line[:, 1]])
-    return PPoly(c, np.concatenate([[ends[0] - 1.0], inner.x, [ends[1] + 1.0]]))
 
 
 def _laid(poly: PPoly) -> np.ndarray:
