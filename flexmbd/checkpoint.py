@@ -19,7 +19,7 @@ from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import Snapshot
 
-_VERSION = 2
+_VERSION = 3
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,17 +13,32 @@ from flexmbd.multibody.kernels.compiling import kernel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# What a stepper returns.
-DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR, NEWTON_FAILED, NOT_FINITE, INTERIOR_FAILED = range(7)
+# What a stepper returns: that it is done or its record full; else what the step failed by that it could not do without.
+# The equations of a step that Newton's iteration does not solve; rows that cannot be told apart, or a singular matrix;
+# loops that do not close; what is not finite; an error that is too large however short the step.
+DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
+STEP_FLOOR, NEWTON_FAILED = INACCURATE, NOT_CONVERGED
 
-# Entries of ``State.numbers``; from METHOD on they are the method's own.
+# Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
 SLOWEST = 7  # the machine's rate (1/s) is taken as at least this
-METHOD, N_NUMBER = 8, 20
+# Functions of time are asked no later than LATEST: what a step that ends at a break sees lies on the near side of it.
+# Of the step at hand: its end, what it would be but for that end, the machine's rate, its error over what is tolerated.
+LATEST, STEP_END, WHOLE, RATE, RATIO = range(8, 13)
+# Of a fixed step that is taken in parts: what is left of it, and the longest part (0: the rest).
+REST, PART = 13, 14
+# Error and size of the last step that error control accepted, a safety of the next; these and the method's own, from
+# METHOD on, are forgotten where the machine begins anew.
+RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
+METHOD, N_NUMBER = 18, 30
 
 # Entries of ``State.counts``; from METHOD_COUNT on they are the method's own.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
-FIXED_STEP, WORST, STORED, METHOD_COUNT, N_COUNT = 5, 6, 7, 8, 14
+FIXED_STEP, WORST, STORED = 5, 6, 7
+# What the last attempt came to: DONE, or the code of a failure; the most rows to store before a stepper returns;
+# whether TIME is a break that the machine has not left yet; the first knot after TIME; steps without growth left.
+OUTCOME, ROOM, AT_BREAK, KNOT, HOLD = range(8, 13)
+METHOD_COUNT, N_COUNT = 13, 19
 
 #: No relative error is asked for below this.
 ROUND_OFF = 1e-12
