@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.plan import CompiledScene
@@ -89,7 +90,7 @@ class Moment:
         slots = self._run.scene.joint_slots.get(id(connection))
         if slots is None:
             raise SceneError(f"joint {connection.name!r} closes a loop and has no velocity to set")
-        values = np.atleast_1d(np.asarray(rate, dtype=np.float64))
+        values = np.atleast_1d(numbers(rate))
         if values.shape != (slots.v.stop - slots.v.start,) or not np.isfinite(values).all():
             raise SceneError(
                 f"joint {connection.name!r} takes {slots.v.stop - slots.v.start} finite velocities, "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def z_onto(axis: Axis) -> FloatArray:
         if axis not in _NAMED:
             raise SceneError(f"axis {axis!r} is not known; use 'x', 'y', 'z' or a vector (3,)")
         return _NAMED[axis]
-    vector = np.asarray(axis, dtype=np.float64)
+    vector = numbers(axis)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0.0):
         raise SceneError(f"axis {axis!r} has no direction; give three numbers, not all zero")
@@ -84,7 +85,7 @@ def check_rotation(R: ArrayLike, what: str) -> FloatArray:
     Raises:
         SceneError: it is not a proper rotation to 1e-9; ``what`` names it in the message.
     """
-    m = np.asarray(R, dtype=np.float64)
+    m = numbers(R)
     if m.shape != (3, 3) or not np.isfinite(m).all():
         raise SceneError(f"{what}: expected a finite rotation matrix (3, 3), got {m.shape}")
     error = float(np.abs(m.T @ m - np.eye(3)).max())

@@ -16,6 +16,7 @@ from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import FlexmbdError, SceneError, SimulationError
 from flexmbd.event import Event
 from flexmbd.event_search import EventSearch
+from flexmbd.given import is_number, numbers
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.body import Body
@@ -31,6 +32,8 @@ from flexmbd.stepping import Integration, Snapshot
 from flexmbd.trajectory import Stats, Trajectory
 
 FloatArray = NDArray[np.float64]
+
+_LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
 def run(
@@ -144,12 +147,16 @@ def check_times(
     t_start: float, t_end: float, rtol: float, h: float | None, checkpoints: Sequence[float]
 ) -> None:
     """Raise SceneError for times, steps or tolerances that make no simulation."""
-    if not (np.isfinite(t_start) and np.isfinite(t_end) and t_end > t_start):
+    if not (is_number(t_start) and is_number(t_end) and t_end > t_start):
         raise SceneError(f"t_end = {t_end} s must lie after the start, {t_start} s")
-    if not 0.0 < rtol < 1.0:
-        raise SceneError(f"rtol = {rtol} must lie between 0 and 1")
-    if h is not None and not (np.isfinite(h) and 0.0 < h):
+    if not (is_number(rtol) and _LEAST_RTOL <= rtol < 1.0):
+        raise SceneError(
+            f"rtol = {rtol} must lie between {_LEAST_RTOL:.2g}, a hundred times the round-off of doubles, and 1"
+        )
+    if h is not None and not (is_number(h) and 0.0 < h):
         raise SceneError(f"the step h = {h} s must be positive and finite")
+    if not np.isfinite(numbers(checkpoints)).all():
+        raise SceneError(f"checkpoints must be a list of times (s), got {checkpoints!r}")
     outside = [t for t in checkpoints if not t_start < t < t_end]
     if outside:
         raise SceneError(

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, TypeVar
+from types import NoneType
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import SceneError
 from flexmbd.event import Event
+from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
@@ -69,8 +71,7 @@ class System:
     team: Team = field(default_factory=Alone)
 
     def __post_init__(self) -> None:
-        if np.shape(self.gravity) != (3,) or not np.isfinite(np.asarray(self.gravity)).all():
-            raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
+        self._weight()
         self.ground = Ground()
         self._bodies: list[Body] = []
         self._continua: list[ContinuumBody] = []
@@ -88,6 +89,8 @@ class System:
         Raises:
             SceneError: the name is taken, or the body is already in a scene.
         """
+        bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
+        refuse_other(body, bodies, "a body", wanted="a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody")
         chosen = name or body.name or f"body {len(self._bodies) + 1}"
         there: list[Body | ContinuumBody] = [*self._bodies, *self._continua, self.ground]
         if any(body is other for other in there):
@@ -129,7 +132,9 @@ class System:
             SceneError: both frames lie on one body, a frame is of another scene, the name is
                 taken, or the joint cannot go the way asked for.
         """
+        refuse_other(joint, Joint, "a joint", wanted="a joint as fm.joint.Revolute(\"z\")")
         for frame in (parent, child):
+            refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
             self._refuse_foreign(frame)
         kind = type(joint).__name__.lower()
         chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
@@ -155,6 +160,7 @@ class System:
         return force
 
     def _check_force(self, force: Force) -> None:
+        refuse_other(force, Force, "a force", wanted="a force element as fm.force.JointTorque(joint, 1.0)")
         for connection in force.connections:
             self._refuse_foreign_joint(connection)
         for frame in force.frames:
@@ -180,6 +186,7 @@ class System:
         Raises:
             SceneError: it couples a joint of another scene, or is there already.
         """
+        refuse_other(coupling, Coupling, "a coupling", wanted="fm.joint.Gear(...) or fm.joint.RackAndPinion(...)")
         for term in coupling.terms:
             if not any(term.connection is c for c in self._connections):
                 raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
@@ -187,6 +194,13 @@ class System:
             raise SceneError(f"{coupling.name}: is in this scene already")
         self._couplings.append(coupling)
         return coupling
+
+    def _weight(self) -> FloatArray:
+        """Gravity (3,), m/s^2, as it is now."""
+        gravity = numbers(self.gravity)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
+        return gravity.copy()
 
     def compile(self) -> CompiledScene:
         """Decide what will be computed and lay it out flat.
@@ -207,7 +221,7 @@ class System:
                 wanted.add(id(c))
         together = [body.parts for body in self._continua]
         topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
-        gravity = np.array(self.gravity, dtype=np.float64)
+        gravity = self._weight()
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
         forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team)
@@ -319,8 +333,10 @@ class System:
         for one in ports:
             if isinstance(one, Connection):
                 self._refuse_foreign_joint(one)
-            elif not hasattr(one, "lay"):
-                raise SceneError(f"{one!r} is no input; give a force element, or a joint whose motion is prescribed")
+            else:
+                refuse_other(one, Force, "an input", wanted="a force element, or a joint whose motion is prescribed")
+        about_what = "what scene.equilibrium() gives, or a trajectory"
+        refuse_other(about, (WorkingPoint, Trajectory, NoneType), "about", wanted=about_what)
         refuse_followers(self._forces, ports)
         added = [force for force in forces if not any(force is other for other in self._forces)]
         for force in forces:
@@ -409,7 +425,12 @@ class System:
             SimulationError: the step reached its floor or a fixed step failed; its
                 ``trajectory`` holds what was computed up to then.
         """
+        refuse_other(events, Sequence, "events", wanted="a list of events, [event]")
+        for event in events:
+            refuse_other(event, Event, "an event", wanted="an fm.Event(...)")
+        refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         if restart is not None:
+            refuse_other(restart, Checkpoint, "restart", wanted="a checkpoint, as fm.Checkpoint.load(path) gives it")
             t_start = restart.t
         check_times(t_start, t_end, rtol, h, checkpoints)
         if (checkpoint_file is None) != (checkpoint_every is None):
@@ -444,6 +465,5 @@ class System:
 
 def _named(integrator: Integrator | str) -> Integrator:
     """A method that the user gave."""
-    if isinstance(integrator, str):
-        raise SceneError(f"integrator {integrator!r} is unknown; give a method, as fm.RadauIIA(), or \"auto\"")
-    return integrator
+    refuse_other(integrator, Integrator, "integrator", wanted="a method, as fm.RadauIIA(), or \"auto\"")
+    return cast(Integrator, integrator)

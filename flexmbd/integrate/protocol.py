@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from flexmbd.integrate.state import Groups, Record, State
 from flexmbd.multibody.kernels.layout import Work
@@ -13,6 +13,7 @@ from flexmbd.multibody.plan import CompiledScene
 Stepper = Callable[[Record], int]
 
 
+@runtime_checkable
 class Integrator(Protocol):
     """A method of integration: its options, and how to step a compiled scene with it.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.solid import Solid, principal_axes
 from flexmbd.reduced import ReducedBody
 from flexmbd.rotation import check_rotation
@@ -64,11 +65,20 @@ def marker(body: Body, p: ArrayLike, R: ArrayLike | None, name: str) -> Frame:
         SceneError: not three finite numbers, or no rotation.
     """
     label = f"{name}{_place(p)}"
-    position = np.asarray(p, dtype=np.float64)
+    position = numbers(p)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
     rotation = np.eye(3) if R is None else check_rotation(R, f"frame {label}: R")
     return Frame(body, position, rotation, None, label)
+
+
+def refuse_change(body: object, name: str, fixed: tuple[str, ...]) -> None:
+    """Raise SceneError where an attribute out of ``fixed`` of a body that has it already is given anew."""
+    if name in fixed and name in vars(body):
+        what = getattr(body, "name", "") or "without a name"
+        raise SceneError(
+            f"{type(body).__name__} {what}: its {name} cannot be changed, as its frames follow from it; make a new body"
+        )
 
 
 @dataclass(eq=False)
@@ -95,6 +105,8 @@ class Ground:
 class RigidBody:
     """A rigid body.
 
+    What is given may be changed later: a scene takes it as it stands when it is compiled.
+
     Attributes:
         mass: kg, positive.
         inertia: (3, 3) or its diagonal (3,), kg m^2, about the centre of mass, in body axes.
@@ -111,13 +123,21 @@ class RigidBody:
     name: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
-        tensor = np.asarray(self.inertia, dtype=np.float64)
+        self._inertias()
+
+    def _inertias(self) -> tuple[FloatArray, FloatArray]:
+        """Centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, as they are now.
+
+        Raises:
+            SceneError: as for the body.
+        """
+        com, tensor = numbers(self.com), numbers(self.inertia)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         faults = []
-        if not (np.isfinite(self.mass) and self.mass > 0.0):
-            faults.append(f"mass must be positive, got {self.mass}")
-        if np.shape(self.com) != (3,) or not np.isfinite(np.asarray(self.com, float)).all():
+        if not (is_number(self.mass) and self.mass > 0.0):
+            faults.append(f"mass must be positive, got {self.mass!r}")
+        if com.shape != (3,) or not np.isfinite(com).all():
             faults.append(f"com must be three finite numbers (m), got {self.com!r}")
         if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
             faults.append(f"inertia must be (3,) or (3, 3) and finite, got {self.inertia!r}")
@@ -131,8 +151,8 @@ class RigidBody:
                     "body: none may be negative nor exceed the sum of the other two"
                 )
         if faults:
-            raise SceneError("rigid body: " + "; ".join(faults))
-        self._tensor = tensor
+            raise SceneError(f"rigid body{f' {self.name!r}' if self.name else ''}: " + "; ".join(faults))
+        return com, tensor
 
     @classmethod
     def from_solid(cls, solid: Solid) -> RigidBody:
@@ -146,7 +166,7 @@ class RigidBody:
 
     def principal_axes(self) -> tuple[FloatArray, FloatArray]:
         """Principal inertias (3,), kg m^2, ascending, and R_BP (3, 3) from their axes to the body's."""
-        return principal_axes(self._tensor)
+        return principal_axes(self._inertias()[1])
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
@@ -154,8 +174,8 @@ class RigidBody:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass about the body frame."""
-        com = np.asarray(self.com, dtype=np.float64)
-        second = 0.5 * np.trace(self._tensor) * np.eye(3) - self._tensor
+        com, tensor = self._inertias()
+        second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
         return self.mass * com, second + self.mass * np.outer(com, com)
 
     def reduced(self) -> None:
@@ -174,6 +194,10 @@ class FlexibleBody:
 
     record: ReducedBody
     name: str = field(default="", kw_only=True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_change(self, name, ("record",))
+        super().__setattr__(name, value)
 
     @property
     def mass(self) -> float:
@@ -204,5 +228,5 @@ class FlexibleBody:
 
 
 def _place(p: ArrayLike) -> str:
-    values = np.asarray(p, dtype=np.float64).ravel()
+    values = numbers(p).ravel()
     return "" if not values.any() else "(" + ", ".join(f"{v:g}" for v in values) + ")"

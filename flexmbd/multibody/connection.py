@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.body import Frame
 from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
@@ -111,7 +112,7 @@ class Connection:
         self._motion = motion
 
     def _vector(self, value: ArrayLike, size: int, what: str) -> FloatArray:
-        vector = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        vector = np.atleast_1d(numbers(value))
         if vector.shape != (size,) or not np.isfinite(vector).all():
             raise SceneError(
                 f"joint {self.name!r}: {what} of a {type(self.joint).__name__} takes {size} "

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import InterfaceError, SceneError
-from flexmbd.multibody.body import Frame, RigidBody
+from flexmbd.multibody.body import Frame, RigidBody, refuse_change
 from flexmbd.rotation import check_rotation
 
 FloatArray = NDArray[np.float64]
@@ -241,6 +241,10 @@ class ContinuumBody:
 
     interior: Interior
     name: str = field(default="", kw_only=True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_change(self, name, ("interior",))
+        super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
         frames = self.interior.frames

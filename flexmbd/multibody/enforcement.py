@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, auto
 
-import numpy as np
-
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 
 
 class Way(Enum):
@@ -27,9 +26,9 @@ class Multipliers:
 
 
 def _check(stiffness: float, damping: float) -> None:
-    if not (np.isfinite(stiffness) and stiffness > 0.0):
+    if not (is_number(stiffness) and stiffness > 0.0):
         raise SceneError(f"the stiffness of a penalty must be positive and finite, got {stiffness!r}")
-    if not (np.isfinite(damping) and damping >= 0.0):
+    if not (is_number(damping) and damping >= 0.0):
         raise SceneError(f"the damping of a penalty must be finite and not negative, got {damping!r}")
 
 

@@ -19,6 +19,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.solid import Solid
 from flexmbd.reduced import ModalStretch, ReducedBody
 
@@ -45,7 +46,7 @@ def polar(F: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Raises:
         SceneError: not finite, not of shape (..., 3, 3), or det F <= 0, which no deformation of a body has.
     """
-    f = np.asarray(F, dtype=np.float64)
+    f = numbers(F)
     if f.shape[-2:] != (3, 3) or not np.isfinite(f).all():
         raise SceneError(f"a deformation gradient must be finite numbers of shape (..., 3, 3), got shape {f.shape}")
     least = np.linalg.det(f).min(initial=np.inf)
@@ -87,9 +88,9 @@ class StVenantKirchhoff:
     nu: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.E) and self.E > 0.0):
+        if not (is_number(self.E) and self.E > 0.0):
             raise SceneError(f"St Venant-Kirchhoff: E must be positive (Pa), got {self.E}")
-        if not -1.0 < self.nu < 0.5:
+        if not (is_number(self.nu) and -1.0 < self.nu < 0.5):
             raise SceneError(f"St Venant-Kirchhoff: nu must lie between -1 and 0.5, got {self.nu}")
 
     @property

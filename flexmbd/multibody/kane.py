@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.kernels import layout as at
@@ -293,7 +294,7 @@ def _flexible_inertia(kinematics: Kinematics, body: Body, record: ReducedBody, g
 def _checked(frame: Frame, force: ArrayLike, torque: ArrayLike) -> tuple[Frame, FloatArray, FloatArray]:
     parts = []
     for name, part in (("force", force), ("torque", torque)):
-        vector = np.asarray(part, dtype=np.float64)
+        vector = numbers(part)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise SceneError(f"the {name} on {frame.label} must be three finite numbers, got {part!r}")
         parts.append(vector)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame, marker
+from flexmbd.given import is_number, numbers
+from flexmbd.multibody.body import Frame, marker, refuse_change
 from flexmbd.multibody.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.solid import Solid
 from flexmbd.reduced import ReducedBody, Surface
@@ -46,8 +47,12 @@ class PseudoRigidBody:
     stretch_rate: ArrayLike = field(default_factory=lambda: np.zeros((3, 3)), kw_only=True)
     name: str = field(default="", kw_only=True)
 
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_change(self, name, ("solid", "material", "damping", "rigid"))
+        super().__setattr__(name, value)
+
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.damping) and self.damping >= 0.0):
+        if not (is_number(self.damping) and self.damping >= 0.0):
             raise SceneError(f"pseudo-rigid body: damping must not be negative, got {self.damping}")
         self._record = _damped(self.material.record(self.solid), self.damping)
         self.start()
@@ -110,7 +115,7 @@ class PseudoRigidBody:
             SceneError: as for the body.
         """
         label = f"pseudo-rigid body {self.name!r}" if self.name else "pseudo-rigid body"
-        U, rate = (np.asarray(values, dtype=np.float64) for values in (self.stretch, self.stretch_rate))
+        U, rate = (numbers(values) for values in (self.stretch, self.stretch_rate))
         for what, values in (("stretch", U), ("stretch_rate", rate)):
             if values.shape != (3, 3) or not np.isfinite(values).all():
                 raise SceneError(f"{label}: {what} must be finite numbers of shape (3, 3), got {values!r}")

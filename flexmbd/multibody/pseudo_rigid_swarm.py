@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.homogeneous import StVenantKirchhoff, polar
 from flexmbd.multibody.kernels import swarm as kernel
 from flexmbd.multibody.solid import Solid
@@ -87,7 +88,7 @@ class PseudoRigidSwarm:
                 with the body and the time.  The swarm is then as before the call.
         """
         n = len(self.mass)
-        if not (np.isfinite(h) and h > 0.0) or count < 0:
+        if not (is_number(h) and h > 0.0) or count < 0:
             raise SceneError(f"a swarm's step h = {h} s must be positive and finite, their number {count} not negative")
         shapes = {"r": (n, 3), "v": (n, 3), "F": (n, 3, 3), "F_rate": (n, 3, 3)}
         r, v, F, G = (_array(getattr(self, name), shape, name) for name, shape in shapes.items())
@@ -142,7 +143,7 @@ class PseudoRigidSwarm:
 
 
 def _array(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    array = np.ascontiguousarray(values, dtype=np.float64)
+    array = np.ascontiguousarray(numbers(values))
     if array.shape != shape or not np.isfinite(array).all():
         raise SceneError(f"a swarm's {what} must be finite numbers of shape {shape}, got shape {array.shape}")
     return array

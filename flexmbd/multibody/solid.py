@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.closed_surface import enclosed_moments, outward
 
 FloatArray = NDArray[np.float64]
@@ -60,11 +61,11 @@ class Solid:
     outline: Outline | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        com, second = np.array(self.com, np.float64), np.array(self.second, np.float64)
+        com, second = numbers(self.com).copy(), numbers(self.second).copy()
         faults = [
             f"{name} must be positive, got {value}"
             for name, value in (("mass", self.mass), ("volume", self.volume))
-            if not (np.isfinite(value) and value > 0.0)
+            if not (is_number(value) and value > 0.0)
         ]
         if com.shape != (3,) or not np.isfinite(com).all():
             faults.append(f"com must be three finite numbers (m), got {self.com!r}")
@@ -161,13 +162,13 @@ def _unit_ball() -> tuple[FloatArray, IntArray]:
 
 
 def _lengths(values: ArrayLike, what: str) -> FloatArray:
-    a = np.asarray(values, dtype=np.float64)
+    a = numbers(values)
     if a.shape != (3,) or not np.isfinite(a).all() or (a <= 0.0).any():
         raise SceneError(f"{what} must be three positive numbers (m), got {values!r}")
     return a
 
 
 def _positive(density: float) -> float:
-    if not (np.isfinite(density) and density > 0.0):
+    if not (is_number(density) and density > 0.0):
         raise SceneError(f"density must be positive (kg/m^3), got {density}")
     return float(density)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.kernels import layout as at
 
 FloatArray = NDArray[np.float64]
@@ -177,8 +178,10 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
             at.TIME_PIECEWISE, np.array([1.0, 0.0, 1.0, value]), 1, none, None, f"{value:g}"
         )
     if isinstance(function, Sine):
-        values = [function.offset, function.amplitude, function.omega, function.phase]
-        return TimeRow(at.TIME_SINE, np.array(values, float), 0, none, None, "sine")
+        values = numbers([function.offset, function.amplitude, function.omega, function.phase])
+        if values.shape != (4,) or not np.isfinite(values).all():
+            raise SceneError(f"{what}: a sine takes finite numbers, got {function!r}")
+        return TimeRow(at.TIME_SINE, values, 0, none, None, "sine")
     if isinstance(function, Table):
         function = spline(function, what)
     if isinstance(function, PPoly):
@@ -217,12 +220,9 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 def spline(table: Table, what: str) -> PPoly:
     """A table as a piecewise cubic whose end pieces go on as the table is to; SceneError where there is none."""
-    try:
-        t, y = np.asarray(table.t, dtype=np.float64), np.asarray(table.y, dtype=np.float64)
-    except (TypeError, ValueError) as reason:
-        raise SceneError(f"{what}: a table's t and y must be numbers, got {table.t!r} and {table.y!r}") from reason
+    t, y = numbers(table.t), numbers(table.y)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
-        raise SceneError(f"{what}: a table needs t and y of one length, at least 2")
+        raise SceneError(f"{what}: a table needs numbers t and y, of one length, at least 2")
     if not (np.isfinite(t).all() and np.isfinite(y).all() and (np.diff(t) > 0.0).all()):
         raise SceneError(f"{what}: a table needs finite values and strictly ascending t")
     if not isinstance(table.beyond, Beyond):

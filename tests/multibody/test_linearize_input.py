@@ -92,7 +92,7 @@ def test_singular_constraints_are_named():
         (lambda scene, joint: fm.force.FrameForce(joint.child, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), "does nothing"),
         (lambda scene, joint: fm.force.FrameForce(scene.ground.frame(), (1.0, 0.0, 0.0)), "does nothing"),
         (lambda scene, joint: fm.force.FrameForce(joint.child, (1.0, 0.0, 0.0)), "does nothing"),
-        (lambda scene, joint: "torque", "no input"),
+        (lambda scene, joint: "torque", "an input must be a force element"),
     ],
 )
 def test_bad_inputs(port, word):

@@ -66,7 +66,7 @@ def test_a_saturating_spring_does_not_turn_round(size):
     ("function", "fault"),
     [
         (fm.Table([0.0, 1.0], [0.0, 1.0], beyond="hold"), "a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTR"),
-        (fm.Table([0.0, 1.0], ["a", "b"]), "a table's t and y must be numbers"),
+        (fm.Table([0.0, 1.0], ["a", "b"]), "a table needs numbers t and y, of one length"),
         (PPoly([[1.0, 2.0]], [0.0, 1.0, 2.0], extrapolate=False), "this one has extrapolate=False"),
         (CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 0.0], bc_type="periodic"), "this one has extrapolate='periodic'"),
     ],

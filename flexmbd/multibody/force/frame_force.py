@@ -55,7 +55,7 @@ class FrameForce(OffJoints):
                 f"{self.what}: axes must be fm.force.Axes.WORLD or fm.force.Axes.FRAME, got {type(self.axes).__name__}"
             )
         for name in ("force", "torque"):
-            if len(getattr(self, name)) != 3:
+            if np.shape(getattr(self, name))[:1] != (3,):
                 raise SceneError(f"{self.what}: {name} takes three components, got {getattr(self, name)!r}")
         if not np.isfinite([c for c in (*self.force, *self.torque) if isinstance(c, (int, float))]).all():
             raise SceneError(f"{self.what}: a component is not a finite number")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
 from flexmbd.multibody.kernels import layout as at
@@ -48,7 +49,7 @@ class JointStop(OnCoordinate):
         """Raise SceneError for a joint without that coordinate, or numbers that no stop has."""
         super().check()
         check_numbers(self.what, positive={"stiffness": self.stiffness}, least={"damping": self.damping})
-        if not self.lower < self.upper:
+        if np.isnan(numbers([self.lower, self.upper])).any() or not self.lower < self.upper:
             raise SceneError(f"{self.what}: lower = {self.lower} must lie below upper = {self.upper}")
         check_numbers(self.what, positive={"transition": self._depth()})
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bearing import Bearing
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Law, StateFunction
@@ -75,6 +76,7 @@ class Table(Protocol):
         """Append a row of ``Plan.elements``; ``what`` is its name in messages."""
 
 
+@runtime_checkable
 class Force(Protocol):
     """A force element."""
 
@@ -219,7 +221,7 @@ def check_numbers(
     """
     above = positive or {}
     for name, value in {**above, **(least or {})}.items():
-        if not np.isfinite(value):
+        if not is_number(value):
             raise SceneError(f"{what}: {name} = {value} is not a finite number")
         if value < 0.0 or (name in above and value == 0.0):
             raise SceneError(f"{what}: {name} = {value} must {'be positive' if name in above else 'not be negative'}")
@@ -231,7 +233,7 @@ def vector(value: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.fl
     Raises:
         SceneError: they are not; ``what`` names them.
     """
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers(value)
     if array.shape != shape or not np.isfinite(array).all():
         raise SceneError(f"{what} must be finite numbers of shape {shape}, got {value!r}")
     return array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from flexmbd.errors import SceneError
 
@@ -26,6 +26,7 @@ class Term:
     share: float
 
 
+@runtime_checkable
 class Coupling(Protocol):
     """The sum of ``terms`` keeps the value that it has at the start."""
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 from flexmbd.multibody.joint.coupling import Term, single_coordinate
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ class Gear:
     ratio: float
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.ratio) or self.ratio == 0.0:
+        if not is_number(self.ratio) or self.ratio == 0.0:
             raise SceneError(f"{self.name}: the ratio must be finite and not 0, got {self.ratio!r}")
         if self.first is self.second:
             raise SceneError(f"{self.name}: couples the joint with itself; give two joints")

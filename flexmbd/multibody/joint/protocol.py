@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.rotation import Axis, z_onto
 
@@ -49,6 +50,7 @@ class Step:
     pitch: float = 0.0
 
 
+@runtime_checkable
 class Joint(Protocol):
     """A joint between a frame F on the parent and a frame G on the child.
 
@@ -117,7 +119,7 @@ class ConstraintsAlone:
 
 def positive(value: float, what: str) -> None:
     """Raise SceneError unless ``value`` is a finite positive number; ``what`` names it."""
-    if not (np.isfinite(value) and value > 0.0):
+    if not (is_number(value) and value > 0.0):
         raise SceneError(f"{what} must be positive and finite, got {value!r}")
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 from flexmbd.multibody.joint.coupling import Term, single_coordinate
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ class RackAndPinion:
     radius: float
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.radius) or self.radius == 0.0:
+        if not is_number(self.radius) or self.radius == 0.0:
             raise SceneError(f"{self.name}: the radius must be finite and not 0, got {self.radius!r}")
         _ = self.terms  # refuses joints without such coordinates
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.rotation import Axis
@@ -30,7 +29,7 @@ class Screw(AlongAxis):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not np.isfinite(self.pitch) or self.pitch == 0.0:
+        if not is_number(self.pitch) or self.pitch == 0.0:
             raise SceneError(f"the pitch of a screw must be finite and not 0 (that is a Revolute), got {self.pitch!r}")
 
     start: ClassVar[tuple[float, ...]] = (0.0,)
