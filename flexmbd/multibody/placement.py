@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
     """The joint that says where each body that only constraints hold starts, by the body's row.
 
-    Of the joints that lead to bodies placed before, it is the first whose position or velocity the
+    Of the joints that lead to bodies placed before, it is the first whose position, velocity or motion the
     user set, else the first that has coordinates, else the first.
     """
     found: dict[int, Connection] = {}
@@ -35,7 +35,7 @@ def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
         for c in scene.topology.closures:
             ends = (scene.body_row[id(c.parent.body)], scene.body_row[id(c.child.body)])
             if row in ends and min(ends) < row == max(ends):
-                unset = c.position is None and c.velocity is None
+                unset = c.position is None and c.velocity is None and c.motion is None
                 candidates.append((2 * unset + (not c.joint.steps), len(candidates), c))
         if candidates:
             found[row] = min(candidates)[2]
@@ -131,23 +131,27 @@ def _state_by_joint(
     """
     joint = connection.joint
     position = np.array(joint.start) if connection.position is None else connection.position
-    rest = np.zeros(len(joint.velocity_names))
-    p, R, rate, spin = joint_state(joint, position, rest if connection.velocity is None else connection.velocity)
+    velocity = np.zeros(len(joint.velocity_names)) if connection.velocity is None else connection.velocity
     f, g = scene.closure_frames[id(connection)]
+    if connection.motion is not None:
+        held = np.vstack([scene.plan.rows, scene.plan.penalties])
+        of_joint = (held[:, at.ROW_F] == f) & (held[:, at.ROW_G] == g) & (held[:, at.ROW_TIME] >= 0)
+        position, velocity = np.split(work.time[held[of_joint, at.ROW_TIME][0], :2], 2)
+    p, R, rate, spin = joint_state(joint, position, velocity)
     p_held, R_held, v_held, w_held = _world_motion(scene, work, f if flies else g)
     R_WF = R_held if flies else R_held @ R.T
     p, rate, spin = R_WF @ p, R_WF @ rate, R_WF @ spin
     if flies:
         R_W, p_W, w = R_held @ R, p_held + p, w_held + spin
-        velocity = v_held + np.cross(w_held, p) + rate
+        v = v_held + np.cross(w_held, p) + rate
     else:
         R_W, p_W, w = R_WF, p_held - p, w_held - spin
-        velocity = v_held - np.cross(w, p) - rate
+        v = v_held - np.cross(w, p) - rate
     frame = work.frame[g if flies else f]
     R_WB = R_W @ frame[at.F_R : at.F_R + 9].reshape(3, 3).T
     arm = R_WB @ frame[at.F_P : at.F_P + 3]
     x = np.concatenate([p_W - arm, to_quaternion(R_WB)])
-    return x, np.concatenate([velocity - np.cross(w, arm), R_WB.T @ w])
+    return x, np.concatenate([v - np.cross(w, arm), R_WB.T @ w])
 
 
 def _world_motion(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

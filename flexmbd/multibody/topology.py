@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -72,10 +73,12 @@ def span(
     used: set[int] = set()
     # rank of a joint, then the order in which joints were made; the index tells equal ones apart
     frontier: list[tuple[tuple[bool, bool, int], int, Connection]] = []
+    neighbours: deque[Body] = deque()
 
     def reach(body: Body) -> None:
         reached.add(id(body))
         for index, c in at_body.get(id(body), ()):
+            neighbours.extend((c.parent.body, c.child.body))
             if c.may_be_coordinates:
                 rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(c.joint.rows))
                 heapq.heappush(frontier, (rank, index, c))
@@ -89,7 +92,11 @@ def span(
         if branch is None:
             held = (parts for parts in together if any(id(b) in reached for b in parts))
             mate = next((b for parts in held for b in parts if id(b) not in reached), None)
-            branch = _fly(ground, mate or next(b for b in loose if id(b) not in reached))
+            # outwards, so that the joint that says where a body starts leads from one that is placed already
+            while neighbours and id(neighbours[0]) in reached:
+                neighbours.popleft()
+            near = neighbours[0] if neighbours else None
+            branch = _fly(ground, mate or near or next(b for b in loose if id(b) not in reached))
         branches.append(branch)
         reach(branch.outer.body)
         if branch.connection is not None:
@@ -100,9 +107,7 @@ def span(
                 f"joint {c.name!r} cannot go by coordinates: other joints that do already carry both "
                 "its bodies, or its frame on the outer body deforms, or it only runs from parent to child"
             )
-    closures = tuple(
-        c for c in connections if id(c) not in used and (c.joint.rows or c.way is Way.CONSTRAINTS)
-    )
+    closures = tuple(c for c in connections if id(c) not in used)
     return Topology(tuple(branches), closures)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import CRANK, ROD, slider_position
+from particles import particle_body
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
@@ -143,3 +144,48 @@ def test_two_joints_held_by_constraints_may_both_be_given():
     np.testing.assert_allclose(state.rotation(body.frame()), turned, atol=1e-12)
     np.testing.assert_allclose(state.velocity(body.frame()), [0.0, 1.5, 0.0], atol=1e-12)
     np.testing.assert_allclose(state.angular_velocity(body.frame()), [0.0, 0.0, 2.5], atol=1e-12)
+
+
+def test_a_free_joint_to_a_frame_that_deforms_starts_where_it_is_given():
+    """No tree carries such a joint and it has no rows; the pose that it is given holds all the same."""
+    record = particle_body(31, modes=3).record
+    scene = fm.System()
+    beam = scene.add(fm.FlexibleBody(record), name="beam")
+    free = scene.connect(joint.Free(), scene.ground.frame(p=(0.2, 0.1, -0.3)), beam.frame("tip"))
+    free.position, free.velocity = CASES["free"][1:]
+    state = motion(scene.start())
+    tip = beam.frame("tip")
+    np.testing.assert_allclose(state.position(tip), [0.3, 0.3, -0.6], atol=1e-14)
+    np.testing.assert_allclose(state.rotation(tip), TURN.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(state.velocity(tip), CASES["free"][2][:3], atol=1e-13)
+    np.testing.assert_array_equal(scene.simulate(1e-3).reaction(free), 0.0)
+
+
+@pytest.mark.parametrize("outwards", [True, False])
+def test_a_chain_of_flying_bodies_starts_where_its_joints_say_in_any_order(outwards):
+    """Each by more than a quarter turn, so that none is found from where the axes lie opposed."""
+    scene = fm.System()
+    places = range(3) if outwards else reversed(range(3))
+    links = {k: scene.add(fm.RigidBody(1.0, (0.1, 0.2, 0.25)), name=f"link {k}") for k in places}
+    ends = [scene.ground.frame(), *(links[k].frame(p=(0.5, 0.0, 0.0)) for k in range(3))]
+    for k in range(3):
+        hinge = scene.connect(joint.Revolute("xyz"[k]), ends[k], links[k].frame(), way=fm.Way.CONSTRAINTS)
+        hinge.position = 2.0
+    start = scene.start()
+    turns = [Rotation.from_rotvec(2.0 * axis) for axis in np.eye(3)]
+    R = (turns[0] * turns[1] * turns[2]).as_matrix()
+    np.testing.assert_allclose(motion(start).rotation(links[2].frame()), R, atol=1e-12)
+    assert start.moved == ()
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.9, -40.0])
+def test_a_flying_body_starts_where_a_prescribed_motion_has_it(angle):
+    scene = fm.System()
+    wheel = scene.add(fm.RigidBody(1.0, (0.1, 0.2, 0.25)), name="wheel")
+    hinge = scene.connect(joint.Revolute("x"), scene.ground.frame(), wheel.frame(), way=fm.Way.CONSTRAINTS)
+    hinge.prescribe(fm.Sine(2.0, 3.0, offset=angle))
+    start = scene.start()
+    state = motion(start)
+    np.testing.assert_allclose(state.rotation(wheel.frame()), Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(state.angular_velocity(wheel.frame()), [6.0, 0.0, 0.0], atol=1e-12)
+    assert start.moved == ()
