@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_ROUND_OFF = 1e-14  # of the largest entry: what is left of zeros in the matrices
-
 
 class StateSpace(NamedTuple):
     """ds/dt = A s + B u, outputs = C s + D u; unpacks into scipy.signal.StateSpace(*...) and control.ss(*...)."""
@@ -120,9 +118,9 @@ class LinearizedMachine:
     def _system(self) -> tuple[FloatArray, FloatArray]:
         """Of s = (y, z): ds/dt = A s + B (v, w)."""
         e = self.equations
-        right = np.hstack([_cleaned(-e.K), _cleaned(-e.C), e.F])
+        right = np.hstack([-e.K, -e.C, e.F])
         rates = np.asarray(np.linalg.solve(e.M, right), dtype=np.float64)
-        first = np.hstack([_cleaned(e.by.Ty), e.by.Tz, e.by.Tu])
+        first = np.hstack([e.by.Ty, e.by.Tz, e.by.Tu])
         whole = np.vstack([first, rates])
         n = len(e.by.y) + len(e.by.z)
         return whole[:, :n], whole[:, n:]
@@ -284,7 +282,7 @@ class LinearizedMachine:
         values = self._modes[0]
         if not 0 <= k < len(values):
             raise SceneError(f"there are eigenvalues 0 to {len(values) - 1}, not {k}")
-        if abs(values[k]) <= 1e-9 * np.abs(values).max():
+        if abs(values[k]) <= np.finfo(float).eps * np.abs(values).max():  # the solver tells it from none
             raise SceneError(f"eigenvalue {k} is zero: nothing vibrates or decays; choose another")
         swings = abs(values[k].imag) > 1e-9 * abs(values[k])
         span = periods * (2.0 * np.pi / abs(values[k].imag) if swings else 1.0 / abs(values[k].real))
@@ -315,11 +313,6 @@ class LinearizedMachine:
         import flexmbd.visual as visual  # matplotlib loads only here
 
         return visual.plot_response(self, omega, path=path, title=title)
-
-
-def _cleaned(matrix: FloatArray) -> FloatArray:
-    """Round-off made zeros, so that what turns or rolls freely has eigenvalues that are zero."""
-    return np.where(np.abs(matrix) > _ROUND_OFF * np.abs(matrix).max(initial=0.0), matrix, 0.0)
 
 
 def working_point(start: Start, about: WorkingPoint | Trajectory | None, t: float) -> WorkingPoint:

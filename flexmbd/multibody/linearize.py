@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.output import Output, Slopes, observe
 from flexmbd.multibody.ports import Ports
+from flexmbd.multibody.round_off import RoundOff, cleaned, energies_at_play, round_off
 from flexmbd.multibody.settled import Widening, widen
 from flexmbd.multibody.steady_interior import InteriorModes
 from flexmbd.multibody.working_point import WorkingPoint
@@ -29,8 +30,7 @@ from flexmbd.multibody.working_point import WorkingPoint
 FloatArray = NDArray[np.float64]
 
 _STEADY = 1e-6  # of the forces at play, or of 1 rad and the machine's extent times the stiffness
-_NOISE = 1e-6  # of the largest forces at play, times this much
-_SAME = 1e-7  # of a matrix' entries of the same units: what may change along a steady motion
+_SAME = 1e-7  # of what a coordinate's own inertia and stiffness are: what may change along a steady motion
 _AT_REST = 1e-5  # rad, or of the extent, within the slowest vibration
 _AHEAD = (0.3, 1.1)  # how far along the motion (rad, or of the extent) that is looked at
 
@@ -70,13 +70,18 @@ def linearize(
     of, ports = wider.derivatives(own), ports.widened(wider.added)
     turn = np.pad(turning(scene.plan, point.v), (0, wider.added))
     by = eliminate(scene, wider.coordinates, of, turn, ports.given)
-    _refuse_unsteady(point, work, of, by, wider)
+    energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
+    _refuse_unsteady(point, work, of, by, wider, energies)
     slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
-    if not _is_at_rest(point, of, by, wider.coordinates):
-        _refuse_changing(point, work, own, slopes, outputs)
+    rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
+    noise = round_off(of, by, wider.coordinates, energies, rate)
+    if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
+        _refuse_changing(point, work, own, rate, slopes, outputs)
+    by = replace(by, Ty=cleaned(by.Ty, noise.Ty))
     M, C, K, F = _reduce(of, by, ports)
     if len(by.y) == len(by.z):
         C, K, F, by = _second_order(M, C, K, F, by, ports.given)
+    C, K = cleaned(C, noise.C), cleaned(K, noise.K)
     slopes = tuple(slope.widened(wider.added) for slope in slopes)
     return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
 
@@ -114,7 +119,9 @@ def _second_order(
     return C, K, F, by
 
 
-def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening) -> None:
+def _refuse_unsteady(
+    point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening, energies: FloatArray
+) -> None:
     """Raise SceneError where accelerations are not zero; the message tells the largest residual."""
     scene, none = point.scene, np.zeros(point.scene.nv)
     driven = scene.plan.driven
@@ -135,9 +142,8 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
     left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
     stiff = np.abs(of.stiffness) @ size
     lacking = by.Vz.T @ left
-    # what round-off of the largest forces leaves where next to nothing acts is balanced
-    noise = _NOISE * float(np.max(parts * size, initial=0.0)) / size
-    scale = np.abs(by.Vz).T @ (parts + stiff + noise)
+    # what little the forces on the bodies that it carries leave along a coordinate is balanced
+    scale = np.abs(by.Vz).T @ (parts + stiff + energies / size)
     worst = int(np.argmax(np.abs(lacking) - _STEADY * scale)) if len(lacking) else 0
     if len(lacking) and np.abs(lacking[worst]) > _STEADY * scale[worst]:
         raise SceneError(
@@ -147,31 +153,46 @@ def _refuse_unsteady(point: WorkingPoint, work: Work, of: Derivatives, by: Elimi
         )
 
 
-def _is_at_rest(point: WorkingPoint, of: Derivatives, by: Elimination, coordinates: Coordinates) -> bool:
-    """Whether nothing moves, or so little that the machine's own vibrations are over before it is seen."""
-    speed = float(np.max(np.abs(point.v) / coordinates.size[: len(point.v)], initial=0.0))
+def _is_at_rest(rate: float, of: Derivatives, by: Elimination, noise: RoundOff) -> bool:
+    """Whether what moves at a rate (1/s) does so little that the machine's own vibrations are over before it shows."""
     stiffness, mass = (by.Vz.T @ part @ by.Vz for part in (of.stiffness, of.mass))
-    if speed == 0.0 or not len(mass):
-        return speed == 0.0
-    rates = np.sqrt(np.abs(scipy.linalg.eigvalsh(0.5 * (stiffness + stiffness.T), mass)))
-    return speed <= _AT_REST * float(np.min(rates[rates > _SAME * rates.max(initial=0.0)], initial=np.inf)) < np.inf
+    if not len(mass):
+        return False
+    squares, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
+    last = np.finfo(float).eps * len(mass) * np.abs(squares).max()  # what the eigensolver tells apart
+    if stiffness.shape == noise.K.shape:
+        last += np.einsum("ik,ij,jk->k", np.abs(shapes), noise.K, np.abs(shapes))
+    swinging = np.abs(squares[np.abs(squares) > last])
+    return rate <= _AT_REST * float(np.sqrt(np.min(swinging, initial=np.inf))) < np.inf
 
 
 def _refuse_changing(
-    point: WorkingPoint, work: Work, of: Derivatives, slopes: Sequence[Slopes], outputs: Sequence[Output]
+    point: WorkingPoint,
+    work: Work,
+    of: Derivatives,
+    rate: float,
+    slopes: Sequence[Slopes],
+    outputs: Sequence[Output],
 ) -> None:
-    """Raise SceneError where the equations change along the motion, for then they are not those of a steady one."""
+    """Raise SceneError where the equations change along the motion, for then they are not those of a steady one.
+
+    All is compared as forces at a coordinate within the motion's own time, 1 / ``rate`` (s): stiffness with damping
+    times the rate and mass times its square.
+    """
     scene = point.scene
-    size = scene.group_full[scene.group_of]
-    speed = float(np.max(np.abs(point.v) / size))
+    size, free = scene.group_full[scene.group_of], scene.plan.free
+    matrices = (("stiffness", 1.0), ("damping", rate), ("mass", rate**2))
+    own = np.sqrt(sum(np.abs(np.diag(getattr(of, name))) * factor for name, factor in matrices)[free])
+    rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)
     for distance in _AHEAD:
         x = np.empty_like(point.x)
-        retract(scene.plan, point.x, point.v * (distance / speed), x)
+        retract(scene.plan, point.x, point.v * (distance / rate), x)
         later = derive(scene.plan, work, x, point.v, point.multipliers)
-        for name in ("stiffness", "damping", "mass"):
-            _refuse_changed(point, name, getattr(of, name), getattr(later, name), size)
-        for old, new in ((of.jacobian, later.jacobian), (of.rate_slope, later.rate_slope)):
-            for k in np.flatnonzero(np.abs((new - old) * size).max(axis=1, initial=0.0) > _SAME * _largest(old * size)):
+        for name, factor in matrices:
+            change = factor * np.abs(getattr(later, name) - getattr(of, name))[np.ix_(free, free)]
+            _refuse_changed(point, name, change / np.outer(own, own))
+        for old, new, scale in ((of.jacobian, later.jacobian, rows), (of.rate_slope, later.rate_slope, rows * rate)):
+            for k in np.flatnonzero(np.abs((new - old) * size).max(axis=1, initial=0.0) > _SAME * scale):
                 raise SceneError(
                     f"the motion is not steady: along it the constraint {scene.row_names[k]!r} changes; only motions "
                     "along which the machine looks the same can be linearised"
@@ -185,16 +206,14 @@ def _refuse_changing(
                 )
 
 
-def _refuse_changed(point: WorkingPoint, name: str, old: FloatArray, new: FloatArray, size: FloatArray) -> None:
-    free = point.scene.plan.free
-    scale = np.outer(size, size)
-    change = (np.abs(new - old) * scale)[np.ix_(free, free)]
-    if change.size and change.max() > _SAME * _largest(old * scale):
-        k = free[np.unravel_index(int(change.argmax()), change.shape)[1]]
+def _refuse_changed(point: WorkingPoint, name: str, change: FloatArray) -> None:
+    """``change`` (free, free): of each entry, over the geometric mean of what the two coordinates have of their own."""
+    if change.size and change.max() > _SAME:
+        k = point.scene.plan.free[np.unravel_index(int(change.argmax()), change.shape)[1]]
         raise SceneError(
             f"the motion is not steady: along it the {name} of {point.scene.velocity_names[k]!r} changes by "
-            f"{change.max() / _largest(old * scale):.3g} of the largest; only motions along which the machine looks "
-            "the same can be linearised"
+            f"{change.max():.3g} of the forces that the motion itself asks for; only motions along which the machine "
+            "looks the same can be linearised"
         )
 
 

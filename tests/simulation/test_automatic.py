@@ -79,5 +79,5 @@ def test_a_method_that_was_named_is_told():
     assert scene.explain(integrator=fm.GeneralizedAlpha()).endswith(
         "integrator: generalized-alpha, rho = 0.8, order 2 (as asked)"
     )
-    with pytest.raises(SceneError, match="integrator must be a method, as fm.RadauIIA"):
+    with pytest.raises(SceneError, match=r"integrator must be a method, as fm\.RadauIIA"):
         scene.explain(integrator="euler")
