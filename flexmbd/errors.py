@@ -59,6 +59,10 @@ class PictureError(FlexmbdError):
     """A picture or film was asked for something impossible, or cannot be written."""
 
 
+class StartWarning(UserWarning):
+    """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies."""
+
+
 class SimulationError(FlexmbdError):
     """A simulation stopped early; ``trajectory`` holds what was computed up to then."""
 

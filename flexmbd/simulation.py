@@ -226,6 +226,7 @@ def _finish(
         start_moved=start.moved,
         start_residual=start.residual,
         constraint_residual=_largest_residual(start, x),
+        start_elastic=start.strain.energy,
     )
     scene = start.unreduced
     if start.scene.redundant:

@@ -5,6 +5,7 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.checkpoint import Checkpoint
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, StartWarning
 from flexmbd.event import Event
 from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
@@ -260,6 +261,8 @@ class System:
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
+        if start.strain.warning is not None and self.team.is_root:
+            warnings.warn(start.strain.warning, StartWarning, stacklevel=3)
         return start
 
     def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
@@ -281,6 +284,12 @@ class System:
                 slots = scene.modal_slots[id(body)]
                 x[slots.x], v[slots.v] = body.start()
                 held_x[slots.v] = held_v[slots.v] = True
+            if isinstance(body, FlexibleBody):
+                slots = scene.modal_slots[id(body)]
+                if body.q is not None:
+                    x[slots.x], held_x[slots.v] = body.q, True
+                if body.q_rate is not None:
+                    v[slots.v], held_v[slots.v] = body.q_rate, True
         return x, v, held_x, held_v
 
     def equilibrium(self, *, t: float = 0.0) -> WorkingPoint:

@@ -53,7 +53,8 @@ class Stats:
         seconds: wall time of the stepping, compiling or loading its loop included.
         compile_seconds: from the setting out of the integrator to the end of its first steps: compiling or loading
             from the cache.
-        start_moved: (coordinate, from, to) that the consistent start changed.
+        start_moved: (coordinate, from, to) that the consistent start changed; those of a ball or a free body are the
+            parts of its rotation vector (rad).
         start_residual: largest constraint residual at the start (m or rad).
         constraint_residual: largest constraint residual over the run, redundant rows included.
     """
@@ -69,6 +70,7 @@ class Stats:
     start_moved: tuple[tuple[str, float, float], ...]
     start_residual: float
     constraint_residual: float
+    start_elastic: float = 0.0
 
 
 NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)

@@ -199,6 +199,40 @@ class FlexibleBody:
         refuse_change(self, name, ("record",))
         super().__setattr__(name, value)
 
+    def __post_init__(self) -> None:
+        self._q: FloatArray | None = None
+        self._q_rate: FloatArray | None = None
+
+    @property
+    def q(self) -> FloatArray | None:
+        """(n,) initial modal coordinates (m kg^(1/2)); None: not set, so zero unless loops cannot close without them.
+
+        Those that are set stay, unless nothing else closes the loops.
+        """
+        return self._q
+
+    @q.setter
+    def q(self, values: ArrayLike) -> None:
+        self._q = self._modal(values, "q")
+
+    @property
+    def q_rate(self) -> FloatArray | None:
+        """(n,) initial rates of the modal coordinates (m kg^(1/2)/s); None: not set, as for ``q``."""
+        return self._q_rate
+
+    @q_rate.setter
+    def q_rate(self, values: ArrayLike) -> None:
+        self._q_rate = self._modal(values, "q_rate")
+
+    def _modal(self, values: ArrayLike, what: str) -> FloatArray:
+        vector = np.array(values, dtype=np.float64)
+        if vector.shape != (self.record.n_modes,) or not np.isfinite(vector).all():
+            label = f"flexible body {self.name!r}" if self.name else "flexible body"
+            raise SceneError(
+                f"{label}: {what} takes {self.record.n_modes} finite number(s), one a mode, got {values!r}"
+            )
+        return vector
+
     @property
     def mass(self) -> float:
         """Mass (kg)."""

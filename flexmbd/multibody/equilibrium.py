@@ -115,7 +115,7 @@ def _committed(scene: CompiledScene) -> Kept:
 def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
     m, nv = len(scene.plan.rows), scene.nv
-    v, _ = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
     of_interiors = 0.0 if scene.interiors is None else settle(scene, scene.interiors, work, x, v)
     force = np.zeros(nv)
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
@@ -167,7 +167,7 @@ def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) ->
     retract(scene.plan, x, step, moved)
     follow_mates(scene, work, x, step, moved)
     try:
-        return close_loops(scene, work, moved, np.zeros(scene.nv, bool))[0]
+        return close_loops(scene, work, moved, np.zeros(scene.nv, bool)).x
     except AssemblyError as reason:
         raise SceneError(
             f"no equilibrium found: on the way to it the loops do not close ({reason}); start nearer to it"

@@ -67,6 +67,8 @@ def explain(start: Start) -> str:
     if start.moved:
         lines.append("the start was made consistent:")
         lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved)
+    if start.strain.warning is not None:
+        lines.append(start.strain.warning)
     return "\n".join(lines)
 
 

@@ -59,6 +59,14 @@ class Given:
         """(k, nv) ``velocity_gaps`` per unit of each velocity."""
         return _slopes(scene, work, x, self.velocities)
 
+    def position_sizes(self, scene: CompiledScene) -> FloatArray:
+        """(k,) 1 rad or the machine's extent (m), of the rows of ``position_gaps``."""
+        return _sizes(scene, self.positions)
+
+    def velocity_sizes(self, scene: CompiledScene) -> FloatArray:
+        """(k,) 1 rad or the machine's extent (m), of the rows of ``velocity_gaps``."""
+        return _sizes(scene, self.velocities)
+
 
 #: What a machine has where nobody gave such joints anything.
 NOTHING_GIVEN = Given((), ())
@@ -75,6 +83,10 @@ def coordinates_given(scene: CompiledScene) -> Given:
 def coordinate_names(connections: Sequence[Connection]) -> list[str]:
     """Names of the coordinates of joints, row by row."""
     return [f"{c.name}.{part}" for c in connections for part in c.joint.velocity_names]
+
+
+def _sizes(scene: CompiledScene, joints: Sequence[Connection]) -> FloatArray:
+    return np.array([1.0 if angular else scene.extent for c in joints for angular in c.joint.angular])
 
 
 def _slopes(scene: CompiledScene, work: Work, x: FloatArray, joints: Sequence[Connection]) -> FloatArray:

@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError
+from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.given_coordinates import Given, coordinates_given
+from flexmbd.multibody.independent_rows import independent_rows, look
 from flexmbd.multibody.interior_start import begin_interiors
 from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import drive, residual
 from flexmbd.multibody.loop_closing import close_loops, match_velocities
 from flexmbd.multibody.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values, mass_factor, scaled_jacobian
+from flexmbd.multibody.scene_matrices import (
+    constraint_jacobian,
+    constraint_values,
+    coordinate_sizes,
+    mass_factor,
+    row_sizes,
+)
+from flexmbd.multibody.start_report import Strain, tell_moved, tell_strain
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_LEADS_ON = 1e-6  # of the rates' squares: what a singular start may leave open of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +43,10 @@ class Start:
         unreduced: the scene with them.
         x, v, a: (nx,), (nv,), (nv,) configuration, velocity, acceleration.
         multipliers: (m,) reactions of the loops (N or N m).
-        moved: what the projection changed: (coordinate, from, to), positions and velocities.
+        moved: what the projection changed: (coordinate, from, to), positions and velocities; rotations of several
+            coordinates as rotation vectors.
         residual: largest constraint residual after the projection (m or rad).
+        strain: what closing the loops bent.
     """
 
     scene: CompiledScene
@@ -47,6 +57,7 @@ class Start:
     multipliers: FloatArray
     moved: tuple[tuple[str, float, float], ...]
     residual: float
+    strain: Strain
 
 
 def consistent_start(
@@ -62,7 +73,7 @@ def consistent_start(
     """Project a user's start onto the loops and solve for accelerations and reactions.
 
     Coordinates of the tree that the user set (``held``) stay where the others can close the loops alone;
-    modal coordinates move only where the joints cannot.  Where the user set any of a joint held by
+    modal coordinates move only by what no joint can close.  Where the user set any of a joint held by
     constraints, all that are set stay.
 
     Args:
@@ -77,7 +88,8 @@ def consistent_start(
 
     Raises:
         AssemblyError: no configuration closes the loops, or they contradict each other.
-        SceneError: the loops close, but not with what was set on joints held by constraints.
+        SceneError: the loops close, but not with what was set on joints held by constraints; or the start is a
+            singular position that the rates set do not lead out of.
     """
     x, v = x.copy(), v.copy()
     drive(scene.plan, work, x, v, np.zeros(scene.nv))
@@ -85,14 +97,13 @@ def consistent_start(
         place_flying(scene, work, x, v)
     given = coordinates_given(scene)
     scene = _set_couplings(scene, work, x, held_x, given)
-    closed, moved = close_loops(scene, work, x, held_x, given)
-    refuse_turned_over(scene, work, closed)
-    kept = _independent_rows(scene, work, closed)
-    reduced = scene.keep_rows(kept)
+    closing = close_loops(scene, work, x, held_x, given)
+    refuse_turned_over(scene, work, closing.x)
+    reduced = scene.keep_rows(independent_rows(scene, work, closing.x))
     # without the redundant rows, which may stay open a little, the others close to round-off
-    closed, moved_on = close_loops(reduced, work, closed, held_x, given)
-    moved += moved_on
-    velocity, moved_v = match_velocities(scene, work, closed, v, held_v, given)
+    after = close_loops(reduced, work, closing.x, held_x, given)
+    closed = after.x
+    velocity = _velocities(scene, reduced, work, closed, v, held_v, given)
     if reduced.interiors is None:
         a, multipliers = _accelerations(reduced, work, closed, velocity)
     else:
@@ -106,9 +117,47 @@ def consistent_start(
         velocity,
         a,
         multipliers,
-        tuple(moved + moved_v),
+        tell_moved(scene, x, closed, v, velocity, held_x),
         float(np.abs(phi).max(initial=0.0)),
+        tell_strain(reduced, work, closed, velocity, closing.change + after.change, left_open=closing.left_open),
     )
+
+
+def _velocities(
+    scene: CompiledScene,
+    reduced: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    held: Mask,
+    given: Given,
+) -> FloatArray:
+    """Velocities that keep the loops closed, in the next instant too.
+
+    In a singular position rows lose their hold on velocities, and hold their squares instead.
+    """
+    place = look(reduced, work, x)
+    if place.rank == len(reduced.plan.rows):
+        velocity = match_velocities(scene, work, x, v, held, given)
+        return match_velocities(reduced, work, x, velocity, held, given)
+    where = (
+        "the start is a singular position (a dead centre, or where ways to assemble the machine meet), in which the "
+        "loops do not tell all velocities; start beside it"
+    )
+    try:
+        velocity = match_velocities(scene, work, x, v, held, given)
+    except (AssemblyError, SceneError) as reason:
+        raise type(reason)(f"{reason}; {where}") from reason
+    bend = constraint_values(reduced, work, x, velocity)[2] / row_sizes(reduced)
+    lost = place.left[:, place.rank :].T @ bend
+    rate = float(np.abs(velocity / coordinate_sizes(scene)).max(initial=0.0))
+    if np.abs(lost).max(initial=0.0) > _LEADS_ON * rate**2:
+        worst = reduced.row_names[int(np.argmax(np.abs(place.left[:, place.rank :] @ lost)))]
+        raise SceneError(
+            f"the velocities set lead out of the loops at once: {worst} would open with the square of time; {where}, "
+            "or set the velocities of all joints as one of the ways has them"
+        )
+    return velocity
 
 
 def _set_couplings(
@@ -120,46 +169,13 @@ def _set_couplings(
     if len(coupling) == 0:
         return scene
     others = scene.keep_rows([int(k) for k in np.flatnonzero(kinds != at.ROW_COUPLING)])
-    closed, _ = close_loops(others, work, x, held, given)
+    closed = close_loops(others, work, x, held, given).x
     data = scene.plan.data.copy()
     data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = 0.0
     bare = replace(scene, plan=scene.plan._replace(data=data))
     sums = constraint_values(bare, work, closed, np.zeros(scene.nv))[0]
     data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = sums[coupling]
     return bare
-
-
-def _independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Sequence[int]:
-    """Rows that constrain anything new, by a rank-revealing factorisation.
-
-    Redundancy is a property of the mechanism, not of one singular position: the rank is taken
-    where it is largest among the start and two positions near it on the loops.
-    """
-    m = len(scene.plan.rows)
-    if m == 0 or len(scene.plan.free) == 0:
-        return range(m)
-    places = [x]
-    generator = np.random.default_rng(0)
-    for _ in range(2):
-        step = np.zeros(scene.nv)
-        joint = [k for slots in scene.joint_slots.values() for k in range(slots.v.start, slots.v.stop)]
-        step[joint] = 0.05 * generator.standard_normal(len(joint))
-        step[scene.plan.driven[:, at.DRIVEN_V]] = 0.0
-        near = np.empty_like(x)
-        retract(scene.plan, x, step, near)
-        try:
-            places.append(close_loops(scene, work, near, np.zeros(scene.nv, bool))[0])
-        except AssemblyError:
-            continue
-    kept: Sequence[int] = ()
-    for place in places:
-        scaled = scaled_jacobian(scene, work, place)
-        norms = np.linalg.norm(scaled, axis=1)
-        _, r, order = scipy.linalg.qr(scaled.T / max(norms.max(), 1e-300), mode="economic", pivoting=True)
-        rank = int(np.sum(np.abs(np.diag(r)) > 1e-8))
-        if rank > len(kept):
-            kept = order[:rank]
-    return [int(k) for k in kept]
 
 
 def match_motion(
@@ -179,7 +195,7 @@ def match_motion(
     """
     velocity = v.copy()
     drive(scene.plan, work, x.copy(), velocity, np.zeros(scene.nv))
-    velocity, _ = match_velocities(scene, work, x, velocity, held)
+    velocity = match_velocities(scene, work, x, velocity, held)
     a, multipliers = _accelerations(scene, work, x, velocity)
     return velocity, a, multipliers
 

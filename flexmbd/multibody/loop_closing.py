@@ -1,9 +1,14 @@
-"""Closing the loops: the configuration and the velocities nearest to those wanted, least intrusive moves first."""
+"""Closing the loops: the configuration and the velocities nearest to those wanted, least intrusive moves first.
+
+Joints that nobody set move first, then those that were set, and bodies deform only by what no rigid motion closes, at
+the least elastic energy.  Each stage goes on where the one before it ended.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
@@ -11,94 +16,142 @@ from flexmbd.multibody.given_coordinates import NOTHING_GIVEN, Given, coordinate
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.least_change import least_change
 from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values
+from flexmbd.multibody.scene_matrices import (
+    constraint_jacobian,
+    constraint_values,
+    coordinate_sizes,
+    modal_stiffness,
+    row_sizes,
+)
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# A loop counts as closed when it stays open by no more than this share of the machine's extent,
-# as where the frames of an overconstrained loop come from a mesh; it closes further if it can.
-_CLOSED = 1e-7
+#: A loop counts as closed when it stays open by no more than this share of the machine's size,
+#: as where the frames of an overconstrained loop come from a mesh; it closes further if it can.
+CLOSED = 1e-7
 _ROUND_OFF = 1e-14
 _ITERATIONS = 50
-# How far (rad, or of the machine's extent) and how often it is tried from beside the wanted configuration.
-_ASIDE = 0.2
-_TRIALS = 5
+_WORTH = 0.5  # a more intrusive stage must close more than this share of what the others leave open
+_STILL = 1e-6  # of what is open: smaller steps than this close no more of it
+_ASIDE = 0.2  # how far (of each coordinate's size) it is tried from beside the wanted configuration
+_TRIALS = 5  # how often
+_SAME_RATE = 1e-13  # of the machine's rates: round-off
 
 
-def _stages(scene: CompiledScene, held: Mask) -> list[Mask]:
-    """Which coordinates may move, least intrusive first."""
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """A configuration that closes the loops.
+
+    Attributes:
+        x: (nx,).
+        change: (nv,) tangent vector from the configuration wanted.
+        left_open: share of the machine's size that no rigid motion closed, so that bodies were deformed; else 0.
+    """
+
+    x: FloatArray
+    change: FloatArray
+    left_open: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """Which coordinates may move (nv,); the roots of what their squared change costs (nv,); whether bodies deform."""
+
+    movable: Mask
+    cost: FloatArray
+    deforms: bool
+
+
+def _stages(scene: CompiledScene, held: Mask, modal_cost: FloatArray) -> list[_Stage]:
+    """Least intrusive first."""
     movable = np.zeros(scene.nv, bool)
     movable[scene.plan.free] = True
     modal = np.zeros(scene.nv, bool)
     for slots in scene.modal_slots.values():
         modal[slots.v] = True
-    stages = [movable & ~held & ~modal, movable & ~held, movable & ~modal, movable]
-    return [s for k, s in enumerate(stages) if s.any() and not any((s == t).all() for t in stages[:k])]
+    rigid, unset = movable & ~modal, movable & ~held
+    nothing, away = np.zeros(scene.nv), held / coordinate_sizes(scene)
+    stages = [
+        _Stage(rigid & unset, nothing, False),
+        _Stage(rigid, away, False),
+        _Stage(unset, modal_cost, True),
+        _Stage(rigid | unset, modal_cost, True),
+        _Stage(movable, modal_cost, True),
+    ]
+    masks = [s.movable for s in stages]
+    return [s for k, s in enumerate(stages) if masks[k].any() and not any((masks[k] == m).all() for m in masks[:k])]
 
 
 def close_loops(
     scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given = NOTHING_GIVEN
-) -> tuple[FloatArray, list[tuple[str, float, float]]]:
-    """Close the loops by the first stage that closes them to round-off, else by the best one.
+) -> Closing:
+    """Close the loops, each stage from where the one before it ended, until they are closed to round-off.
 
     Args:
         scene: the scene.
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) wanted configuration.
-        held: (nv,) tangent directions that move only where the others cannot close the loops.
+        held: (nv,) tangent directions that move only where other rigid motions cannot close the loops, or where modes
+            are meant, where nothing else can.
         given: coordinates of joints held by constraints, which are kept; those ``held`` then are kept as well.
-
-    Returns:
-        The configuration, and what moved: (coordinate, 0, by how much).
 
     Raises:
         AssemblyError: nothing closes the loops.
         SceneError: they close, but not with what the user gave.
     """
+    best = Closing(x, np.zeros(scene.nv), 0.0)
     if len(scene.plan.rows) == 0 and not given.positions:
-        return x, []
-    best_x: FloatArray = x
-    best_total: FloatArray = np.zeros(scene.nv)
-    best = _gaps(scene, work, x, given)
-    for movable in _stages(scene, held):
-        if given.positions and (movable & held).any():
+        return best
+    gap = _gaps(scene, work, x, given)
+    for stage in _stages(scene, held, np.sqrt(modal_stiffness(scene))):
+        if _largest(gap) <= _ROUND_OFF:
             break
-        for aside in _moves_aside(scene, movable, given):
+        if given.positions and (stage.movable & held).any():
+            continue
+        if given.positions and stage.deforms and _largest(gap) > CLOSED and _closes_rigidly(scene, work, x, held):
+            break  # bodies are not bent to meet what was given
+        left_open = _largest(gap) if stage.deforms and best.left_open == 0.0 else best.left_open
+        for aside in _moves_aside(scene, stage, given):
             near = np.empty_like(x)
-            retract(scene.plan, x, aside, near)
-            trial, total, phi = _gauss_newton(scene, work, near, movable, given)
-            if np.abs(phi).max() < 0.1 * np.abs(best).max():  # less intrusive stages have preference
-                best_x, best_total, best = trial, aside + total, phi
-            if np.abs(best).max() <= _CLOSED * scene.extent:
+            retract(scene.plan, best.x, aside, near)
+            trial, change, left = _gauss_newton(scene, work, near, best.change + aside, stage, given)
+            if _largest(left) < _WORTH * _largest(gap):
+                best, gap = Closing(trial, change, left_open), left
+            if _largest(gap) <= CLOSED:
                 break
-        if np.abs(best).max() <= _ROUND_OFF * scene.extent:
-            break
-    worst = int(np.argmax(np.abs(best)))
-    if abs(best[worst]) > _CLOSED * scene.extent:
+    if _largest(gap) > CLOSED:
         if given.positions:
-            near, _ = close_loops(scene, work, x, held)  # or what is open is not the given coordinates' fault
+            near = close_loops(scene, work, x, held).x  # or what is open is not the given coordinates' fault
             _refuse("positions", coordinate_names(given.positions), given.position_gaps(scene, work, near), "m or rad")
+        worst = int(np.argmax(np.abs(gap)))
         raise AssemblyError(
             f"the mechanism cannot be assembled: {scene.row_names[worst]} stays open by "
-            f"{abs(best[worst]):.3e} (m or rad); check lengths, frames and the joint positions set"
+            f"{abs(gap[worst]) * row_sizes(scene)[worst]:.3e} (m or rad); check lengths, frames and the joint "
+            "positions set"
         )
-    changed = np.flatnonzero(np.abs(best_total) > _CLOSED * scene.extent)
-    return best_x, [(scene.velocity_names[k], 0.0, float(best_total[k])) for k in changed]
+    return best
 
 
-def _moves_aside(scene: CompiledScene, movable: Mask, given: Given) -> list[FloatArray]:
-    """Where to begin, against the wanted configuration: there; and near it if given coordinates must be reached.
+def _closes_rigidly(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> bool:
+    return close_loops(scene, work, x, held).left_open <= CLOSED
+
+
+def _largest(gap: FloatArray) -> float:
+    return float(np.abs(gap).max(initial=0.0))
+
+
+def _moves_aside(scene: CompiledScene, stage: _Stage, given: Given) -> list[FloatArray]:
+    """Where to begin, against the configuration at hand: there; and near it if given coordinates must be reached.
 
     For a mechanism at a dead centre, as one stretched out in a line, knows no way from there.
     """
     moves: list[FloatArray] = [np.zeros(scene.nv)]
-    if given.positions:
+    if given.positions and not stage.deforms:
         generator = np.random.default_rng(0)
-        size = np.where(movable, scene.group_full[scene.group_of], 0.0)
-        for slots in scene.modal_slots.values():
-            size[slots.v] = 0.0
+        size = np.where(stage.movable, coordinate_sizes(scene), 0.0)
         moves += [_ASIDE * size * generator.uniform(-1.0, 1.0, scene.nv) for _ in range(_TRIALS)]
     return moves
 
@@ -113,78 +166,86 @@ def _refuse(what: str, names: list[str], gaps: FloatArray, unit: str) -> None:
 
 
 def _gaps(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
-    """What is open: all rows, then the given coordinates."""
-    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0]
-    return np.concatenate([phi, given.position_gaps(scene, work, x)]) if given.positions else phi
+    """What is open, in shares of the machine's size: all rows, then the given coordinates."""
+    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / row_sizes(scene)
+    if not given.positions:
+        return phi
+    return np.concatenate([phi, given.position_gaps(scene, work, x) / given.position_sizes(scene)])
+
+
+def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
+    """Rates of ``_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
+    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
+    slopes[scene.plan.rows[:, at.ROW_LEVEL] != at.LEVEL_POSITION] = 0.0
+    if not given.positions:
+        return slopes
+    return np.vstack([slopes, given.position_slopes(scene, work, x) / given.position_sizes(scene)[:, None]])
 
 
 def _gauss_newton(
-    scene: CompiledScene, work: Work, x: FloatArray, movable: Mask, given: Given
+    scene: CompiledScene, work: Work, x: FloatArray, change: FloatArray, stage: _Stage, given: Given
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Move some coordinates until the loops close no further: configuration, move, what stays open."""
-    rest: FloatArray = np.zeros(scene.nv)
-    phi = _gaps(scene, work, x, given)
-    holds = np.ones(len(phi), bool)
-    holds[: len(scene.plan.rows)] = scene.plan.rows[:, at.ROW_LEVEL] == at.LEVEL_POSITION
-    trial, total = x, rest
+    """Move a stage's coordinates until the loops close no further: configuration, whole change, what stays open."""
+    size = coordinate_sizes(scene)
+    gap = _gaps(scene, work, x, given)
     for _ in range(_ITERATIONS):
-        jacobian = constraint_jacobian(scene, work, trial)
-        if given.positions:
-            jacobian = np.vstack([jacobian, given.position_slopes(scene, work, trial)])
-        step = np.zeros(scene.nv)
-        step[movable] = -scipy.linalg.lstsq(jacobian[np.ix_(holds, movable)], phi[holds], cond=1e-10)[0]
-        step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
-        moved = np.empty_like(trial)
-        retract(scene.plan, trial, step, moved)
+        slopes = _slopes(scene, work, x, given)
+        step = least_change(slopes, gap, size=size, movable=stage.movable, cost=stage.cost, before=change)
+        step *= min(1.0, 0.5 / max(_largest(step / size), 1e-300))
+        moved = np.empty_like(x)
+        retract(scene.plan, x, step, moved)
         left = _gaps(scene, work, moved, given)
-        settled = np.abs(phi).max() <= _CLOSED * scene.extent
-        if settled and np.abs(left).max() >= 0.1 * np.abs(phi).max():
+        if _largest(gap) <= CLOSED and _largest(left) >= 0.1 * _largest(gap):
             break
-        trial, total, phi = moved, total + step, left
-    return trial, total, phi
+        x, change, gap = moved, change + step, left
+        if _largest(step / size) <= _STILL * _largest(gap):
+            break
+    return x, change, gap
 
 
 def match_velocities(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, held: Mask, given: Given = NOTHING_GIVEN
-) -> tuple[FloatArray, list[tuple[str, float, float]]]:
-    """The velocity nearest to v that keeps the loops closed; arguments as of ``close_loops``.
+) -> FloatArray:
+    """The velocity (nv,) nearest to v that keeps the loops closed; arguments as of ``close_loops``.
 
-    Returns:
-        The velocity, and what changed: (coordinate, from, to).
+    Modal rates change only by what no rigid motion can, by the least kinetic energy.
 
     Raises:
         AssemblyError: no velocity keeps the loops closed.
         SceneError: some do, but none with what the user gave.
     """
     if len(scene.plan.rows) == 0 and not given.velocities:
-        return v, []
-    jacobian = constraint_jacobian(scene, work, x)
-    gap = constraint_values(scene, work, x, v)[1]
+        return v
+    open_ = _largest(_gaps(scene, work, x, NOTHING_GIVEN))
+    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
+    gap = constraint_values(scene, work, x, v)[1] / row_sizes(scene)
     if given.velocities:
-        jacobian = np.vstack([jacobian, given.velocity_slopes(scene, work, x)])
-        gap = np.concatenate([gap, given.velocity_gaps(scene, work, x, v)])
-    scale = max(1.0, float(np.abs(v).max(initial=0.0)))
-    left = gap
-    if np.abs(gap).max() <= 1e-13 * scale:
-        return v, []
-    for movable in _stages(scene, held):
-        if given.velocities and (movable & held).any():
+        sizes = given.velocity_sizes(scene)
+        slopes = np.vstack([slopes, given.velocity_slopes(scene, work, x) / sizes[:, None]])
+        gap = np.concatenate([gap, given.velocity_gaps(scene, work, x, v) / sizes])
+    size = coordinate_sizes(scene)
+    rate = max(_largest(v / size), _largest(gap))  # 1/s, the machine's
+    change: FloatArray = np.zeros(scene.nv)
+    for stage in _stages(scene, held, np.ones(scene.nv) * (modal_stiffness(scene) > 0.0)):
+        if _largest(gap) <= _SAME_RATE * rate:
             break
-        step = np.zeros(scene.nv)
-        step[movable] = -scipy.linalg.lstsq(jacobian[:, movable], gap, cond=1e-10)[0]
-        left = gap + jacobian @ step
-        if np.abs(left).max() <= 1e-9 * scale:
-            changes = [
-                (f"rate of {scene.velocity_names[k]}", float(v[k]), float(v[k] + step[k]))
-                for k in np.flatnonzero(np.abs(step) > 1e-12 * scale)
-            ]
-            return v + step, changes
+        if given.velocities and (stage.movable & held).any():
+            continue
+        step = least_change(
+            slopes, gap, size=size, movable=stage.movable, cost=stage.cost, before=change, blurred=open_
+        )
+        left = gap + slopes @ step
+        if _largest(left) < _WORTH * _largest(gap):
+            change, gap = change + step, left
+    if _largest(gap) <= CLOSED * rate:
+        return v + change
     if given.velocities:
-        near, _ = match_velocities(scene, work, x, v, held)
+        near = match_velocities(scene, work, x, v, held)
         names = coordinate_names(given.velocities)
         _refuse("velocities", names, given.velocity_gaps(scene, work, x, near), "m/s or rad/s")
-    worst = int(np.argmax(np.abs(left)))
+    worst = int(np.argmax(np.abs(gap)))
     raise AssemblyError(
         f"the start's velocities contradict the loops: {scene.row_names[worst]} opens at "
-        f"{abs(left[worst]):.3e} (m/s or rad/s); check prescribed motions and joint velocities"
+        f"{abs(gap[worst]) * row_sizes(scene)[worst]:.3e} (m/s or rad/s); check prescribed motions and joint "
+        "velocities"
     )

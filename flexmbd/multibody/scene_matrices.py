@@ -7,6 +7,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
+from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import constraints
 from flexmbd.multibody.kernels.layout import Work, without_forces
 from flexmbd.multibody.kernels.recursion import forward
@@ -35,6 +36,34 @@ def constraint_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> Floa
     unit, rest = np.zeros((2, scene.nv))
     constraint_matrix(scene.plan, work, x, unit, rest, np.zeros((4, m)), jacobian)
     return jacobian
+
+
+def coordinate_sizes(scene: CompiledScene) -> FloatArray:
+    """(nv,) full size of each coordinate: 1 rad, the machine's extent (m), of modes that times root mass."""
+    return scene.group_full[scene.group_of] if scene.nv else np.zeros(0)
+
+
+def row_sizes(scene: CompiledScene) -> FloatArray:
+    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
+    sizes = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0, scene.extent)
+    full, data = coordinate_sizes(scene), scene.plan.data
+    for k in np.flatnonzero(scene.plan.rows[:, at.ROW_KIND] == at.ROW_COUPLING):
+        o = int(scene.plan.rows[k, at.ROW_DATA])
+        terms = data[o + 2 : o + 2 + 2 * int(data[o])].reshape(-1, 2)
+        columns = scene.plan.tree[terms[:, 0].astype(int), at.JOINT_V]
+        sizes[k] = np.abs(terms[:, 1] * full[columns]).max()
+    return sizes
+
+
+def modal_stiffness(scene: CompiledScene) -> FloatArray:
+    """(nv,) stiffness of each modal coordinate (1/s^2); 0 of others."""
+    stiffness = np.zeros(scene.nv)
+    for branch in scene.topology.branches:
+        body = branch.outer.body
+        record = body.reduced()
+        if record is not None:
+            stiffness[scene.modal_slots[id(body)].v] = record.stiffness
+    return stiffness
 
 
 def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:

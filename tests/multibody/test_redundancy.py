@@ -6,8 +6,75 @@ import numpy as np
 import pytest
 from machines import slider_crank
 
+import flexmbd as fm
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.scene_matrices import constraint_jacobian
+
+
+def cranks(n, angle, rate=0.0):
+    """A rod on n equal cranks in space: one motion, and rows of n - 1 pins that agree on parallel cranks alone."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    turn = fm.joint.Revolute("z")
+    rod = scene.add(fm.RigidBody(2.0, (1e-3, 1.0, 1.0), com=((n - 1) / 2, 0, 0)), name="rod")
+    feet = []
+    for k in range(n):
+        crank = scene.add(fm.RigidBody(1.0, (1e-3, 0.1, 0.1), com=(0.25, 0, 0)), name=f"crank {k}")
+        foot = scene.connect(turn, scene.ground.frame((float(k), 0, 0)), crank.frame(), name=f"foot {k}")
+        foot.position, foot.velocity = angle, rate
+        pin = scene.connect(turn, crank.frame((0.5, 0, 0)), rod.frame((float(k), 0, 0)), name=f"pin {k}")
+        if k == 0:
+            pin.position, pin.velocity = -angle, -rate
+        feet.append(foot)
+    return scene, feet
+
+
+@pytest.mark.parametrize("angle", [-0.5, 0.0, 1e-3, 1.1, 3.0])
+@pytest.mark.parametrize("n", [2, 3, 5, 7])
+def test_parallel_cranks_keep_one_freedom(n, angle):
+    """The rank at every angle but the flat one: n + 1 angles of which one is free."""
+    start = cranks(n, angle)[0].start()
+    assert start.scene.nv == n + 1
+    assert len(start.scene.row_names) == n
+
+
+def test_rounded_angles_of_parallel_cranks_keep_one_freedom():
+    scene, feet = cranks(5, -0.5)
+    for k, foot in enumerate(feet):
+        foot.position = -0.5 + 1e-3 * k
+    start = scene.start()
+    assert len(start.scene.row_names) == 5
+    angles = [start.x[start.scene.joint_slots[id(foot)].x][0] for foot in feet]
+    assert np.ptp(angles) < 1e-12
+    assert angles[0] == pytest.approx(-0.5 + 2e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "integrator", [fm.RadauIIA(), fm.GeneralizedAlpha(), fm.EnergyMomentum(), fm.ExplicitRungeKutta()]
+)
+def test_parallel_cranks_swing_as_one_pendulum(integrator):
+    """Closed form: the energy of the one angle that all cranks share."""
+    n = 3
+    scene, feet = cranks(n, -0.5)
+    h = 1e-3 if isinstance(integrator, fm.EnergyMomentum) else None
+    run = scene.simulate(0.3, integrator=integrator, rtol=1e-8, h=h)
+    angle, rate = run.beta(feet[0]), run.beta_rate(feet[0])
+    inertia = n * (0.1 + 0.25**2) + 2.0 * 0.5**2
+    lever = 9.81 * (n * 0.25 + 2.0 * 0.5)
+    fallen = lever * (np.sin(-0.5) - np.sin(angle))
+    np.testing.assert_allclose(0.5 * inertia * rate**2, fallen, atol=1e-5 * lever)
+    assert abs(rate[-1]) > 0.5
+
+
+def test_a_singular_start_takes_rates_of_one_of_its_ways():
+    """Flat, the cranks may go on parallel; with one crank's rate alone nothing says which way."""
+    scene, feet = cranks(3, 0.0, 1.5)
+    start = scene.start()
+    rates = [start.v[start.scene.joint_slots[id(foot)].v][0] for foot in feet]
+    assert rates == [1.5, 1.5, 1.5]
+    feet[2].velocity = -1.5
+    with pytest.raises(SceneError, match="singular position"):
+        scene.start()
 
 
 def test_the_smallest_multipliers_move_the_machine_alike():

@@ -1,0 +1,64 @@
+"""Least changes: the step of some coordinates that closes gaps and, of all such steps, costs least."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_RANK = 1e-10  # singular values below this share of the largest are round-off of the kinematics
+_FAR = 0.05  # slopes of gaps are trusted as of gaps of this share of the machine's size
+
+
+def least_change(
+    slopes: FloatArray,
+    gap: FloatArray,
+    *,
+    size: FloatArray,
+    movable: Mask,
+    cost: FloatArray,
+    before: FloatArray,
+    blurred: float | None = None,
+) -> FloatArray:
+    """The step s (n,) by which slopes s = - gap, by least squares, and |cost (before + s)| is least; last |s / size|.
+
+    Slopes change by some share of the gap until it is closed, so of directions in which they are smaller than that
+    nothing is known: a step there counts no more than the gap (Levenberg and Marquardt's damping, which vanishes with
+    the gap's square).  Redundant rows, whose slopes are dependent where loops are closed alone, would else send the
+    step anywhere.
+
+    Args:
+        slopes: (k, n) per unit of each coordinate, of shares of the machine's size.
+        gap: (k,) such shares, or their rates.
+        size: (n,) full size of each coordinate, its own unit.
+        movable: (n,) which may change.
+        cost: (n,) root of what the square of a unit costs; 0: nothing.
+        before: (n,) what they have changed already.
+        blurred: how far slopes are off, as a share; by default the gap, for these are slopes of positions.
+
+    Returns:
+        (n,), zero where not movable.
+    """
+    step = np.zeros(len(size))
+    scaled = slopes[:, movable] * size[movable]
+    price = cost[movable] * size[movable]
+    priced = price > 0.0
+    u, sigma, vt = scipy.linalg.svd(scaled, full_matrices=bool(priced.any()))
+    rank = int(np.sum(sigma > _RANK * max(sigma.max(initial=0.0), 1e-300)))
+    if blurred is None:
+        doubt = min(float(np.linalg.norm(gap)), _FAR)
+        shares = sigma[:rank] / (sigma[:rank] ** 2 + doubt**2)
+    else:
+        doubt = 10.0 * blurred
+        rank = int(np.sum(sigma[:rank] > doubt))
+        shares = 1.0 / sigma[:rank]
+    part = -vt[:rank].T @ (shares * (u[:, :rank].T @ gap))
+    if priced.any():
+        idle = vt[int(np.sum(sigma > max(doubt, _RANK * sigma.max(initial=0.0)))) :].T
+        wanted = -(before[movable] / size[movable] + part)[priced] * price[priced]
+        part = part + idle @ scipy.linalg.lstsq(price[priced, None] * idle[priced], wanted, cond=1e-12)[0]
+    step[movable] = part * size[movable]
+    return step
