@@ -63,6 +63,17 @@ class StartWarning(UserWarning):
     """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies."""
 
 
+class SimulationInterrupted(KeyboardInterrupt):
+    """A simulation was interrupted, as by Ctrl-C; ``trajectory`` holds what was computed up to then.
+
+    No FlexmbdError: what catches errors lets an interrupt pass.
+    """
+
+    def __init__(self, message: str, trajectory: Trajectory | None = None) -> None:
+        super().__init__(message)
+        self.trajectory = trajectory
+
+
 class SimulationError(FlexmbdError):
     """A simulation stopped early; ``trajectory`` holds what was computed up to then."""
 

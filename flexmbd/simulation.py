@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.checkpoint import Checkpoint
-from flexmbd.errors import FlexmbdError, SceneError, SimulationError
+from flexmbd.errors import FlexmbdError, SceneError, SimulationError, SimulationInterrupted
 from flexmbd.event import Event
 from flexmbd.event_search import EventSearch
 from flexmbd.given import is_number, numbers
@@ -65,23 +65,19 @@ def run(
     began = time.perf_counter()
     compiled = began
     code = st.DONE
-    error: FlexmbdError | None = None
+    error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
     with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored):
             before = integration.t
-            if search is None:
-                code = integration.advance(stops[0])
-                integration.keep_rows()
-            else:
-                try:
-                    code = search.advance(stops[0])
-                except FlexmbdError as reason:  # of an event's function or action
-                    error = reason
-                    break
-                if search.stopped:
-                    stops = []
+            try:
+                code = _advance(integration, search, stops[0])
+            except (FlexmbdError, KeyboardInterrupt) as reason:  # of an event's function or action, or Ctrl-C
+                error = reason
+                break
+            if search is not None and search.stopped:
+                stops = []
             if compiled == began:
                 compiled = time.perf_counter()
             bar.update(integration.t - before)
@@ -98,10 +94,18 @@ def run(
         trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
     )
     _refuse_flat(watch, integration, trajectory)
-    if error is not None:
-        raise SimulationError(str(error), trajectory) from error
+    _refuse_broken_off(error, trajectory)
     _refuse_stopped(start.scene, integration, code, trajectory)
     return trajectory
+
+
+def _advance(integration: Integration, search: EventSearch | None, stop: float) -> int:
+    """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
+    if search is not None:
+        return search.advance(stop)
+    code = integration.advance(stop)
+    integration.keep_rows()
+    return code
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ def check_times(
 
 def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
     """Raise what a stepper's code stands for, if it did not reach its end."""
-    if code == st.CALLBACK_FAILED:
+    if code == st.CALLBACK_FAILED or scene.callbacks.error is not None:
         raise _callback_failure(scene, integration.work, trajectory)
     if code == st.INTERIOR_FAILED and scene.interiors is not None:
         failure = scene.interiors.failure[-1]
@@ -179,13 +183,30 @@ def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, t
 
 
 def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
-    """The error of a user's function, with the time and what was computed; an interrupt as it is."""
+    """The error of a user's function, with the time and what was computed."""
     message, error = scene.failure(work) or ("a user's function failed", SceneError("on another rank"))
+    if isinstance(error, KeyboardInterrupt):
+        return _interrupted(trajectory)
     if not isinstance(error, Exception):
         return error
     failure = SimulationError(message, trajectory)
     failure.__cause__ = error
     return failure
+
+
+def _refuse_broken_off(error: FlexmbdError | KeyboardInterrupt | None, trajectory: Trajectory) -> None:
+    """Raise what an event's function or action, or Ctrl-C, raised between steps."""
+    if isinstance(error, KeyboardInterrupt):
+        raise _interrupted(trajectory) from error
+    if error is not None:
+        raise SimulationError(str(error), trajectory) from error
+
+
+def _interrupted(trajectory: Trajectory) -> SimulationInterrupted:
+    return SimulationInterrupted(
+        f"interrupted at t = {trajectory.t[-1]:.6g} s; what was computed up to then is in the exception's trajectory",
+        trajectory,
+    )
 
 
 def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Trajectory) -> None:

@@ -109,6 +109,7 @@ class Integration:
         self.stored.append(tuple(part[:stored].copy() for part in self.record))
         if self._interiors is not None:
             self.beside.extend(self._interiors.buffer[:stored])
+        self.state.counts[st.STORED] = 0
 
     def keep_state(self) -> None:
         """Take the state as it stands into ``stored``, as a row of its own."""

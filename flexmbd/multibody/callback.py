@@ -3,11 +3,16 @@
 The kernels know an address and call it, as they call compiled functions; ctypes takes the
 interpreter's lock for the call.  An exception cannot leave the step: it is kept here, NaN is
 handed back, and the flag tells the stepper to stop at once.
+
+A signal's handler runs between any two of the interpreter's instructions and may raise, as that of Ctrl-C does, also
+where the function that ctypes calls has not begun to look, or looks no longer.  ctypes then has nobody to pass the
+exception on to and hands it to ``sys.unraisablehook``, where it is fetched back.
 """
 
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +21,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.time_function import TimeRow, ask_python, checked
 
 FloatArray = NDArray[np.float64]
@@ -46,6 +51,7 @@ class Callbacks:
         self._where = ""
         self._team = team
         self._kept: list[Any] = []  # ctypes frees a thunk that nothing holds
+        self._lost: BaseException | None = None
 
     def of_time(self, row: TimeRow, what: str, *, motion: bool) -> int:
         """Return the address of ``void f(double t, double out[3])`` for a function of time."""
@@ -57,7 +63,7 @@ class Callbacks:
             for k in range(3):
                 out[k] = answer[k]
 
-        return self._keep(_TimeThunk(thunk))
+        return self._keep(_TimeThunk, thunk)
 
     def of_law(self, law: Law, what: str) -> int:
         """Return the address of ``double f(double t, double beta, double rate)`` for a law on a coordinate."""
@@ -69,7 +75,7 @@ class Callbacks:
             )
             return float(answer[0])
 
-        return self._keep(_LawThunk(thunk))
+        return self._keep(_LawThunk, thunk)
 
     def of_state(self, function: StateFunction, what: str) -> int:
         """Return the address of ``void f(double t, int64 nx, int64 nv, double *x, double *v, double *out)``."""
@@ -83,7 +89,7 @@ class Callbacks:
 
             _view(out, nv)[:] = self._agreed(lambda: checked(function(t, position, velocity), (nv,)), nv, where)
 
-        return self._keep(_StateThunk(thunk))
+        return self._keep(_StateThunk, thunk)
 
     @property
     def addresses(self) -> frozenset[int]:
@@ -91,9 +97,18 @@ class Callbacks:
         return frozenset(_address(thunk) for thunk in self._kept)
 
     def reset(self) -> None:
-        """Forget an error."""
+        """Forget an error, and watch for those that nobody is there to catch."""
         self.flag[0] = 0
         self.error = None
+        self._lost = None
+        _watch()
+
+    def lose(self, error: BaseException) -> None:
+        """Take an exception that left a call outside of the user's function; other ranks learn it at the next call."""
+        self._lost = error
+        if isinstance(self._team, Alone):
+            self.error, self._where = error, "a call of a user's function"
+            self.flag[0] = at.FLAG_PYTHON
 
     def failure(
         self, t: float, elements: Sequence[str], times: Sequence[str]
@@ -120,6 +135,8 @@ class Callbacks:
         error: BaseException | None = None
         told: Exception | None = None
         try:
+            if self._lost is not None:
+                raise self._lost
             answer = ask()
         except BaseException as reason:  # noqa: BLE001  (whatever it is, it must not be lost inside the step)
             error = reason
@@ -134,9 +151,31 @@ class Callbacks:
             self._where = where()
             return nothing
 
-    def _keep(self, thunk: Any) -> int:
+    def _keep(self, kind: Any, call: Callable[..., Any]) -> int:
+        _calls.add(call.__code__)
+        thunk = kind(call)
         self._kept.append(thunk)
         return _address(thunk)
+
+
+_calls: set[Any] = set()  # code of the functions that ctypes calls
+_before = sys.unraisablehook  # who gets what is none of ours
+
+
+def _watch() -> None:
+    """See what ctypes cannot pass on; others that have put themselves there get what is theirs."""
+    global _before
+    if sys.unraisablehook is not _fetch:
+        _before, sys.unraisablehook = sys.unraisablehook, _fetch
+
+
+def _fetch(unraisable: Any) -> None:
+    """Give an exception that left one of our calls to its ``Callbacks``."""
+    trace = unraisable.exc_traceback
+    if trace is not None and trace.tb_frame.f_code in _calls:
+        trace.tb_frame.f_locals["self"].lose(unraisable.exc_value)
+    elif _before is not _fetch:
+        _before(unraisable)
 
 
 def _address(thunk: Any) -> int:

@@ -1,0 +1,128 @@
+"""Interrupts while a user's Python function runs inside a compiled step, at any of the interpreter's instructions."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.multibody import callback
+
+WHEN = 0.3  # s: the first call after it is interrupted
+
+
+def wheel(make):
+    scene = fm.System()
+    disc = scene.add(fm.RigidBody(2.0, (0.25, 0.25, 0.25)), name="disc")
+    hinge = scene.connect(fm.joint.Revolute(), scene.ground.frame(), disc.frame(), name="hinge")
+    hinge.position = 0.4
+    scene.add_force(make(hinge))
+    return scene, hinge
+
+
+class Interrupter:
+    """Raises KeyboardInterrupt at the n-th instruction of the first call after WHEN, as a signal's handler may."""
+
+    def __init__(self, n):
+        self.left, self.call, self.over, self.done = n, None, False, False
+
+    def __call__(self, frame, event, _):
+        if self.over:
+            return None
+        if self.call is None and frame.f_code in callback._calls and frame.f_locals["t"] > WHEN:
+            self.call = frame
+        if self.call is None or frame.f_code.co_filename != callback.__file__:
+            return None
+        frame.f_trace_opcodes = True
+        self.left -= 1
+        if self.left < 0:
+            self.over = self.done = True
+            raise KeyboardInterrupt
+        self.over = frame is self.call and event == "return"
+        return self
+
+
+FORCES = {
+    "torque": lambda hinge: fm.force.JointTorque(hinge, lambda t: 5.0 * np.cos(t)),
+    "law": lambda hinge: fm.force.JointLaw(hinge, lambda t, b, w: -25.0 * b),
+    "state": lambda _: fm.force.StateForce(lambda t, x, v: -25.0 * x),
+}
+
+
+@pytest.mark.parametrize("kind", FORCES)
+@pytest.mark.parametrize("method", [fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(), fm.RadauIIA()])
+def test_an_interrupt_at_any_instruction_ends_the_run(kind, method, capsys):
+    scene, _ = wheel(FORCES[kind])
+    whole = scene.simulate(0.5, integrator=method)
+    n, before = 0, sys.gettrace()
+    while True:
+        interrupter, kept = Interrupter(n), None
+        try:
+            sys.settrace(interrupter)
+            scene.simulate(0.5, integrator=method)
+        except fm.SimulationInterrupted as caught:
+            kept = caught.trajectory
+        finally:
+            sys.settrace(before)
+        if not interrupter.done:
+            break
+        assert kept is not None, f"the interrupt at instruction {n} was lost"
+        assert 0.0 < kept.t[-1] < 0.5
+        np.testing.assert_array_equal(kept.x, whole.x[: len(kept.t)])  # no step was taken with a stale value
+        n += 1
+    assert n > 10
+    assert capsys.readouterr().err == ""
+
+
+def test_an_interrupt_between_steps_keeps_what_was_computed():
+    scene, hinge = wheel(lambda hinge: fm.force.JointSpring(hinge, 25.0))
+
+    def interrupted(moment):
+        if moment.t > WHEN:
+            raise KeyboardInterrupt
+        return 1.0
+
+    with pytest.raises(fm.SimulationInterrupted, match=r"interrupted at t = 0\.\d+ s; what was computed") as caught:
+        scene.simulate(1.0, events=[fm.Event(interrupted)])
+    kept = caught.value.trajectory
+    assert 0.1 < kept.t[-1] <= WHEN
+    assert (np.diff(kept.t) > 0.0).all()
+    np.testing.assert_allclose(kept.beta(hinge), 0.4 * np.cos(10.0 * kept.t), atol=1e-5)
+
+
+def test_other_exceptions_of_a_handler_are_told_as_the_users_own():
+    class Late(Exception):
+        pass
+
+    scene, _ = wheel(FORCES["torque"])
+    seen = []
+
+    def trace(frame, event, _):
+        if not seen and frame.f_code in callback._calls and frame.f_locals.get("t", 0.0) > WHEN:
+            seen.append(event)
+            raise Late("too late")
+
+    before = sys.gettrace()
+    try:
+        sys.settrace(trace)
+        with pytest.raises(fm.FlexmbdError, match="too late") as caught:
+            scene.simulate(0.5)
+    finally:
+        sys.settrace(before)
+    assert isinstance(caught.value.__cause__, Late)
+    assert scene.simulate(0.5).t[-1] == 0.5
+
+
+def test_what_others_cannot_raise_goes_where_it_went(monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda args: told.append(args.exc_value))
+    wheel(FORCES["torque"])[0].simulate(0.1)
+
+    class Stranger:
+        def __del__(self):
+            raise ValueError("not ours")
+
+    Stranger()
+    assert [str(one) for one in told] == ["not ours"]
