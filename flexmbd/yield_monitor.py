@@ -24,6 +24,9 @@ Predicate = Callable[[FloatArray], NDArray[np.bool_]]
 
 # Nodes and instants at a time, so that what is written stays in the processor's cache.
 _NODES, _INSTANTS = 256, 128
+# Utilisations that are looked at closely: so near to one that round-off may decide.
+_NEAR = 1e-6
+_EPSILON = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +112,10 @@ class YieldMonitor:
             raise SceneError(f"{self._name}: the instants to look at must ascend, got {t!r}")
         q = run.q(self.body, t=None if t is None else times)
         largest, at, peak = self._scan(q)
+        noise = self._noise(times, q, largest)
+        # what cannot be told from yield is yield, as where the run was stopped by it
+        largest[abs(largest - 1.0) <= noise] = 1.0
+        peak[abs(peak - 1.0) <= noise[largest == 1.0].max(initial=0.0)] = 1.0
         return YieldHistory(
             body=self.body.name,
             record=self.body.record,
@@ -214,6 +221,22 @@ class YieldMonitor:
                 largest[first + better] = highest[better]
                 at[first + better] = nodes.start + squares[:, better].argmax(axis=0)
         return np.sqrt(largest), at, np.sqrt(peak)
+
+    def _noise(self, times: FloatArray, q: FloatArray, largest: FloatArray) -> FloatArray:
+        """How well a utilisation near one is known, (nt,): to the round-off of its sum and of its instant."""
+        noise = np.zeros(len(times))
+        near = np.flatnonzero(abs(largest - 1.0) < _NEAR)
+        if len(near) == 0:
+            return noise
+        q = np.ascontiguousarray(abs(self.body.record.strained(q[near])).T)
+        terms = np.max([_squares(abs(rows), q).max(axis=0) for rows in self._rows], axis=0)
+        noise[near] = len(q) * _EPSILON * np.sqrt(terms)
+        steps = np.diff(times)
+        rates = np.divide(abs(np.diff(largest)), steps, out=np.zeros(len(steps)), where=steps > 0.0)
+        fastest = np.maximum(np.append(rates, 0.0), np.append(0.0, rates))
+        # an event's instant is found to four spacings of the numbers there
+        noise[near] += 4.0 * (fastest * np.spacing(abs(times)))[near]
+        return noise
 
     def _first(self, run: Trajectory, times: FloatArray, largest: FloatArray) -> YieldPoint | None:
         above = np.flatnonzero(largest >= 1.0)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from _pytest._io import TerminalWriter
+from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer  # a hook
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")

@@ -177,6 +177,20 @@ def test_first_yield(linear):
     assert "yields            nowhere" in str(stronger)
 
 
+def test_a_run_that_yield_stopped_has_yielded(linear):
+    """Whatever the last bits of its last row, on this processor or another, but not by more than that."""
+    record, stress = linear[1], 2e8
+    scene, body = ramp(record, 500.0)
+    ended = scene.simulate(0.6, rtol=1e-6, events=[fm.YieldMonitor(body, yield_stress=stress).event(stop=True)])
+    for bits in range(-4, 5):
+        off = stress * (1.0 + bits * np.finfo(float).eps)
+        history = fm.YieldMonitor(body, yield_stress=off).over(ended)
+        assert history.first.t == pytest.approx(ended.t[-1], rel=1e-12)
+        assert history.first.utilisation == pytest.approx(1.0, rel=1e-12)
+        assert "yields            1 nodes" in str(history) or "yields            2 nodes" in str(history)
+    assert fm.YieldMonitor(body, yield_stress=stress * (1.0 + 1e-11)).over(ended).first is None
+
+
 def test_nodes_left_out(linear):
     record = linear[1]
     body = fm.FlexibleBody(record)

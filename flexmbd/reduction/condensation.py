@@ -15,11 +15,9 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.nodes import node_numbers
 from flexmbd.errors import ReductionError
 from flexmbd.reduction import interior
+from flexmbd.reduction.support import is_held
 
 _COMPONENTS = ("x", "y", "z")
-# Relative size below which a rigid motion leaves the retained dofs at rest; found from squares, whose
-# rounding is that of a size of 1e-8.
-_AT_REST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,11 @@ def static_condensation(
         row = np.flatnonzero(numbers == node)
         unit[model.displacement_dofs[row, _COMPONENTS.index(component)], column] = 1.0
     boundary: NDArray[np.bool_] = np.any(unit != 0.0, axis=1)
-    _check_support(model, boundary)
+    if not is_held(model, boundary):
+        raise ReductionError(
+            "the retained dofs leave the body free to move as a rigid one, so its interior stiffness is "
+            "singular: retain enough of them, as all components of three nodes not in one line"
+        )
     with interior.factorised(model, boundary) as inside:
         shapes, forces = interior.continued(model, inside, unit)
     stiffness = inner(model.comm, shapes, forces)
@@ -98,18 +100,3 @@ def _checked_numbers(model: ContinuumModel, dofs: list[tuple[int, str]]) -> NDAr
             "order of the input"
         )
     return numbers
-
-
-def _check_support(model: ContinuumModel, boundary: NDArray[np.bool_]) -> None:
-    """Refuse retained dofs that some rigid motion leaves at rest. Collective."""
-    x = model.node_x[: model.n_owned_nodes]
-    count = model.comm.allreduce(len(x))
-    centre = model.comm.allreduce(x.sum(axis=0)) / count
-    motions = model.rigid_motions(centre, np.eye(3))
-    sizes = np.sqrt(np.diag(inner(model.comm, motions, motions)) / count)
-    held = inner(model.comm, motions[boundary], motions[boundary]) / np.outer(sizes, sizes)
-    if not np.linalg.eigvalsh(held)[0] > _AT_REST**2:
-        raise ReductionError(
-            "the retained dofs leave the body free to move as a rigid one, so its interior stiffness is "
-            "singular: retain enough of them, as all components of three nodes not in one line"
-        )

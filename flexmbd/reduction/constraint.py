@@ -18,8 +18,9 @@ import numpy as np
 
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
 from flexmbd.errors import ReductionError
+from flexmbd.reduction.factor import SINGULAR
 
-# Smallest singular value of the scaled system with which averages count as independent.
+# Smallest eigenvalue of the scaled Gram matrix of averages that are independent.
 _INDEPENDENT = 1e-12
 
 
@@ -83,20 +84,32 @@ def constrain(
     Raises:
         ReductionError: on all ranks: the averages depend on each other.
     """
-    flexible = flexibility(columns)
     c, r = columns.shape[1], rigid.shape[1]
-    system = np.zeros((c + r, c + r))
-    system[:c, :c] = symmetric(inner(comm, columns, flexible))
-    system[:c, c:] = inner(comm, columns, rigid)
-    system[c:, :c] = system[:c, c:].T
-    scale = np.ones(c + r)
-    scale[:c] = 1.0 / np.sqrt(np.diag(system)[:c])
-    scale[c:] = 1.0 / np.linalg.norm(scale[:c, None] * system[:c, c:], axis=0)
-    scaled = system * np.outer(scale, scale)
-    if not np.isfinite(scaled).all() or np.linalg.svd(scaled)[1][-1] < _INDEPENDENT:
+    gram = inner(comm, columns, columns)
+    # with a regular stiffness the averages depend on each other where their rows do, and nowhere else
+    if not np.linalg.eigvalsh(_scaled(gram)[0])[0] > _INDEPENDENT:
         raise ReductionError(
             f"the averages of the interfaces {', '.join(map(repr, names))} depend on each other or on "
             "the rigid interfaces, so their frames cannot move alone; take groups that overlap less"
         )
-    inverse = symmetric(np.linalg.inv(scaled)) * np.outer(scale, scale)
+    flexible = flexibility(columns)
+    system = np.zeros((c + r, c + r))
+    system[:c, :c] = symmetric(inner(comm, columns, flexible))
+    system[:c, c:] = inner(comm, columns, rigid)
+    system[c:, :c] = system[:c, c:].T
+    scaled, scale = _scaled(system)
+    if not np.isfinite(scaled).all():
+        raise ReductionError(f"the averages of the interfaces find no stiffness of the body: {SINGULAR}")
+    inverse = symmetric(np.asarray(np.linalg.inv(scaled))) * np.outer(scale, scale)
     return Constraint(comm, columns, rigid, np.hstack([flexible, rigid]), inverse)
+
+
+def _scaled(system: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A symmetric matrix, and what its rows and columns are scaled by: to a unit diagonal, or to unit columns."""
+    diagonal = np.diag(system)
+    scale = np.ones(len(system))
+    scale[diagonal > 0.0] = 1.0 / np.sqrt(diagonal[diagonal > 0.0])
+    sizes = np.linalg.norm(scale[:, None] * system, axis=0)
+    others = (diagonal <= 0.0) & (sizes > 0.0)
+    scale[others] = 1.0 / sizes[others]
+    return system * np.outer(scale, scale), scale

@@ -106,7 +106,7 @@ class Factor:
                 f"{limit * self._comm.size // 10**6} MB are there for it: take solver=Solver.ITERATIVE, a coarser mesh "
                 "or more memory"
             )
-        memory = failed == PETSc.PC.FailedReason.OUTMEMORY
+        memory = failed == PETSc.PC.FailedReason.FACTOR_OUTMEMORY
         remedy = "take a coarser mesh or more memory" if memory else SINGULAR
         raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
 

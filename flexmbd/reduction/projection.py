@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, symmetric
+from flexmbd.continuum.eigen import TOLERANCE
 from flexmbd.continuum.ghosts import with_ghosts
 from flexmbd.continuum.inertia import gram_matrix
 from flexmbd.continuum.interface import FoundInterface
@@ -18,10 +19,8 @@ from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
+from flexmbd.reduction.round_off import MARGIN, WORTHLESS, round_off
 from flexmbd.reduction.signs import determined_rotation
-
-# Bound on what should vanish in the reduced matrices, relative to the diagonal.
-_ORTHONORMAL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +77,23 @@ def project(
     gram = gram_matrix(model, basis.shapes, p=p, R=R)
     raw = inner(model.comm, basis.shapes, basis.forces)
     stiffness = symmetric(raw)
+    with round_off(model.K) as measure:
+        lost = measure.work(basis.shapes, basis.shapes)
 
     def make() -> tuple[dict[str, Any], FloatArray]:
         n = len(stiffness)
         mass = np.einsum("iaja->ij", gram[4:, 4:].reshape(n, 3, n, 3))
-        error = _check_orthonormality(raw, mass + basis.rigid_part.T @ basis.rigid_part, basis.eigenvalues)
+        whole = mass + basis.rigid_part.T @ basis.rigid_part
+        error, noise = _check_orthonormality(raw, whole, basis.eigenvalues, lost=lost)
         k, x = normal_form(stiffness, mass)
         x = x @ determined_rotation(k, x.T @ basis.projections)
         k = np.einsum("ij,ij->j", x, stiffness @ x)
         parts = _parts(basis, _change_basis(gram, x), k, x)
-        parts["provenance"] = {**provenance, "orthonormality error": f"{error:.1e}"}
+        parts["provenance"] = {
+            **provenance,
+            "orthonormality error": f"{error:.1e}",
+            "round-off of the stiffness": f"{noise:.1e}",
+        }
         return parts, x
 
     parts, x = parallel.on_root(model.comm, make)
@@ -102,29 +108,51 @@ def project(
 
 
 def _check_orthonormality(
-    stiffness: FloatArray, mass: FloatArray, eigenvalues: FloatArray
-) -> float:
-    """The largest error of what the basis should fulfil by construction."""
+    stiffness: FloatArray, mass: FloatArray, eigenvalues: FloatArray, *, lost: FloatArray
+) -> tuple[float, float]:
+    """The largest error of what the basis should fulfil by construction, and the largest round-off of a stiffness.
+
+    Args:
+        stiffness: (n, n) of the static shapes and the modes.
+        mass: (n, n).
+        eigenvalues: (m,) of the modes.
+        lost: (n, n) the measure of the stiffness' round-off.
+
+    Raises:
+        ReductionError: it is more than round-off and the eigensolver's tolerance explain, or that is too much.
+    """
     n, static = len(mass), len(mass) - len(eigenvalues)
     if n == 0:
-        return 0.0
+        return 0.0, 0.0
     size = np.sqrt(np.diag(stiffness))
-    relative = stiffness / np.outer(size, size)
+    relative, noise = stiffness / np.outer(size, size), TOLERANCE + lost / np.outer(size, size)
+    modal = slice(static, None)
+    # each with its measure of what cannot be helped
     errors = {
-        "asymmetry of the stiffness": abs(relative - relative.T),
-        "mass of the fixed-interface modes": abs(mass[static:, static:] - np.eye(n - static)),
-        "stiffness between modes": abs(relative - np.eye(n))[:, static:],
-        "eigenvalues": abs(np.diag(stiffness)[static:] / eigenvalues - 1.0),
+        "asymmetry of the stiffness": (abs(relative - relative.T), noise),
+        "mass of the fixed-interface modes": (abs(mass[modal, modal] - np.eye(n - static)), noise[modal, modal]),
+        "stiffness between modes": (abs(relative - np.eye(n))[:, modal], noise[:, modal]),
+        "eigenvalues": (abs(np.diag(stiffness)[modal] / eigenvalues - 1.0), np.diag(noise)[modal]),
     }
-    largest = {what: float(error.max(initial=0.0)) for what, error in errors.items()}
-    worst = max(largest, key=lambda what: largest[what])
-    if not largest[worst] <= _ORTHONORMAL:
+    excess = {what: float((error / least).max(initial=0.0)) for what, (error, least) in errors.items()}
+    largest = max(float(error.max(initial=0.0)) for error, _ in errors.values())
+    worst = max(excess, key=lambda what: excess[what])
+    if not excess[worst] <= MARGIN:
+        error = float(errors[worst][0].max())
         raise ReductionError(
-            f"the basis has lost its orthonormality: error of the {worst} {largest[worst]:.1e}, bound "
-            f"{_ORTHONORMAL:.0e}; the stiffness is badly conditioned: look for slivers in the mesh, and take "
-            "fewer cells along a body that is very slender"
+            f"the basis has lost its orthonormality: error of the {worst} {error:.1e}, and up to {excess[worst]:.1e} "
+            f"times what round-off and the eigensolver's tolerance make of it, bound {MARGIN:.0f}; the stiffness is "
+            "singular or nearly so, or the formulation has deformations without energy"
         )
-    return largest[worst]
+    share = float((np.diag(lost) / size**2).max())
+    if not max(largest, share) <= WORTHLESS:
+        raise ReductionError(
+            "double precision does not tell the softest deformations of the body from its stiffest: round-off makes "
+            f"{max(largest, share):.1e} of a stiffness, bound {WORTHLESS:.0e}; the body is very thin, slender or "
+            "nearly incompressible, for which there are formulations of plates, beams and mixed solids, or its mesh "
+            "has slivers"
+        )
+    return largest, share
 
 
 def _change_basis(gram: FloatArray, x: FloatArray) -> FloatArray:

@@ -28,11 +28,11 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
-from flexmbd.reduction.interior import Interior, Solver, check_equilibrium, continued, factorised
+from flexmbd.reduction.factor import SINGULAR
+from flexmbd.reduction.interior import Interior, Solver, continued, equilibrated, factorised
 from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
-
-# Bound of the check of rigid motions: a healthy part is five orders and more below it.
-_RIGID = 1e-6
+from flexmbd.reduction.round_off import MARGIN, WORTHLESS, round_off
+from flexmbd.reduction.support import AT_REST, is_held
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,24 +157,21 @@ class Statics:
             lacks = self._unit_averages() - inner(self.model.comm, columns, shapes)
             small = self._constraint.multipliers(lacks)
             shapes[self.mask] += self._constraint.responses @ small
-            forces = self._checked_forces(self._constraint, shapes, small)
+            shapes, forces = self._equilibrated(self._constraint, shapes, small)
         if isinstance(self.model, PrestressedModel):
             # loads that stay with the body frame work on its rigid rotations
             turning = self.model.turning_forces(self.interfaces, self.R)
             return StaticShapes(shapes, forces + turning, self.model.state.rigid_error)
         origin = self.interfaces[0].p
-        error = _check_rigid_motions(
-            self.model,
-            found=shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R),
-            expected=self.model.rigid_motions(origin, self.R),
-        )
+        found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
+        error = _check_rigid_motions(self.model, found=found, origin=origin, axes=self.R)
         return StaticShapes(shapes, forces, error)
 
     def _shapes_of_free_body(self) -> StaticShapes:
         model, motions = self.model, self.model.rigid_motions(self.p, self.R)
         held = np.where(self._interior.mask[:, None], 0.0, motions)
         carried, _ = continued(model, self._interior, np.asfortranarray(held))
-        error = _check_rigid_motions(model, found=carried, expected=motions)
+        error = _check_rigid_motions(model, found=carried, origin=self.p, axes=self.R)
         if self._constraint is None:
             none = np.zeros((model.n_owned, 0), order="F")
             return StaticShapes(none, none, error)
@@ -184,19 +181,15 @@ class Statics:
         single = len(self.interfaces) == 1
         if single:
             return StaticShapes(shapes, multiply(model.K, shapes), error)
-        return StaticShapes(shapes, self._checked_forces(self._constraint, shapes, small), error)
+        return StaticShapes(*self._equilibrated(self._constraint, shapes, small), error)
 
-    def _checked_forces(
+    def _equilibrated(
         self, constraint: Constraint, shapes: FloatArray, multipliers: FloatArray
-    ) -> FloatArray:
-        """K times shapes, once they are in equilibrium with the forces on the averages. Collective."""
-        if self._constraint is None:
-            raise ValueError("no averages")
-        columns = self._constraint.columns
-        forces = multiply(self.model.K, shapes)
-        load = columns @ multipliers[: columns.shape[1]]
-        check_equilibrium(self.model.comm, load=load, residual=forces[self.mask] - load)
-        return forces
+    ) -> tuple[FloatArray, FloatArray]:
+        """Shapes in equilibrium with the forces on the averages, and K times them. Collective."""
+        load = np.zeros_like(shapes)
+        load[self.mask] = constraint.columns @ multipliers[: constraint.columns.shape[1]]
+        return equilibrated(self.model, self.solve, shapes, mask=self.mask, load=load)
 
     def _unit_averages(self) -> FloatArray:
         """(6 a, 6 b) averages of the a averaged interfaces in the unit motions of all b."""
@@ -243,6 +236,8 @@ def body_statics(
         boundary = _support(model, rigid)
     else:
         boundary = _bound(model, interfaces)
+    if not is_held(model, boundary):
+        raise ReductionError(f"the stiffness of the interior has no inverse: {SINGULAR}")
     with factorised(model, boundary, solver=solver) as interior:
         mask = np.ones_like(interior.mask) if supported else interior.mask
         constraint = None
@@ -347,7 +342,8 @@ def _support(model: ContinuumModel, rigid: RigidModes) -> NDArray[np.bool_]:
         found = [(rank, dof) for rank, (dofs, _) in enumerate(gathered) for dof in dofs.tolist()]
         together = np.vstack([rows for _, rows in gathered])
         chosen = _pivots(together)
-        if np.linalg.matrix_rank(together[chosen]) < 6:
+        sizes = np.linalg.svd(together[chosen])[1]
+        if len(sizes) < 6 or not sizes[-1] > AT_REST * sizes[0]:
             raise ReductionError(
                 "the nodes of the body lie in one line and carry no rotation, so that nothing can keep "
                 "it from turning about that line; take a formulation with rotations or a solid mesh"
@@ -369,29 +365,39 @@ def _pivots(rows: FloatArray) -> NDArray[np.intp]:
     return order[:6]
 
 
-def _check_rigid_motions(model: ContinuumModel, found: FloatArray, expected: FloatArray) -> float:
-    """Whether static shapes reproduce the rigid motions of the body. Collective.
+def _check_rigid_motions(
+    model: ContinuumModel, *, found: FloatArray, origin: FloatArray, axes: FloatArray
+) -> float:
+    """Whether the rigid motions of the body cost no energy, and static shapes reproduce them. Collective.
 
     Args:
         model: the body.
         found: (owned dofs, 6) static shapes of a boundary that moves rigidly.
-        expected: (owned dofs, 6) the rigid motions.
+        origin: (3,) m, about which it turns.
+        axes: (3, 3), along whose columns it moves.
 
     Returns:
-        The largest error relative to the largest displacement, of the worst motion.
+        The relative error of the worst motion.
 
     Raises:
-        ReductionError: on all ranks: the error is above its bound.
+        ReductionError: on all ranks: they cost energy, or the error is above its bound.
     """
-    both = np.array([abs(found - expected), abs(expected)])
-    largest = both.max(axis=1, initial=0.0)
-    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    error = float((largest[0] / largest[1]).max())
-    if not error <= _RIGID:
+    expected = model.rigid_motions(origin, axes)
+    # coordinates are known to the last digit of themselves, however far from zero the mesh lies
+    sizes = abs(expected) + abs(model.rigid_motions(np.zeros(3), axes))
+    with round_off(model.K) as noise:
+        excess = noise.excess(multiply(model.K, expected), sizes)
+        error = noise.distance(found, expected)
+    if not excess <= MARGIN:
         raise ReductionError(
-            f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound "
-            f"{_RIGID:.0e}: a part of the body is connected to no interface or not to the rest, or the "
-            "formulation's rigid_motion costs energy, or the body is so slender that double precision does "
-            "not tell its bending from its other strains: take fewer cells along it"
+            f"the formulation's rigid_motion costs energy, so that the static shapes miss a rigid motion of the body: "
+            f"its forces are {excess:.1e} times the round-off of their terms, bound {MARGIN:.0f}"
+        )
+    if not error <= WORTHLESS:
+        raise ReductionError(
+            f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound {WORTHLESS:.0e}: "
+            "a part of the body is connected to no interface or not to the rest, or the formulation has deformations "
+            "without energy, or the body is so thin, slender or nearly incompressible that double precision does not "
+            "tell its softest deformations from its stiffest: take a formulation for it, of plates or beams"
         )
     return error

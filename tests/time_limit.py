@@ -1,0 +1,76 @@
+"""The time limit of a test, in which the compilation of kernels does not count: that has a limit of its own.
+
+Whether a test has to wait for kernels depends on what ran before and on the machine. pytest-timeout's thread method
+ends the whole run, so a test that does nothing but wait for its compiler would take all others with it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import pytest
+import pytest_timeout
+from numba.core import event
+
+# Seconds that the kernels of one test may take to compile.
+COMPILATION = 1500.0
+
+
+class CompilationTime(event.Listener):
+    """How long numba has compiled in this process so far."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._depth = 0
+        self._began = self._spent = 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        with self._lock:
+            if self._depth == 0:
+                self._began = time.monotonic()
+            self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        with self._lock:
+            self._depth -= 1
+            if self._depth == 0:
+                self._spent += time.monotonic() - self._began
+
+    def seconds(self) -> float:
+        with self._lock:
+            return self._spent + (time.monotonic() - self._began if self._depth > 0 else 0.0)
+
+
+COMPILED = CompilationTime()
+# whoever compiles holds this lock
+event.register("numba:compiler_lock", COMPILED)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> bool | None:
+    """In the place of pytest-timeout's own timer, which knows of no compilation."""
+    if settings.method != "thread":
+        return None
+    began, before, over = time.monotonic(), COMPILED.seconds(), threading.Event()
+
+    def watch() -> None:
+        while True:
+            compiled = COMPILED.seconds() - before
+            left = min(settings.timeout - (time.monotonic() - began - compiled), COMPILATION - compiled)
+            if left <= 0.0:
+                pytest_timeout.timeout_timer(item, settings)
+                return
+            if over.wait(left):
+                return
+
+    thread = threading.Thread(target=watch, name=f"time limit of {item.nodeid}", daemon=True)
+
+    def cancel() -> None:
+        over.set()
+        thread.join()
+
+    item.cancel_timeout = cancel  # type: ignore[attr-defined]
+    thread.start()
+    return True
