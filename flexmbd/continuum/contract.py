@@ -28,7 +28,7 @@ _REQUIRED = {
 _ENERGIES = {"strain_energy": 2, "residual": 4}
 """Exactly one of these."""
 
-_OPTIONAL = {"cell_mean": 3, "energies": 3}
+_OPTIONAL = {"cell_mean": 3, "energies": 3, "raised_yield": 2}
 """Callables that a form may have beside."""
 
 _TOGETHER = (
@@ -163,6 +163,8 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         if len(present) == 1:
             (missing,) = group.keys() - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
+    if hasattr(module, "raised_yield") and not hasattr(module, "state"):
+        yield "raised_yield", "raised_yield goes with state, which is missing: what keeps no history does not yield"
     if hasattr(module, "state") and there == ["strain_energy"]:
         yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
     parameters = getattr(module, "Parameters", None)

@@ -114,7 +114,7 @@ def result_faults(
     except Exception as error:
         yield f"element: {type(error).__name__}: {error}"
         return
-    optional = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
+    optional = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies", "raised_yield")
     names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
     for name in names:
         if name in broken or not hasattr(module, name):
@@ -243,6 +243,21 @@ def _energies(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     yield from _term_faults(terms.values(), unknown.cell, lambda integrand: iter(()))
 
 
+def _raised_yield(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    reference = module.reference()
+    for p in (reference.parameters, *getattr(reference, "yielding", ())):
+        raised = module.raised_yield(p, 2.0)
+        if not isinstance(raised, module.Parameters):
+            yield f"must return an instance of Parameters, got {type(raised).__name__}"
+        elif _shapes(raised, unknown) != _shapes(p, unknown):
+            yield "must return the same parameters with other numbers, and nothing else"
+
+
+def _shapes(parameters: Any, unknown: _Unknown) -> list[tuple[int, ...]]:
+    """Of the symbols that parameters become."""
+    return [value.shape for value in _symbols(parameters, unknown.domain)[1].values()]
+
+
 def solved(module: Any, p: Any) -> dict[str, Any]:
     """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
     begin = module.local_unknowns(p) if hasattr(module, "local_unknowns") else None
@@ -262,6 +277,7 @@ _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
     "local_residual": _local_residual,
     "cell_mean": _cell_mean,
     "energies": _energies,
+    "raised_yield": _raised_yield,
 }
 
 

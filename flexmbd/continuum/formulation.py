@@ -99,6 +99,9 @@ class Formulation(Protocol):
                                         exact. None: these parameters have none
         cell_mean(u, state, p)          a scalar whose mean over a cell residual, update, stress and
                                         energies take as `mean`, None for the plain form
+        raised_yield(p, factor)         parameters whose yield limits are `factor` times as high, and
+                                        nothing else is different; a history that never yields gives p.
+                                        Asked for where a body that has yielded is linearised
         energies(u, state, p)           dictionary of terms by name, for accounts: "elastic", "plastic"
     """
 
@@ -230,6 +233,16 @@ def symbols(parameters: Any, *, mesh: Any) -> Any:
         # a frozen dataclass, whose range checks do not apply to symbols
         object.__setattr__(twin, field.name, value)
     return twin
+
+
+def set_symbols(twin: Any, parameters: Any) -> None:
+    """Give the constants of `symbols` the values of other parameters of the same kind; not collective."""
+    for field in dataclasses.fields(parameters):
+        symbol, value = getattr(twin, field.name), getattr(parameters, field.name)
+        if isinstance(symbol, fem.Constant):
+            symbol.value = value
+        elif dataclasses.is_dataclass(value):
+            set_symbols(symbol, value)
 
 
 def _listed(name: str, faults: Sequence[str]) -> str:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import assembly, compat, parallel
 from flexmbd.continuum.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.formulation import set_symbols
 from flexmbd.continuum.history import History
 from flexmbd.continuum.interface import FoundInterface, Interface, find_interfaces
 from flexmbd.continuum.mean_tangent import MeanTangent
@@ -217,18 +218,28 @@ class UpdatedLagrangian:
     def unloading_tangent(self) -> PETSc.Mat:
         """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
 
-        There the stress lies on the yield surface, and round-off would choose the side: with more yield stress
-        (``yield_stress`` among the parameters) it lies inside, and nothing else changes.  As of `tangent`.
+        There the stress lies on the yield surface, and round-off would choose the side: with the yield limits of
+        ``raised_yield`` it lies inside, and nothing else changes.  As of `tangent`.
+
+        Raises:
+            FormulationError: on all ranks: a formulation keeps a history and does not say what its yield limit is.
         """
-        limits = [group.symbols.yield_stress for group in self.groups if hasattr(group.parameters, "yield_stress")]
-        before = [limit.value.copy() for limit in limits]
-        for limit, value in zip(limits, before, strict=True):
-            limit.value = 2.0 * value
+        limited = [group for group in self.groups if hasattr(group.formulation, "state")]
+        for group in limited:
+            if not hasattr(group.formulation, "raised_yield"):
+                raise FormulationError(
+                    f"{group.form_name} keeps a history and does not tell its yield limit, without which there is no "
+                    "tangent of unloading; give it raised_yield(p, factor), parameters with yield limits that are "
+                    "factor times as high, or p itself where nothing ever yields"
+                )
         try:
+            for group in limited:
+                form: Any = group.formulation
+                set_symbols(group.symbols, form.raised_yield(group.parameters, 2.0))
             return self.tangent(np.zeros(self.layout.n_local))
         finally:
-            for limit, value in zip(limits, before, strict=True):
-                limit.value = value
+            for group in limited:
+                set_symbols(group.symbols, group.parameters)
 
     def mass(self) -> PETSc.Mat:
         """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import numpy as np
 import scipy.linalg
@@ -127,6 +128,26 @@ def tangent(trial: HistoryTrial) -> Outcome:
     return [Figure("off by", ratio(largest(change.array - slopes), largest(slopes)), 1e-6)]
 
 
+def unloading(trial: HistoryTrial) -> Outcome:
+    """Where all points have yielded, the tangent with raised limits is the difference of the forces on the way back."""
+    if not hasattr(trial.form, "raised_yield"):
+        return Remark(Verdict.SKIP, "needs raised_yield(p, factor), without which no machine is linearised about it")
+    strain, form = _strain(trial), cast(Any, trial.form)
+    if form.raised_yield(trial.parameters, 2.0) == trial.parameters:
+        return Remark(Verdict.FAIL, "raised_yield raises nothing of a material that yields")
+    trial.restart()
+    trial.go(3 * strain * FIRST)
+    way = trial.to(2.9 * strain * FIRST)
+    matrix = trial.body.unloading_tangent()
+    x, change = matrix.createVecs()
+    x.array[:] = way
+    matrix.mult(x, change)
+    # on the one side alone, for on the other it flows
+    begin, half, end = (trial.body.force(share * way) for share in (0.0, 0.5, 1.0))
+    slopes = 4 * half - end - 3 * begin
+    return [Figure("off by", ratio(largest(change.array - slopes), largest(slopes)), 1e-6)]
+
+
 class _NoStrainError(Exception):
     """No strain of up to 2 % leaves forces behind."""
 
@@ -196,6 +217,11 @@ HISTORY_CHECKS = (
         "consistent tangent, yielding",
         _each(tangent),
         "what depends on u must be UFL of u: of a stored z take one further Newton step, z - r / ufl.diff(r, z)",
+    ),
+    Check(
+        "unloading",
+        _each(unloading),
+        "raised_yield must make all yield limits as many times as high as it is told, and leave the elasticity alone",
     ),
 )
 """Of forms with history, after the others."""
