@@ -186,7 +186,8 @@ def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
             s.energy[DONE] += (s.stored[k] - s.force[k]) * s.move[k]
         missing = _missing_energy(plan, stored_plan, work, loops, state.numbers, s, gained, near)
         along = _aim(plan, work, s, h)
-        share = missing / (along + h * _STILL / _DEAD * s.energy[DEAD])
+        # at rest, where no energy is missing, there is none to compare with either
+        share = missing / (along + h * _STILL / _DEAD * s.energy[DEAD]) if missing != 0.0 else 0.0
         for k in range(s.move.shape[0]):
             s.force[k] += share * s.direction[k]
             s.balance[k] += share * s.direction[k]

@@ -222,8 +222,12 @@ def _accelerations(
         jacobian = scipy.linalg.solve_triangular(
             lower, constraint_jacobian(scene, work, x)[:, free].T, lower=True
         ).T
-        right = jacobian @ scaled + gamma
-        multipliers = scipy.linalg.lstsq(jacobian @ jacobian.T, right, cond=1e-13)[0]
-        scaled = scaled - jacobian.T @ multipliers
+        # rows of unit length, since those in rad differ from those in m by the square of the machine's size
+        lengths = np.linalg.norm(jacobian, axis=1)
+        lengths[lengths == 0.0] = 1.0
+        unit = jacobian / lengths[:, None]
+        tensions = scipy.linalg.lstsq(unit @ unit.T, unit @ scaled + gamma / lengths, cond=1e-13)[0]
+        multipliers = tensions / lengths
+        scaled = scaled - unit.T @ tensions
     a[free] = scipy.linalg.solve_triangular(lower, scaled, lower=True, trans="T")
     return a, multipliers

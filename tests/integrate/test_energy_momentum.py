@@ -386,3 +386,13 @@ def test_mean_strain_makes_an_exact_discrete_gradient():
     change = strain_energy(record, s.x_end[modes]) - strain_energy(record, x[modes])
     assert s.stored[1:4] @ s.move[1:4] == pytest.approx(change, rel=1e-11)
     assert abs(middle - change) > 1e-6 * abs(change)
+
+
+def test_a_machine_at_rest_stays_there():
+    """No energy there, none to come: nothing to divide by."""
+    scene = fm.System()
+    wheel = scene.add(fm.RigidBody(0.5, (0.01, 0.01, 0.01)), name="wheel")
+    hinge = scene.connect(fm.joint.Revolute("x"), scene.ground.frame(), wheel.frame())
+    run = scene.simulate(0.1, integrator=METHOD)
+    np.testing.assert_array_equal(run.beta(hinge), 0.0)
+    np.testing.assert_array_equal(run.beta_rate(hinge), 0.0)
