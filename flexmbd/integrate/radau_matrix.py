@@ -28,7 +28,7 @@ def _take_rows(plan, rows, out):
 
 
 @kernel
-def _derive(plan, work, s, i, per_x, per_v, per_a):
+def derive(plan, work, s, i, per_x, per_v, per_a):
     """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full``."""
     call_separate(
         s.kernels[TANGENT_AFTER_RESIDUAL],
@@ -37,17 +37,17 @@ def _derive(plan, work, s, i, per_x, per_v, per_a):
 
 
 @kernel
-def take_tangent(plan, work, state, s):
-    """M, damping, stiffness and the rows' derivatives at the guess of the middle stage; whether all is finite."""
+def take_tangent(plan, work, state, s, place):
+    """M, damping, stiffness and the rows' derivatives at the guess of stage ``place``; whether all is finite."""
     nu = plan.free.shape[0]
-    middle = s.a.shape[0] // 2
-    evaluate_stage(plan, work, state, s, middle)
-    _derive(plan, work, s, middle, 1.0, 0.0, 0.0)
+    s.is_even[0] = 0
+    evaluate_stage(plan, work, state, s, place)
+    derive(plan, work, s, place, 1.0, 0.0, 0.0)
     _take_free(plan, s, s.stiffness)
     _take_rows(plan, s.tangent.rate_jacobian, s.turn)
-    _derive(plan, work, s, middle, 0.0, 1.0, 0.0)
+    derive(plan, work, s, place, 0.0, 1.0, 0.0)
     _take_free(plan, s, s.damping)
-    _derive(plan, work, s, middle, 0.0, 0.0, 1.0)
+    derive(plan, work, s, place, 0.0, 0.0, 1.0)
     _take_free(plan, s, s.mass)
     _take_rows(plan, s.tangent.jacobian, s.reach)
     state.counts[TANGENT] = 1
@@ -65,7 +65,7 @@ def factor_end(plan, work, state, s):
     nu = plan.free.shape[0]
     end = s.a.shape[0] - 1
     evaluate_stage(plan, work, state, s, end)
-    _derive(plan, work, s, end, 0.0, 0.0, 1.0)
+    derive(plan, work, s, end, 0.0, 0.0, 1.0)
     state.counts[END] = 1
     s.final[:, :] = 0.0
     for i in range(nu):
@@ -126,12 +126,19 @@ def _aim_shifts(plan, s, h):
         for j in range(nu):
             s.block[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
     for r in range(plan.rows.shape[0]):
-        holds = plan.rows[r, at.ROW_LEVEL] == at.LEVEL_POSITION
         for j in range(nu):
-            s.direction[r, j] = s.reach[r, j] if holds else 0.0
+            s.aim[r, j] = s.reach[r, j]
     if factor(plan.lapack, s.block, s.pivot_real, s.sizes) != 0:
         return False
-    solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.direction)
+    solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.aim)
+    for r in range(plan.rows.shape[0]):
+        holds = plan.rows[r, at.ROW_LEVEL] == at.LEVEL_POSITION
+        for j in range(nu):
+            s.direction[r, j] = s.aim[r, j] if holds else 0.0
+        for q in range(plan.rows.shape[0]):
+            s.gain[r, q] = 0.0
+            for j in range(nu):
+                s.gain[r, q] += s.reach[r, j] * s.aim[q, j]
     return True
 
 
@@ -150,12 +157,29 @@ def factor_step(plan, state, s, h):
 
 
 @kernel
+def _even_equations(s, nu, m):
+    """Bring what rows leave open at the stages to the rows of the tangent (see ``radau_singular``)."""
+    for i in range(STAGES):
+        for r in range(m):
+            s.evened[0, r] = 0.0
+            s.evened[1, r] = 0.0
+            for q in range(m):
+                s.evened[0, r] += s.even[i, r, q] * s.equation[i, nu + q]
+                s.evened[1, r] += s.even[i, r, q] * s.equation[i, nu + m + q]
+        for r in range(m):
+            s.equation[i, nu + r] = s.evened[0, r]
+            s.equation[i, nu + m + r] = s.evened[1, r]
+
+
+@kernel
 def correct_stages(plan, s, h):
     """One Newton correction of the stages' unknowns by their equations (Hairer & Wanner 1996, eq. IV.8.8-8.10)."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     n = nu + 2 * m
     equation = s.equation
+    if s.is_even[0] == 1:
+        _even_equations(s, nu, m)
     for j in range(n):
         factor_real = -1.0
         factor_complex = complex(-1.0, 0.0)
@@ -188,6 +212,10 @@ def correct_stages(plan, s, h):
             if j < nu:
                 s.a[i, plan.free[j]] += change
             elif j < nu + m:
-                s.multipliers[i, j - nu] += change
+                if s.is_even[0] == 0:
+                    s.multipliers[i, j - nu] += change
+                else:
+                    for r in range(m):
+                        s.multipliers[i, r] += s.even[i, j - nu, r] * change
             else:
                 s.shift[i, j - nu - m] += change

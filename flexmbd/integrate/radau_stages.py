@@ -50,7 +50,10 @@ class Scratch(NamedTuple):
     x, v, a, u, p: (3, ...) of the stages; p is the rate of u.  multipliers, shift: (3, m) nu and kappa.
     time: (3, times, 3) functions of time at the stages.  equation: (3, n).
     mass, damping, stiffness: (nu, nu) the tangent.  reach: (m, nu) C.  turn: (m, nu) d(C v)/dx.
-    direction: (m, nu) D.  real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
+    direction: (m, nu) D.  aim: (m, nu) B^-1 C^T, which it is but for rows that hold velocities alone.
+    even: (3, m, m) what brings each stage's rows to those of the tangent; is_even: (1,) whether it is used.
+    gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
+    real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
     kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
     """
 
@@ -71,6 +74,13 @@ class Scratch(NamedTuple):
     reach: FloatArray
     turn: FloatArray
     direction: FloatArray
+    aim: FloatArray
+    even: FloatArray
+    is_even: IntArray
+    gain: FloatArray
+    gain_here: FloatArray
+    evened: FloatArray
+    pivot_gain: NDArray[np.int32]
     real: FloatArray
     complex: ComplexArray
     final: FloatArray
@@ -129,6 +139,13 @@ def new_scratch(
         reach=zeros((m, nu)),
         turn=zeros((m, nu)),
         direction=zeros((m, nu)),
+        aim=zeros((m, nu)),
+        even=zeros((STAGES, m, m)),
+        is_even=zeros(1, np.int64),
+        gain=zeros((m, m)),
+        gain_here=zeros((m, m)),
+        evened=zeros((2, m)),
+        pivot_gain=zeros(max(1, m), np.int32),
         real=zeros((n, n)),
         complex=zeros((n, n), np.complex128),
         final=zeros((nu + m, nu + m)),
