@@ -63,10 +63,13 @@ def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     rows = row_sizes(scene)
     slopes = constraint_jacobian(scene, work, x)[:, free] * coordinate_sizes(scene)[free] / rows[:, None]
     left, found, _ = scipy.linalg.svd(slopes)
+    largest = max(float(found.max(initial=0.0)), 1e-300)
     sigma = np.zeros(m)
-    sigma[: len(found)] = found / max(found.max(initial=0.0), 1e-300)
+    sigma[: len(found)] = found / largest
     phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
-    return Place(slopes, left, sigma, max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF))
+    blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
+    # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
+    return Place(slopes, left, sigma, blur / min(largest, 1.0))
 
 
 def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[int]:

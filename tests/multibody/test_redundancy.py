@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import slider_crank
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
@@ -102,3 +103,20 @@ def test_the_smallest_multipliers_move_the_machine_alike():
     named = scene.explain()
     for name in kept.redundant:
         assert name in named
+
+
+@pytest.mark.parametrize("tilt", [[0.0, 0.0, 0.0], [0.3, -0.5, 0.8], [1.1, 0.2, -0.4], [-0.7, 2.0, 0.1]])
+def test_a_loop_that_holds_nothing_leaves_all_free(tilt):
+    """A slide along a line of the plane that a second joint asks for: all its rows are rounding, however tilted."""
+    R = Rotation.from_rotvec(tilt).as_matrix()
+    scene = fm.System(gravity=(1.0, -2.0, -9.81))
+    sledge = scene.add(fm.RigidBody(2.0, (0.1, 0.2, 0.25), com=(0.1, 0.2, 0.3)), name="sledge")
+    ends = scene.ground.frame(R=R), sledge.frame(R=R)
+    slide = scene.connect(fm.joint.Prismatic((1.0, 2.0, 0.0)), *ends, way=fm.Way.COORDINATES)
+    scene.connect(fm.joint.Planar("z"), *ends, way=fm.Way.CONSTRAINTS)
+    slide.position = 0.7
+    start = scene.start()
+    assert len(start.scene.row_names) == 0
+    along = R @ np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
+    np.testing.assert_allclose(start.a, [along @ scene.gravity], atol=1e-12)
+    assert scene.simulate(0.1).beta(slide)[-1] == pytest.approx(0.7 + 0.005 * along @ scene.gravity, abs=1e-9)
