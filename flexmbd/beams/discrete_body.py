@@ -126,7 +126,7 @@ def _basis(lumped: DiscreteFrame, rows: dict[str, int], *, floating: bool, modes
     shapes[border, : len(kept)] = np.eye(len(kept))
     k_ii, m_ii = k[np.ix_(inside, inside)], m[np.ix_(inside, inside)]
     if inside.any():
-        shapes[inside, : len(kept)] = -scipy.linalg.solve(k_ii, k[np.ix_(inside, border)], assume_a="pos")
+        shapes[inside, : len(kept)] = -_deflections(k_ii, k[np.ix_(inside, border)])
         shapes[inside, len(kept) :] = _normal_form(k_ii, m_ii)[1][:, :count]
     stiffness = np.asarray(shapes.T @ k @ shapes, dtype=np.float64)
     stiffness = 0.5 * (stiffness + stiffness.T)
@@ -151,8 +151,15 @@ def _without_massless(lumped: DiscreteFrame, free: NDArray[np.bool_]) -> tuple[N
     lift[moving] = np.eye(lift.shape[1])
     if slaves.any():
         k = lumped.K
-        lift[slaves] = -scipy.linalg.solve(k[np.ix_(slaves, slaves)], k[np.ix_(slaves, moving)], assume_a="pos")
+        lift[slaves] = -_deflections(k[np.ix_(slaves, slaves)], k[np.ix_(slaves, moving)])
     return moving, lift
+
+
+def _deflections(k: FloatArray, loads: FloatArray) -> FloatArray:
+    """Solve with a stiffness whose rows, in N/m and N m/rad, are brought to one size first."""
+    scale = 1.0 / np.sqrt(np.diag(k))
+    solved: FloatArray = scipy.linalg.solve(k * np.outer(scale, scale), scale[:, None] * loads, assume_a="pos")
+    return scale[:, None] * solved
 
 
 def _rigid_motions(lumped: DiscreteFrame) -> FloatArray:

@@ -357,3 +357,18 @@ def test_sections_that_are_none(change, message):
 def test_what_does_not_fit_is_refused(call, message):
     with pytest.raises(SceneError, match=message):
         call()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [2.0**-24, 2.0**24])
+def test_bodies_of_any_size(size):
+    """Lengths times a power of two, and density and modulus such that frequencies stay: they do, without a warning."""
+    ends = {"root": (0.0, 0.0, 0.0), "tip": (size, 0.3 * size, 0.0)}
+    areas = {"A": BAR.A * size**2, **{name: getattr(BAR, name) * size**4 for name in ("Iy", "Iz", "J")}}
+    section = dataclasses.replace(BAR, E=BAR.E * size**2, **areas)
+    lumped = DiscreteFrame(ends, {"rod": [("root", "tip")]}, {"rod": section}, divisions=4)
+    body = discrete_body(lumped, interfaces=["root", "tip"], frame="root", modes=3)
+    ends["tip"] = (1.0, 0.3, 0.0)
+    lumped = DiscreteFrame(ends, {"rod": [("root", "tip")]}, {"rod": BAR}, divisions=4)
+    usual = discrete_body(lumped, interfaces=["root", "tip"], frame="root", modes=3)
+    np.testing.assert_allclose(body.frequencies(("root",)), usual.frequencies(("root",)), rtol=1e-10)
