@@ -1,0 +1,52 @@
+"""Functions of time as data: their values, shifted in time, and in other units."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+
+import flexmbd as fm
+
+
+def value(function, t, order=0):
+    """The function or a derivative of it at t."""
+    if isinstance(function, fm.Sine):
+        phase = function.omega * t + function.phase + 0.5 * np.pi * order
+        return function.amplitude * function.omega**order * np.sin(phase) + (function.offset if order == 0 else 0.0)
+    if isinstance(function, fm.Table):
+        return (PchipInterpolator if function.monotone else CubicSpline)(function.t, function.y)(t, order)
+    if isinstance(function, PPoly):
+        return function(t, order)
+    return float(function) if order == 0 else 0.0
+
+
+def in_units(function, size, time):
+    """With its values times ``size`` and its times times ``time``."""
+    if isinstance(function, fm.Sine):
+        return fm.Sine(function.amplitude * size, function.omega / time, function.phase, function.offset * size)
+    if isinstance(function, fm.Table):
+        return fm.Table(np.asarray(function.t) * time, np.asarray(function.y) * size, monotone=function.monotone)
+    if isinstance(function, PPoly):
+        powers = np.arange(len(function.c))[::-1, None]
+        return PPoly(function.c * size / time**powers, function.x * time)
+    return function * size
+
+
+def later(function, shift):
+    """Put off by ``shift`` (s)."""
+    if isinstance(function, fm.Sine):
+        phase = function.phase - function.omega * shift
+        return fm.Sine(function.amplitude, function.omega, phase, function.offset)
+    if isinstance(function, fm.Table):
+        return fm.Table(np.asarray(function.t) + shift, function.y, monotone=function.monotone)
+    if isinstance(function, PPoly):
+        return PPoly(function.c, function.x + shift)
+    return function
+
+
+def breaks(function):
+    """Where it jumps."""
+    if not isinstance(function, PPoly):
+        return ()
+    inner = function.x[1:-1]
+    return tuple(inner[np.abs(function(inner + 1e-9) - function(inner - 1e-9)) > 1e-6])

@@ -1,0 +1,53 @@
+"""Hypothesis for machines: how many, from which seed, and that they were not all thrown away."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+
+SEED = int(os.environ.get("METAMORPHIC_SEED", "20261122"))
+FEW, SLICE, SLICES = 50, 100, 10
+
+#: METAMORPHIC_SHRINK=no leaves a failure as it was drawn, without the minutes that shrinking takes.
+PHASES = [Phase.generate] if os.environ.get("METAMORPHIC_SHRINK") == "no" else [Phase.generate, Phase.shrink]
+
+#: A test that fewer than this share of the machines came through says nothing.
+TOLD = 0.8
+
+_parts = [pytest.param(0, id="fifty")]
+_parts += [pytest.param(k, id=f"hundred {k}", marks=pytest.mark.thousand) for k in range(1, SLICES + 1)]
+fifty_and_a_thousand = pytest.mark.parametrize("part", _parts)
+
+
+def many(check, number, part, *, few=FEW):
+    """Let ``check(data)`` judge many machines.
+
+    Args:
+        check: draws what it needs; may throw a machine away by hypothesis.assume.
+        number: of the test, so that each draws others.
+        part: 0 for a few, else which hundred of the thousand.
+        few: how many those are.
+    """
+    count = few if part == 0 else SLICE
+    judged = 0
+
+    @seed(SEED + 1000 * number + part)
+    @settings(
+        max_examples=count,
+        database=None,
+        deadline=None,
+        print_blob=True,
+        suppress_health_check=list(HealthCheck),
+        phases=PHASES,
+    )
+    @given(st.data())
+    def judge(data):
+        nonlocal judged
+        check(data)
+        judged += 1
+
+    judge()
+    assert judged >= TOLD * count, f"only {judged} of {count} machines were judged: the others were thrown away"

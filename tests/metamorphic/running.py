@@ -1,0 +1,81 @@
+"""A description run: what is seen at the start and at the end, and how well its constraints are conditioned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import reject
+from observation import Moment, moment
+from random_machine import Built, build
+
+from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.scene_matrices import mass_factor, scaled_jacobian
+
+#: Of rigid machines, and of those with bodies that deform.
+RTOL, RTOL_OF_MODES = 1e-7, 1e-6
+
+#: A start whose constraints, each of unit length per unit of kinetic energy, are worse conditioned counts as singular.
+SINGULAR = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A machine at both ends of its motion.
+
+    Attributes:
+        start, end: what is seen.
+        condition: of the constraints on the machine's velocities, each of unit length per unit of kinetic energy.
+        inertia: condition of the mass matrix, its diagonal scaled to one.
+        redundant: whether some constraints say nothing new.
+        run, built: the trajectory and its scene.
+    """
+
+    start: Moment
+    end: Moment
+    condition: float
+    inertia: float
+    redundant: bool
+    run: Any
+    built: Built
+
+
+def condition(start):
+    """Largest over smallest singular value of the independent constraints."""
+    if len(start.scene.plan.rows) == 0:
+        return 1.0
+    work = new_work(start.scene.plan)
+    jacobian = scaled_jacobian(start.scene, work, start.x)
+    sizes = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=1)[:, None], compute_uv=False)
+    return float(sizes[0] / sizes[-1])
+
+
+def rtol_of(machine):
+    """At which motions are compared."""
+    return RTOL_OF_MODES if machine.deforms else RTOL
+
+
+def inertia(start):
+    """The condition of the tree's mass matrix with its diagonal scaled to one."""
+    lower = mass_factor(start.scene, new_work(start.scene.plan), start.x)
+    return float(np.linalg.cond(lower / np.linalg.norm(lower, axis=1)[:, None]) ** 2) if lower.size else 1.0
+
+
+def see(machine, *, rtol=None, integrator=None, **options):
+    """Run a machine; hypothesis draws another one where its start is singular."""
+    built = build(machine)
+    start = built.scene.start(t=machine.start)
+    worst = condition(start)
+    if worst > SINGULAR:
+        reject()
+    run = built.scene.simulate(
+        machine.start + machine.duration,
+        t_start=machine.start,
+        rtol=rtol_of(machine) if rtol is None else rtol,
+        integrator=machine.integrator if integrator is None else integrator,
+        **options,
+    )
+    ends = [moment(machine, built, run, row) for row in (0, -1)]
+    return Seen(*ends, worst, inertia(start), bool(start.scene.redundant), run, built)
+

@@ -1,0 +1,114 @@
+"""Random machines, and what may be done to them without any matter: the same accelerations, reactions and motion.
+
+`./run pytest tests/metamorphic` takes some fifty machines for each transformation, `-m thousand` a thousand.  What is
+drawn follows from METAMORPHIC_SEED, which the report's head tells; a failure is shrunk and printed as a description.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+import transformations as change
+from drawing import machines
+from hypothesis import assume, note
+from many import fifty_and_a_thousand, many
+from observation import differences, sizes
+from random_machine import Units
+from running import rtol_of, see
+
+#: Of the start: the first share of the machine's own sizes; the second times the square of the constraints' condition,
+#: since reactions come from normal equations; the third times the condition of the mass matrix.
+ROUND_OFF, BY_CONDITION, BY_INERTIA = 1e-12, 2e-14, 1e-14
+
+#: Of the motion, in rtol: of rigid bodies all, of bodies that deform positions alone, since the rates of modes too fast
+#: to be seen are not what rtol bounds.
+MOTION, MOTION_OF_MODES = 10.0, 10.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A transformation, whether their motions agree to rtol, what rounding may leave, and what is drawn.
+
+    Frames elsewhere bring other eigenvalue problems, whose rounding counts as well; and the body is another one as soon
+    as it is bent, in the second order.
+    """
+
+    name: str
+    motion: bool = True
+    round_off: float = ROUND_OFF
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
+
+CASES = (
+    Case("order"),
+    Case("turned_round"),
+    Case("cut", options={"closed": True, "bodies": ("rigid",)}),
+    Case("ways"),
+    Case("markers"),
+    Case("body_frames", options={"bodies": ("rigid", "rigid", "rigid", "beam")}),
+    Case("welded", options={"bodies": ("rigid", "rigid", "rigid", "beam")}),
+    Case("later"),
+    Case("frame_elsewhere", motion=False, round_off=1e-11, options={"bodies": ("rigid", "beam", "beam")}),
+)
+
+
+def compare_start(one, other, by, round_off=ROUND_OFF):
+    """Positions, velocities, accelerations and reactions agree to round-off."""
+    worst, inertia = max(one.condition, other.condition), max(one.inertia, other.inertia)
+    tolerance = round_off + BY_CONDITION * worst**2 + BY_INERTIA * inertia
+    found = differences(one.start, other.start, by, reactions=not (one.redundant or other.redundant))
+    note(f"start, condition {worst:.3g} and {inertia:.3g}: {found}")
+    assert max(found.values()) <= tolerance, found
+
+
+def compare_motion(machine, one, other, by):
+    """The ends of the motions agree to what rtol allows."""
+    found = differences(one.end, other.end, by, reactions=not (one.redundant or other.redundant))
+    if machine.deforms:
+        found = {name: found[name] for name in ("position", "rotation")}
+    note(f"end: {found}")
+    assert max(found.values()) <= (MOTION_OF_MODES if machine.deforms else MOTION) * rtol_of(machine), found
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@fifty_and_a_thousand
+def test_transformation(case, part):
+    def agree(data):
+        machine = data.draw(machines(**case.options))
+        changed = getattr(change, case.name)(data.draw, machine)
+        assume(changed is not None)
+        note(f"changed to {changed}")
+        one, other = see(machine), see(changed)
+        by = sizes(machine, one.start)
+        compare_start(one, other, by, case.round_off)
+        if case.motion:
+            compare_motion(machine, one, other, by)
+
+    many(agree, CASES.index(case), part)
+
+
+@fifty_and_a_thousand
+def test_units(part):
+    """All numbers scale, without any rounding but where metres meet radians."""
+
+    def agree(data):
+        machine, u = data.draw(machines()), change.units(data.draw)
+        one, other = see(machine), see(change.in_units(machine, u))
+        back = Units(1.0 / u.length, 1.0 / u.mass, 1.0 / u.time)
+        by = sizes(machine, one.start)
+        compare_start(one, _in_units(other, back), by, 1e-11)  # the modes of beams are found anew
+        compare_motion(machine, one, _in_units(other, back), by)
+
+    many(agree, 20, part)
+
+
+def _in_units(seen, u):
+    return type(seen)(
+        seen.start.in_units(u), seen.end.in_units(u), seen.condition, seen.inertia, seen.redundant, seen.run, seen.built
+    )
+
+
