@@ -265,7 +265,7 @@ class Trajectory:
             SceneError: a time outside the trajectory.
         """
         wanted = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        slack = 1e-12 * max(1.0, abs(float(self.t[-1])))
+        slack = 1e-12 * float(np.abs(self.t[[0, -1]]).max())
         if wanted.min() < self.t[0] - slack or wanted.max() > self.t[-1] + slack:
             raise SceneError(
                 f"time {wanted.min():g} to {wanted.max():g} s lies outside the trajectory, "

@@ -19,6 +19,8 @@ push-forward, and the stress returned radially (eq. 57-62):
 so that what acts in the virtual work is the returned tau, pulled back. History: tau (xx, yy, zz, yz, xz,
 xy, in body axes), and the accumulated plastic strain alpha.
 
+One step takes the increment's strain at once; `increment_size` tells where that is too coarse.
+
 Truesdell's rate adds to the stress of a shear: with G = 1, sigma_11 = gamma^2 without bound. In metals
 the elastic strain is small and no rate shows; for large elastic strain take `hencky_plasticity`.
 
@@ -60,6 +62,9 @@ ORDER = {1: 2, 2: 3}
 
 # Gradients and integrals refer to the updated configuration.
 REFERENCE = "UPDATED"
+
+# Pressure that an increment may make out of a shear, of the flow stress.
+_SPURIOUS = 0.1
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,18 @@ def continuum_tangent(strain: Expr, stress: Expr, p: Parameters) -> Expr:
     driven = elasticity(normal, p)
     flow = ufl.inner(driven, strain) / (p.hardening.growth(1.0) + ufl.inner(normal, driven))
     return elasticity(strain, p) - flow * driven
+
+
+def increment_size(u: Expr, state: Expr, p: Parameters) -> Expr:
+    """The size of an increment over the largest that one step integrates well; dimensionless.
+
+    Along the way the rate makes C : d of a stretching d. Taken at once, as C : eps, and pushed forward, the stress
+    differs from that by lambda |d|^2 1 + 4 mu d^2 in second order, where d keeps the volume: a pressure of
+    (K + 2/3 mu) |d|^2, which no yield limits. Of elastic increments it is next to nothing.
+    """
+    shear = ufl.dev(linear_strain(u) + nonlinear_strain(u))
+    pressure = (bulk_modulus(p) + 2 / 3 * shear_modulus(p)) * ufl.inner(shear, shear)
+    return ufl.sqrt(pressure / (_SPURIOUS * (p.yield_stress + p.hardening.growth(state[6]))))
 
 
 def cell_mean(u: Expr, state: Expr, p: Parameters) -> Expr:

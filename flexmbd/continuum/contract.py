@@ -28,8 +28,11 @@ _REQUIRED = {
 _ENERGIES = {"strain_energy": 2, "residual": 4}
 """Exactly one of these."""
 
-_OPTIONAL = {"cell_mean": 3, "energies": 3, "raised_yield": 2}
+_OPTIONAL = {"cell_mean": 3, "energies": 3, "raised_yield": 2, "increment_size": 3}
 """Callables that a form may have beside."""
+
+_OF_HISTORY = ("raised_yield", "increment_size")
+"""Of these, those that only forms with a history may have."""
 
 _TOGETHER = (
     {"motion": 3, "section_inertia": 1},
@@ -163,10 +166,7 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         if len(present) == 1:
             (missing,) = group.keys() - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
-    if hasattr(module, "raised_yield") and not hasattr(module, "state"):
-        yield "raised_yield", "raised_yield goes with state, which is missing: what keeps no history does not yield"
-    if hasattr(module, "state") and there == ["strain_energy"]:
-        yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
+    yield from _history_faults(module, there)
     parameters = getattr(module, "Parameters", None)
     if parameters is None:
         yield "Parameters", "Parameters is missing"
@@ -176,6 +176,15 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         and parameters.__dataclass_params__.frozen  # type: ignore[attr-defined]
     ):
         yield "Parameters", "Parameters must be a frozen dataclass"
+
+
+def _history_faults(module: ModuleType, there: list[str]) -> Iterator[tuple[str, str]]:
+    """``there``: which of `_ENERGIES`."""
+    for name in _OF_HISTORY:
+        if hasattr(module, name) and not hasattr(module, "state"):
+            yield name, f"{name} goes with state, which is missing: it speaks of a history"
+    if hasattr(module, "state") and there == ["strain_energy"]:
+        yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
 
 
 def _signature_fault(module: ModuleType, name: str, arguments: int) -> Iterator[tuple[str, str]]:

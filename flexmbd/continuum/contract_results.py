@@ -114,7 +114,8 @@ def result_faults(
     except Exception as error:
         yield f"element: {type(error).__name__}: {error}"
         return
-    optional = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies", "raised_yield")
+    optional: tuple[str, ...] = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
+    optional += ("raised_yield", "increment_size")
     names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
     for name in names:
         if name in broken or not hasattr(module, name):
@@ -243,6 +244,11 @@ def _energies(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     yield from _term_faults(terms.values(), unknown.cell, lambda integrand: iter(()))
 
 
+def _increment_size(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    size = module.increment_size(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _expression_faults(size, (), "the shape of a scalar")
+
+
 def _raised_yield(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     reference = module.reference()
     for p in (reference.parameters, *getattr(reference, "yielding", ())):
@@ -278,6 +284,7 @@ _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
     "cell_mean": _cell_mean,
     "energies": _energies,
     "raised_yield": _raised_yield,
+    "increment_size": _increment_size,
 }
 
 

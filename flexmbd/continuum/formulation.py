@@ -102,6 +102,9 @@ class Formulation(Protocol):
         raised_yield(p, factor)         parameters whose yield limits are `factor` times as high, and
                                         nothing else is different; a history that never yields gives p.
                                         Asked for where a body that has yielded is linearised
+        increment_size(u, state, p)     a scalar: the size of the step from the accepted history to u over the
+                                        largest that the update is accurate for. Beyond 1 slow loading and
+                                        implicit steps take smaller ones
         energies(u, state, p)           dictionary of terms by name, for accounts: "elastic", "plastic"
     """
 

@@ -161,6 +161,13 @@ class History:
         values: FloatArray = self._compiled[expression].eval(self._mesh, self.group.cells)
         return values.reshape(len(self.group.cells), len(self._points), *expression.ufl_shape)
 
+    def increment_size(self) -> FloatArray:
+        """(cells, points) the trial step over the largest that the form takes; empty where it knows none."""
+        form: Any = self.group.formulation
+        if not hasattr(form, "increment_size"):
+            return np.zeros((0, 0))
+        return self.evaluate(form.increment_size(self._u, self._state, self.group.symbols))
+
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
         form: Any = self.group.formulation

@@ -216,6 +216,7 @@ class ImplicitContinuum:
 
         guess = self._guess(now, auxiliary, h, scheme, pose=pose)
         solution = self._solve(guess, motion, forces, tangent)
+        body.check_increment(solution.increment)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]

@@ -16,7 +16,7 @@ from flexmbd.continuum.newton import (
     Solution,
 )
 from flexmbd.continuum.tangent_solver import DEFAULT_SOLVER, LinearSolver
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
 from flexmbd.errors import ConvergenceError, MeshError
 
 FloatArray = NDArray[np.float64]
@@ -129,8 +129,8 @@ def follow(
         reached: load parameter at which the body stands, as one that `load_body` has brought back.
 
     Raises:
-        PathError: on all ranks: Newton's method failed with the smallest step; says where, and why. Or
-            `times` do not ascend from above `reached`.
+        PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
+            it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
     newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
     before = 0.0
@@ -139,12 +139,13 @@ def follow(
         raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
     for wanted in times:
         whole = wanted - reached
-        step = whole
+        step = most = whole
         while reached < wanted:
             t = wanted if step >= wanted - reached else reached + step
             try:
                 start = guess * ((t - reached) / before) if before else guess
                 solution = _equilibrium(body, newton, t, start, displacement=displacement, load=load, held=held)
+                body.check_increment(solution.increment)
                 body.commit(solution.increment)
             except ConvergenceError as reason:
                 body.revert()
@@ -153,6 +154,8 @@ def follow(
                 path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
                 guess = np.zeros_like(guess)
                 step = 0.5 * min(step, wanted - reached)
+                if isinstance(reason, LargeIncrementError):  # which does not pass, as a bad first guess does
+                    most = step
                 if step < smallest * whole:
                     raise PathError(
                         f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}, where the body stands: "
@@ -164,7 +167,8 @@ def follow(
             guess = solution.increment
             path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
             if len(solution.residuals) < 6:
-                step = min(1.5 * step, whole)
+                step = min(1.5 * step, most)
+            most = min(1.1 * most, whole)
         if accepted is not None:
             accepted(wanted)
     path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations

@@ -43,6 +43,10 @@ class InvertedCellError(ConvergenceError):
     """A trial displacement turns a cell inside out; a smaller step may not."""
 
 
+class LargeIncrementError(ConvergenceError):
+    """A step is larger than a formulation integrates well; a smaller one is not."""
+
+
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """What a body remembers after an accepted step: this rank's part.
@@ -363,13 +367,44 @@ class UpdatedLagrangian:
                     inverted = int(history.group.cells[values.min(axis=1).argmin()])
         error = None
         if inverted is not None:
-            domain = self.mesh.mesh
-            x = domain.geometry.x[compat.cell_nodes(domain)[inverted]].mean(axis=0)
             error = InvertedCellError(
-                f"cell {domain.topology.original_cell_index[inverted]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in "
-                "the undeformed body, is turned inside out; take a smaller step, or a finer mesh there"
+                f"{self._told(inverted)}, is turned inside out; take a smaller step, or a finer mesh there"
             )
         parallel.raise_collectively(self.comm, error)
+
+    def check_increment(self, increment: FloatArray) -> None:
+        """Refuse a step that is larger than a formulation with `increment_size` integrates well. Collective.
+
+        Args:
+            increment: as for `force`.
+
+        Raises:
+            LargeIncrementError: on all ranks: names the cell by its place in the mesh file and its centre.
+        """
+        self._set_trial(increment)
+        largest, where = 1.0, None
+        with self.present_mesh():
+            for history in self._histories:
+                values = history.increment_size()
+                if values.size and not values.max() <= largest:
+                    largest = float(values.max())
+                    where = int(history.group.cells[values.max(axis=1).argmax()])
+        error = None
+        if where is not None:
+            error = LargeIncrementError(
+                f"the step is {largest:.3g} times as large as the formulation integrates well, in {self._told(where)}; "
+                "take a smaller step"
+            )
+        parallel.raise_collectively(self.comm, error)
+
+    def _told(self, cell: int) -> str:
+        """A cell of this rank, for messages."""
+        domain = self.mesh.mesh
+        x = domain.geometry.x[compat.cell_nodes(domain)[cell]].mean(axis=0)
+        return (
+            f"cell {domain.topology.original_cell_index[cell]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the "
+            "undeformed body"
+        )
 
     def _refuse(self, force: FloatArray) -> None:
         """Say where forces are not finite. Collective."""

@@ -71,9 +71,10 @@ def linearize(
     turn = np.pad(turning(scene.plan, point.v), (0, wider.added))
     by = eliminate(scene, wider.coordinates, of, turn, ports.given)
     energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
+    rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
+    _refuse_driven_unsteadily(point, work, rate)
     _refuse_unsteady(point, work, of, by, wider, energies)
     slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
-    rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
     noise = round_off(of, by, wider.coordinates, energies, rate)
     if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
         _refuse_changing(point, work, own, rate, slopes, outputs)
@@ -119,19 +120,23 @@ def _second_order(
     return C, K, F, by
 
 
+def _refuse_driven_unsteadily(point: WorkingPoint, work: Work, rate: float) -> None:
+    """Raise SceneError where a prescribed motion has an acceleration that changes what goes on at a rate (1/s)."""
+    scene = point.scene
+    for row in scene.plan.driven:
+        k, acceleration = row[at.DRIVEN_V], work.time[row[at.DRIVEN_TIME], 2]
+        if abs(acceleration) > _STEADY * rate**2 * scene.group_full[scene.group_of[k]]:
+            raise SceneError(
+                f"the motion is not steady at t = {point.t:g} s: {scene.velocity_names[k]!r} is prescribed with an "
+                f"acceleration of {acceleration:.6g}; linearise at a time when it has none"
+            )
+
+
 def _refuse_unsteady(
     point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening, energies: FloatArray
 ) -> None:
     """Raise SceneError where accelerations are not zero; the message tells the largest residual."""
     scene, none = point.scene, np.zeros(point.scene.nv)
-    driven = scene.plan.driven
-    for row in driven:
-        if work.time[row[at.DRIVEN_TIME], 2] != 0.0:
-            name = scene.velocity_names[row[at.DRIVEN_V]]
-            raise SceneError(
-                f"the motion is not steady at t = {point.t:g} s: {name!r} is prescribed with an acceleration of "
-                f"{work.time[row[at.DRIVEN_TIME], 2]:.6g}; linearise at a time when it has none"
-            )
     left, weight, held = np.zeros((3, scene.nv))
     residual(scene.plan, work, point.x, point.v, none, point.multipliers, left)
     light = scene.plan._replace(gravity=np.zeros(3))

@@ -124,7 +124,7 @@ def test_the_contract_knows_it(tmp_path, text, fault):
 
 def test_it_goes_with_a_history(tmp_path):
     text = "from flexmbd.forms.solid_linear import *\nfrom flexmbd.forms.j2_plasticity import raised_yield\n"
-    with pytest.raises(FormulationError, match="raised_yield goes with state, which is missing"):
+    with pytest.raises(FormulationError, match="raised_yield goes with state, which is missing: it speaks of"):
         own_form(tmp_path, text)
 
 

@@ -10,6 +10,7 @@ import pytest
 from machines import pendulum
 
 import flexmbd as fm
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.interpolation import interpolate
 from flexmbd.multibody.kernels.so3 import quaternion_exp, quaternion_product
 
@@ -106,3 +107,15 @@ def test_error_between_the_steps_against_rtol(rtol, pair, share):
     at_ends = np.abs(run.beta(hinge) - fine.beta(hinge, t=run.t)).max()
     everywhere = np.abs(run.beta(hinge, t=fine.t) - fine.beta(hinge)).max()
     assert everywhere < 1.5 * at_ends + share * rtol
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0])
+def test_a_time_outside_is_refused_however_short_the_run(unit):
+    scene = fm.System()
+    block = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="block")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), block.frame(), name="slide")
+    slide.velocity = 1.0
+    run = scene.simulate(unit)
+    assert run.motion(0.5 * unit)[0][0, 0] == pytest.approx(0.5 * unit, rel=1e-9)
+    with pytest.raises(SceneError, match="lies outside the trajectory"):
+        run.motion(1.1 * unit)

@@ -105,3 +105,19 @@ def test_a_pendulum_that_turns_through_its_weight_is_not_steady(stiffness):
     scene.connect(fm.joint.Revolute("z"), hub.frame(p=(0.1, 0, 0)), blade.frame(), name="hinge")
     with pytest.raises(SceneError, match=r"the motion is not steady: along it the stiffness of 'hinge\.angle' changes"):
         scene.linearize()
+
+
+def test_a_rotor_whose_angle_is_a_table():
+    """Its acceleration is round-off of the spline; the blade's flap is that of a constant speed."""
+    scene = fm.System()
+    hub = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="hub")
+    blade = scene.add(fm.RigidBody(2.0, (1e-4, 0.1, 0.1), (0.5, 0, 0)), name="blade")
+    turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), hub.frame(), name="turn")
+    t = np.linspace(0.0, 1.0, 7)
+    turn.prescribe(fm.Table(t, 30.0 * t, beyond=fm.Beyond.LINEAR))
+    scene.connect(fm.joint.Revolute("y"), hub.frame(p=(0.2, 0, 0)), blade.frame(), name="hinge")
+    expected = 30.0 * np.sqrt((0.6 - 1e-4 + 0.2) / 0.6) / (2.0 * np.pi)
+    np.testing.assert_allclose(scene.linearize(t=0.4).frequencies(), [expected], rtol=1e-9)
+    turn.prescribe(fm.Table(t, 30.0 * t + 0.1 * t**2))
+    with pytest.raises(SceneError, match=r"prescribed with an acceleration of 0\.2"):
+        scene.linearize(t=0.4)
