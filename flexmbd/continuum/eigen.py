@@ -1,15 +1,15 @@
 """The lowest modes of K x = lambda M x by block Lanczos on K^-1 M.
 
 Works on blocks throughout, because a factor solves many right-hand sides at once several times
-faster than one by one, and because a block finds all copies of a multiple eigenvalue: a Krylov method
-from a single start vector, SLEPc's Krylov-Schur for one, leaves copies out on symmetric parts without
-a word.  (Golub & Underwood 1977; Grimes, Lewis & Simon 1994, doi:10.1137/S0895479888151111.)
+faster than one by one, and because a block finds copies of a multiple eigenvalue together: a Krylov method
+from a single start vector sees them by round-off alone, one after the other, and with a small basis leaves
+some out.  (Golub & Underwood 1977; Grimes, Lewis & Simon 1994, doi:10.1137/S0895479888151111.)
 
 What is known to be complete: from b generic start vectors the method finds min(m, b) copies of an
 m-fold eigenvalue, and eigenvalues that differ by more than the tolerance do not converge before they
 are told apart. Fewer than b equal eigenvalues are therefore all there are. Where b are found, fresh
-start vectors are added before the process goes on. The other way to know is the inertia of K - sigma M,
-which takes a second factor: as long as the first, two thirds of the time of all 20 modes.
+start vectors are added before the process goes on. The other way to know is the inertia of K - sigma M
+(`flexmbd.reduction.sturm`), which takes a second factor: as long as the first.
 """
 
 from __future__ import annotations
@@ -164,6 +164,18 @@ class BlockLanczos:
                 return
             if self._is_full:
                 self._fail(len(self.eigenvalues) + 1)
+            self._advance()
+
+    def search_below(self, eigenvalue: float, number: int) -> None:
+        """Continue with fresh directions until so many modes have converged below an eigenvalue. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: there are fewer, or the limit was reached first.
+        """
+        self._saturated = True
+        while np.sum(self.eigenvalues < eigenvalue) < number:
+            if self._is_full or self.exhausted:
+                self._fail(number)
             self._advance()
 
     @property

@@ -9,6 +9,9 @@ from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton
 from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping
 from flexmbd.reduction.damping import ModalDamping as ModalDamping
 from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
+from flexmbd.reduction.eigensolver import BlockMethod as BlockMethod
+from flexmbd.reduction.eigensolver import KrylovSchur as KrylovSchur
+from flexmbd.reduction.eigensolver import SpectrumSlicing as SpectrumSlicing
 from flexmbd.reduction.guyan import guyan as guyan
 from flexmbd.reduction.interior import Solver as Solver
 from flexmbd.reduction.prestress import prestressed as prestressed

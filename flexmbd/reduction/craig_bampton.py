@@ -14,6 +14,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.eigensolver import Eigensolver, chosen_eigensolver
 from flexmbd.reduction.geometric_stiffness import n_inertia_loads
 from flexmbd.reduction.interior import Solver
 from flexmbd.reduction.optional_groups import Contents, Responses, responses
@@ -38,6 +39,8 @@ def craig_bampton(
     keep_surface: bool = False,
     keep_stress: bool = False,
     solver: Solver | None = None,
+    eigensolver: Eigensolver | None = None,
+    complete: bool = True,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -72,6 +75,11 @@ def craig_bampton(
         keep_stress: whether the record holds the stress at all nodes (`StressModes`).
         solver: by what the stiffness is inverted; None: by a factor, or where that would not fit in the
             memory there is by conjugate gradients.
+        eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
+            `SpectrumSlicing()`.
+        complete: whether the modes are counted by the signs of the pivots of a second factor, K - sigma M with sigma
+            above them, and looked for again where some are missing. The record's provenance says what was counted;
+            there is no count without a factor.
 
     Returns:
         The record, the same to the bit on every rank.
@@ -101,7 +109,10 @@ def craig_bampton(
         keep_surface=keep_surface,
         keep_stress=keep_stress,
         solver=solver,
+        eigensolver=eigensolver,
+        complete=complete,
     )
+    method = chosen_eigensolver(eigensolver)
     truncation = chosen_truncation(modes=modes, below_hz=below_hz, tol=tol)
     contents = Contents(
         geometric_stiffness=geometric_stiffness,
@@ -112,10 +123,19 @@ def craig_bampton(
         stress=keep_stress,
     )
     contents.check(model)
-    basis, count, notes = _basis(model, frame, truncation=truncation, contents=contents, solver=solver)
+    basis, count, notes = _basis(
+        model,
+        frame,
+        truncation=truncation,
+        contents=contents,
+        solver=solver,
+        eigensolver=method,
+        complete=complete,
+    )
     provenance = {
         "reduction": _name(model, count),
         "fixed-interface modes": str(count),
+        "eigensolver": repr(method),
         "eigenvalue tolerance": f"{eigen.TOLERANCE:.0e}",
         **notes,
         "form": model.form_name,
@@ -142,13 +162,15 @@ def _basis(
     truncation: Truncation,
     contents: Contents,
     solver: Solver | None,
+    eigensolver: Eigensolver,
+    complete: bool,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     with body_statics(model, frame=frame, solver=solver) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
-        fixed, notes = _signed_modes(statics, truncation, fields, images)
+        fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver, complete=complete)
         found = responses(statics, contents)
         count = len(fixed.eigenvalues)
         if contents.geometric_stiffness and count > 0:
@@ -209,11 +231,18 @@ def _names(statics: Statics, modes: int, stretch: int) -> tuple[str, ...]:
 
 
 def _signed_modes(
-    statics: Statics, truncation: Truncation, fields: FloatArray, images: FloatArray
+    statics: Statics,
+    truncation: Truncation,
+    fields: FloatArray,
+    images: FloatArray,
+    *,
+    eigensolver: Eigensolver,
+    complete: bool,
 ) -> tuple[eigen.Modes, dict[str, str]]:
     """The fixed-interface modes, signs by the rule, on all owned dofs, and their provenance."""
     comm, mask = statics.model.comm, statics.mask
-    found = fixed_interface_modes(statics, truncation, start=np.asfortranarray(fields[mask]))
+    start = np.asfortranarray(fields[mask])
+    found = fixed_interface_modes(statics, truncation, start=start, eigensolver=eigensolver, complete=complete)
     eigenvalues, count = found.modes.eigenvalues, found.count
     projections = inner(comm, found.modes.shapes, images[mask])
     rotation = comm.bcast(determined_rotation(eigenvalues, projections)[:, :count])

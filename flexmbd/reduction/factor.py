@@ -22,6 +22,8 @@ _SHARE = 0.7
 _LARGEST_MEMORY, _TOO_SMALL = 23, (-9, -19)
 # MUMPS: its estimate of the memory (MB) that all ranks take together.
 _ESTIMATE = 17
+# MUMPS: whether ScaLAPACK factorises the root; number of negative pivots.
+_ROOT, _NEGATIVE = 13, 12
 
 
 class TooLargeError(ReductionError):
@@ -63,6 +65,9 @@ class Factor:
         pc.setType(PETSc.PC.Type.CHOLESKY)
         pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
         pc.setFactorSetUpSolverType()
+        if not definite:
+            # all pivots are counted only where ScaLAPACK does not take over the last part
+            pc.getFactorMatrix().setMumpsIcntl(_ROOT, 1)
         if limit is not None:
             pc.getFactorMatrix().setMumpsIcntl(_LARGEST_MEMORY, max(1, limit // 10**6))
         try:
@@ -82,6 +87,11 @@ class Factor:
         left.destroy()
         right.destroy()
         return solution
+
+    @property
+    def negative_pivots(self) -> int:
+        """How many negative eigenvalues the matrix has; of one that was not said to be definite."""
+        return 0 if self._empty else int(self._solver.getPC().getFactorMatrix().getMumpsInfog(_NEGATIVE))
 
     def destroy(self) -> None:
         """Give the memory back, which on several ranks nothing else does. Collective."""

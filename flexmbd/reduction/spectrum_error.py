@@ -27,7 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.eigen import TOLERANCE, BlockLanczos
+from flexmbd.continuum.eigen import TOLERANCE
+from flexmbd.reduction.eigensolver import ModeSearch
 from flexmbd.reduction.statics import Statics
 
 #: What the estimate is at least: eigenvalues are not known better.
@@ -116,7 +117,7 @@ def static_part(statics: Statics) -> StaticPart:
     )
 
 
-def spectrum(static: StaticPart, process: BlockLanczos) -> Spectrum:
+def spectrum(static: StaticPart, process: ModeSearch) -> Spectrum:
     """What the modes that have converged tell of the body; at least one, or all there are. Collective."""
     k = len(process.eigenvalues) - (0 if process.exhausted else 1)
     eigenvalues = process.eigenvalues[:k]

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.blocks import inner, symmetric
+from flexmbd.errors import ReductionError
+from flexmbd.reduction.factor import Factor
 from flexmbd.reduction.statics import Statics
+from flexmbd.reduction.sturm import principal_part
 
 
 def is_stable(statics: Statics) -> bool:
@@ -28,26 +31,14 @@ def is_stable(statics: Statics) -> bool:
 
 
 def _negative_pivots(stiffness: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
-    """How many negative eigenvalues the rows and columns of a symmetric matrix have. Collective."""
-    first = stiffness.getOwnershipRange()[0]
-    rows = PETSc.IS().createGeneral((np.flatnonzero(mask) + first).astype(PETSc.IntType), comm=stiffness.comm)
-    part = stiffness.createSubMatrix(rows, rows)
-    solver = PETSc.KSP().create(stiffness.comm)
+    """How many negative eigenvalues the rows and columns of a symmetric matrix have; all if singular. Collective."""
+    part = principal_part(stiffness, mask)
     try:
-        if part.getSize()[0] == 0:
-            return 0
-        solver.setOperators(part)
-        solver.setType(PETSc.KSP.Type.PREONLY)
-        factor = solver.getPC()
-        factor.setType(PETSc.PC.Type.CHOLESKY)
-        factor.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-        factor.setFactorSetUpSolverType()
-        # all pivots are counted only where ScaLAPACK does not take over the last part
-        factor.getFactorMatrix().setMumpsIcntl(13, 1)
-        solver.setUp()
-        if factor.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
-            return part.getSize()[0]
-        return int(factor.getFactorMatrix().getMumpsInfog(12))
+        factor = Factor(part, definite=False)
+        count = factor.negative_pivots
+        factor.destroy()
+    except ReductionError:
+        count = int(part.getSize()[0])
     finally:
-        for item in (solver, part, rows):
-            item.destroy()
+        part.destroy()
+    return count

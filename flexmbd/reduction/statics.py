@@ -28,7 +28,7 @@ from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.prestressed import PrestressedModel
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
-from flexmbd.reduction.factor import SINGULAR
+from flexmbd.reduction.factor import SINGULAR, Factor
 from flexmbd.reduction.interior import Interior, Solver, continued, equilibrated, factorised
 from flexmbd.reduction.rigid_modes import RigidModes, rigid_modes
 from flexmbd.reduction.round_off import MARGIN, WORTHLESS, round_off
@@ -81,6 +81,16 @@ class Statics:
     def solver(self) -> str:
         """How the stiffness is inverted, for the record's provenance."""
         return self._interior.inverse.name
+
+    @property
+    def has_factor(self) -> bool:
+        """Whether it is inverted by a factor."""
+        return isinstance(self._interior.inverse, Factor)
+
+    @property
+    def held_averages(self) -> FloatArray | None:
+        """(rows of `mask`, c) C^T of the averages that are zero when all interfaces are fixed, if there are some."""
+        return None if self._constraint is None else self._constraint.columns
 
     @property
     def size(self) -> int:

@@ -17,9 +17,12 @@ from flexmbd.continuum import eigen, parallel
 from flexmbd.continuum.blocks import FloatArray
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.errors import ReductionError
+from flexmbd.reduction.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.signs import asymmetric_fields
+from flexmbd.reduction.slepc_search import slepc_search
 from flexmbd.reduction.spectrum_error import FLOOR, Spectrum, StaticPart, spectrum, static_part
 from flexmbd.reduction.statics import Statics, body_statics
+from flexmbd.reduction.sturm import confirmed
 
 #: Number of elastic frequencies that a tolerance is for where no range is named.
 LOWEST = 6
@@ -123,35 +126,47 @@ def chosen_truncation(*, modes: object = None, below_hz: object = None, tol: obj
     return Truncation(below_hz=frequency, tol=accuracy)
 
 
-def fixed_interface_modes(statics: Statics, truncation: Truncation, *, start: FloatArray) -> FoundModes:
+def fixed_interface_modes(
+    statics: Statics,
+    truncation: Truncation,
+    *,
+    start: FloatArray,
+    eigensolver: Eigensolver,
+    complete: bool,
+) -> FoundModes:
     """The lowest modes with all interfaces fixed, as many as were asked for. Collective.
 
     Args:
         statics: of the body.
         truncation: what was asked for.
         start: (rows of `statics.mask`, b) start block of the eigensolver.
+        eigensolver: the method.
+        complete: whether the modes are counted by the inertia of a second factor.
 
     Raises:
         ReductionError: on all ranks: there are fewer modes; no frequency lies in the range; or no number of modes up
             to `MOST` is enough.
         ConvergenceError: on all ranks: the eigensolver did not converge.
     """
+    provenance: dict[str, str] = {}
     if truncation.modes is not None:
         count = truncation.modes
         _check_number(statics, count)
-        computed = min(count + _GUARD, statics.size) if count > 0 else 0
-        found = eigen.lowest_modes(statics.solve, statics.M, start=start, count=computed)
-        return FoundModes(count, found, {})
-    process = _process(statics, start)
-    if truncation.tol is None:
+        if count == 0:
+            return FoundModes(0, eigen.Modes(np.zeros(0), np.zeros((len(start), 0))), provenance)
+        process = _process(statics, start, eigensolver, limit=10 * (count + _GUARD) + 100)
+    elif truncation.tol is None:
+        process = _process(statics, start, eigensolver)
         count, provenance = _count_below(process, truncation), {"modes below": f"{truncation.below_hz:g} Hz"}
     else:
+        process = _process(statics, start, eigensolver)
         count, error = _count_for_tolerance(statics, process, truncation, tol=truncation.tol)
         provenance = {
             "tolerance of eigenvalues": f"{truncation.tol:g} of {truncation.range}",
             "estimated error of eigenvalues": f"{error:.2e}",
         }
-    process.find(count, spare=_GUARD)
+    process.find(min(count + _GUARD, statics.size))
+    provenance["completeness"] = confirmed(statics, process, count) if complete else "not counted"
     found = process.modes(min(count + _GUARD, len(process.eigenvalues)))
     return FoundModes(count, found, provenance)
 
@@ -185,7 +200,7 @@ def truncation_errors(
     with body_statics(model, frame=frame) as statics:
         largest = max(numbers, default=0)
         _check_number(statics, largest)
-        process = _process(statics, asymmetric_fields(model)[statics.mask])
+        process = _process(statics, asymmetric_fields(model)[statics.mask], BlockMethod())
         process.find(largest, spare=1)
         wanted = _Wanted((held,), count, math.inf)
         known = _resolved(static_part(statics), process, wanted, comm=model.comm)
@@ -224,10 +239,15 @@ class _Wanted:
         return max(float(known.errors(modes, n, held=held).max(initial=0.0)) for held, n in numbers.items())
 
 
-def _process(statics: Statics, start: FloatArray) -> eigen.BlockLanczos:
+def _process(
+    statics: Statics, start: FloatArray, eigensolver: Eigensolver, *, limit: int = _LIMIT
+) -> ModeSearch:
     if statics.size == 0:
         raise ReductionError("with its interfaces fixed the body has no modes; ask for modes=0 or refine the mesh")
-    return eigen.BlockLanczos(statics.solve, statics.M, start=np.asfortranarray(start), limit=_LIMIT)
+    start = np.asfortranarray(start)
+    if isinstance(eigensolver, BlockMethod):
+        return eigen.BlockLanczos(statics.solve, statics.M, start=start, limit=limit)
+    return slepc_search(statics, eigensolver, start=start)
 
 
 def _check_number(statics: Statics, count: int) -> None:
@@ -238,7 +258,7 @@ def _check_number(statics: Statics, count: int) -> None:
         )
 
 
-def _count_below(process: eigen.BlockLanczos, truncation: Truncation) -> int:
+def _count_below(process: ModeSearch, truncation: Truncation) -> int:
     """Number of modes below a frequency. Collective."""
     _find_beyond(process, truncation.eigenvalue)
     count = int(np.sum(process.eigenvalues < truncation.eigenvalue))
@@ -251,7 +271,7 @@ def _count_below(process: eigen.BlockLanczos, truncation: Truncation) -> int:
 
 
 def _count_for_tolerance(
-    statics: Statics, process: eigen.BlockLanczos, truncation: Truncation, *, tol: float
+    statics: Statics, process: ModeSearch, truncation: Truncation, *, tol: float
 ) -> tuple[int, float]:
     """The smallest number of modes that fulfils a tolerance, and the estimated error then. Collective."""
     comm = statics.model.comm
@@ -277,7 +297,7 @@ def _count_for_tolerance(
         known = spectrum(static, process)
 
 
-def _resolved(static: StaticPart, process: eigen.BlockLanczos, wanted: _Wanted, *, comm: MPI.Comm) -> Spectrum:
+def _resolved(static: StaticPart, process: ModeSearch, wanted: _Wanted, *, comm: MPI.Comm) -> Spectrum:
     """Compute modes until an estimate is close to the error. Collective."""
     process.find(0, spare=_MORE)
     while True:
@@ -288,7 +308,7 @@ def _resolved(static: StaticPart, process: eigen.BlockLanczos, wanted: _Wanted, 
         _find_beyond(process, needed)
 
 
-def _find_beyond(process: eigen.BlockLanczos, eigenvalue: float) -> None:
+def _find_beyond(process: ModeSearch, eigenvalue: float) -> None:
     """Find all modes up to an eigenvalue, and one above it, if there are not too many. Collective."""
     process.find_beyond(eigenvalue, most=MOST)
     if process.count_below(eigenvalue) > MOST:

@@ -1,0 +1,226 @@
+"""The modes by blocks, by SLEPc's Krylov-Schur and by spectrum slicing: the same, all of them, and counted."""
+
+import functools
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse
+from full_model import gather
+
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, Interface, formulation
+from flexmbd.continuum.eigen import BlockLanczos
+from flexmbd.coupling import Coupling
+from flexmbd.errors import ConvergenceError, ReductionError
+from flexmbd.forms import solid_linear
+from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, craig_bampton, truncation
+from flexmbd.reduction.krylov_schur import KrylovSchurSearch
+from flexmbd.reduction.statics import body_statics
+from flexmbd.reduction.sturm import count_below
+
+pytestmark = pytest.mark.mpi
+
+STEEL = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7800.0)
+RIGID, AVERAGED = Coupling.RIGID, Coupling.AVERAGED
+METHODS = [BlockMethod(), KrylovSchur(), SpectrumSlicing()]
+
+
+@functools.cache
+def cube(*names, coupling=RIGID, form="solid_linear"):
+    """Of three cells along each edge: most of its frequencies are double or threefold."""
+    mesh = meshes.block(1.0, 1.0, 1.0, divisions=(3, 3, 3), degree=1)
+    interfaces = [Interface(name, coupling=coupling) for name in names]
+    chosen = formulation.load(form)
+    parameters = STEEL if form == "solid_linear" else chosen.reference().parameters
+    return ContinuumModel(mesh, chosen, parameters, degree=2, interfaces=interfaces)
+
+
+def reduced(model, *, modes=14, **how):
+    frame = model.interfaces[0].name if model.interfaces else None
+    return craig_bampton(model, modes=modes, frame=frame, geometric_stiffness=False, **how)
+
+
+@pytest.mark.parametrize("method", METHODS[1:], ids=["Krylov-Schur", "slicing"])
+@pytest.mark.parametrize("names", [(), ("x_min",), ("x_min", "x_max")], ids=["free", "held", "two ends"])
+def test_all_find_the_same(names, method):
+    exact, found = (reduced(cube(*names), eigensolver=one) for one in (None, method))
+    assert found.stiffness == pytest.approx(exact.stiffness, rel=1e-10)
+    assert abs(found.gram - exact.gram).max() < 1e-7 * abs(exact.gram).max()
+    assert found.provenance["completeness"].startswith("counted, ")
+    assert (found.provenance["eigensolver"], exact.provenance["eigensolver"]) == (repr(method), "BlockMethod()")
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["blocks", "Krylov-Schur", "slicing"])
+def test_by_frequency_and_by_tolerance(method):
+    model = cube("x_min")
+    plain, ours = (craig_bampton(model, below_hz=2000.0, frame="x_min", eigensolver=one) for one in (None, method))
+    assert ours.stiffness[:6] == pytest.approx(plain.stiffness[:6], rel=1e-9)
+    assert ours.provenance["fixed-interface modes"] == plain.provenance["fixed-interface modes"]
+    # how many modes a tolerance takes depends on how many are known
+    exact = craig_bampton(model, modes=150, frame="x_min", geometric_stiffness=False).frequencies()[:6]
+    found = craig_bampton(model, tol=1e-2, frame="x_min", eigensolver=method, geometric_stiffness=False)
+    assert found.n_modes < 100
+    assert np.all(found.frequencies()[:6] ** 2 <= 1.01 * exact**2)
+
+
+def held_pencil(model):
+    """Stiffness and mass, dense, with all interfaces at rest: rigid ones node by node, others in the mean."""
+    k, m = (gather(one).toarray() for one in (model.K, model.M))
+    first = model.K.getOwnershipRange()[0]
+    rows = []
+    for one in model.interfaces:
+        columns = np.zeros((len(k), 6 if hasattr(one, "average") else len(k)))
+        own = one.dofs < model.n_owned
+        dofs = one.dofs[own] + first
+        if hasattr(one, "average"):
+            columns[dofs] = one.average[own]
+        else:
+            columns[dofs, dofs] = 1.0
+        rows.append(model.comm.allreduce(columns))
+    held = np.hstack([np.zeros((len(k), 0)), *rows])
+    free = scipy.linalg.null_space(held.T) if held.shape[1] else np.eye(len(k))
+    return free.T @ k @ free, free.T @ m @ free
+
+
+@pytest.mark.parametrize("form", ["solid_linear", "solid_mixed"])
+@pytest.mark.parametrize("coupling", [RIGID, AVERAGED])
+@pytest.mark.parametrize("names", [(), ("x_min",), ("x_min", "x_max")], ids=["free", "one", "two"])
+def test_counts_against_dense_eigenvalues(names, coupling, form):
+    mesh = meshes.block(1.0, 0.8, 0.7, divisions=(2, 1, 1), cell="tetrahedron", degree=1)
+    chosen = formulation.load(form)
+    interfaces = [Interface(name, coupling=coupling) for name in names]
+    model = ContinuumModel(mesh, chosen, chosen.reference().parameters, degree=2, interfaces=interfaces)
+    k, m = held_pencil(model)
+    pressures = int(np.sum(~np.any(m, axis=1))) if form == "solid_mixed" else 0
+    if pressures:
+        # their own equations, without mass, are solved for them
+        order = np.argsort(~np.any(abs(m) > 1e-14 * abs(m).max(), axis=1), kind="stable")
+        k, m = k[np.ix_(order, order)], m[np.ix_(order, order)]
+        n = len(k) - pressures
+        k, m = k[:n, :n] - k[:n, n:] @ np.linalg.solve(k[n:, n:], k[n:, :n]), m[:n, :n]
+    exact = scipy.linalg.eigh(k, m, eigvals_only=True)[0 if names else 6 :]
+    with body_statics(model, frame=names[0] if names else None) as statics:
+        for i in (0, 3, 8):
+            shift = 0.5 * (exact[i] + exact[i + 1]) if exact[i + 1] > 1.001 * exact[i] else None
+            if shift is not None:
+                assert count_below(statics, shift) == i + 1
+        assert count_below(statics, 0.5 * exact[0]) == 0
+
+
+class Careless(BlockLanczos):
+    """A search that leaves out a mode until it is told that some are missing; or for ever."""
+
+    learns = True
+
+    def __init__(self, *arguments, **more):
+        self.told = False
+        super().__init__(*arguments, **more)
+
+    @property
+    def eigenvalues(self):
+        return self._all if self.told and self.learns else np.delete(self._all, [3] if len(self._all) > 3 else [])
+
+    @eigenvalues.setter
+    def eigenvalues(self, values):
+        self._all = values
+
+    def modes(self, count):
+        whole = super().modes(count + 1)
+        if self.told and self.learns:
+            return type(whole)(self._all[:count], whole.shapes[:, :count])
+        return type(whole)(self.eigenvalues[:count], np.delete(whole.shapes, 3, axis=1)[:, :count])
+
+    def search_below(self, eigenvalue, number):
+        self.told = True
+        super().search_below(eigenvalue, number)
+
+
+def test_a_mode_that_was_left_out_is_found(monkeypatch):
+    model = cube("x_min", "x_max")
+    exact = reduced(model)
+    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)
+    assert reduced(model).stiffness == pytest.approx(exact.stiffness, rel=1e-10)
+    # nothing else tells
+    wrong = reduced(model, complete=False)
+    assert wrong.provenance["completeness"] == "not counted"
+    assert abs(wrong.stiffness / exact.stiffness - 1.0).max() > 0.01
+
+
+def test_a_mode_that_stays_away_is_told(monkeypatch):
+    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)
+    monkeypatch.setattr(Careless, "learns", False)
+    with pytest.raises(ConvergenceError, match=r"found \d+ of \d+|are missing"):
+        reduced(cube("x_min", "x_max"))
+
+
+def springs(n, prefix):
+    """A search on a cube of n^3 unit masses on springs, and its eigenvalues."""
+    chain = scipy.sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    one = scipy.sparse.eye_array(n)
+    kron = scipy.sparse.kron
+    k = kron(kron(chain, one), one) + kron(kron(one, chain), one) + kron(kron(one, one), chain)
+    along = 2.0 - 2.0 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1))
+    exact = np.sort((along[:, None, None] + along[None, :, None] + along[None, None, :]).reshape(-1))
+    factor = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(k))
+    mass = PETSc.Mat().createAIJ((n**3, n**3), nnz=1, comm=MPI.COMM_WORLD)
+    for i in range(*mass.getOwnershipRange()):
+        mass[i, i] = 1.0
+    mass.assemble()
+    own = slice(*mass.getOwnershipRange())
+
+    def solve(block):
+        return np.asfortranarray(factor.solve(np.concatenate(MPI.COMM_WORLD.allgather(block)))[own])
+
+    start = np.random.default_rng(5).normal(size=(n**3, 1))[own]
+    return KrylovSchurSearch(solve, solve, mass, start=start, size=n**3, prefix=prefix), exact
+
+
+def test_what_krylov_schur_leaves_out_by_its_defaults():
+    """Copies of threefold eigenvalues of a cube of springs, and none once they are looked for or the basis is large."""
+    search, exact = springs(9, "by_default_")
+    search.find(20)
+    shift = 0.5 * (exact[19] + exact[20])
+    assert search.count_below(shift) < 20
+    search.search_below(shift, 20)
+    assert search.eigenvalues[:20] == pytest.approx(exact[:20], rel=1e-10)
+    options = PETSc.Options("with_more_")
+    options["eps_ncv"] = 80
+    search, _ = springs(9, "with_more_")
+    search.find(20)
+    assert search.eigenvalues[:20] == pytest.approx(exact[:20], rel=1e-10)
+    options.delValue("eps_ncv")
+
+
+def test_the_options_are_those_of_the_prefix():
+    options = PETSc.Options("hasty_")
+    options["eps_max_it"] = 1
+    options["eps_ncv"] = 20
+    try:
+        with pytest.raises(ConvergenceError, match="take a larger basis, -hasty_eps_ncv"):
+            reduced(cube("x_min"), eigensolver=KrylovSchur(prefix="hasty_"))
+        assert reduced(cube("x_min"), eigensolver=KrylovSchur()).n_modes == 14
+    finally:
+        for name in ("eps_max_it", "eps_ncv"):
+            options.delValue(name)
+
+
+def test_without_a_factor_nothing_is_counted():
+    model = cube("x_min", "x_max")
+    exact = reduced(model, modes=2)
+    for method in METHODS[:2]:
+        body = reduced(model, modes=2, solver=Solver.ITERATIVE, eigensolver=method)
+        assert body.provenance["completeness"] == "not counted, for there is no factor"
+        assert body.stiffness == pytest.approx(exact.stiffness, rel=1e-9)
+    with pytest.raises(ReductionError, match="spectrum slicing takes"):
+        reduced(model, solver=Solver.ITERATIVE, eigensolver=SpectrumSlicing())
+
+
+def test_bad_input():
+    with pytest.raises(ReductionError, match="eigensolver must be BlockMethod"):
+        reduced(cube("x_min"), eigensolver="slepc")
+    with pytest.raises(ReductionError, match="spectrum slicing takes rigid interfaces"):
+        reduced(cube("x_min", coupling=AVERAGED), eigensolver=SpectrumSlicing())
