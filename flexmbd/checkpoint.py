@@ -54,7 +54,7 @@ class Checkpoint:
                 f"the checkpoint was made by {self.method}, this is {method.name}; give the same integrator"
             )
         if self.scene != scene.digest():
-            raise SceneError("the checkpoint was made by another scene: bodies, joints or forces differ")
+            raise SceneError("the checkpoint was made by another scene: bodies, joints, forces or functions differ")
         return self.snapshot
 
     def save(self, path: str | Path) -> Path:

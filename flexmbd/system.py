@@ -22,6 +22,7 @@ from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
+from flexmbd.multibody.agreement import refuse_different
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.continuum_body import ContinuumBody
@@ -30,12 +31,14 @@ from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.equilibrium import find_equilibrium
 from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.given_coordinates import refuse_against_motions
 from flexmbd.multibody.initial import Start, consistent_start
 from flexmbd.multibody.interiors import InteriorForce
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.multibody.motion_check import refuse_false_rates
 from flexmbd.multibody.output import Output
 from flexmbd.multibody.plan import CompiledScene, build
 from flexmbd.multibody.plan_forces import refuse_crossed_stops
@@ -253,10 +256,12 @@ class System:
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
         if about is None:
+            refuse_against_motions(scene, work, self._connections)
             x, v, held_x, held_v = self._given(scene)
         else:
             about.scene.refuse_other(scene)
             x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
+        refuse_different(scene, x, v, self.team)
         memories = None if about is None else about.interiors
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(_STARTING)
@@ -448,7 +453,9 @@ class System:
         if checkpoint_file is not None and checkpoint_every is not None:
             saves = Saves(Path(checkpoint_file), checkpoint_every)
         begun = t_start if restart is None else restart.t_start
-        start = self._start(self.compile(), begun, about)
+        scene = self.compile()
+        refuse_false_rates(scene, t_start, t_end)
+        start = self._start(scene, begun, about)
         if integrator == "auto":
             method = choose(start, t=begun, rtol=rtol, h=h).method
         else:

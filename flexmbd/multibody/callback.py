@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.fingerprint import fingerprint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.time_function import TimeRow, ask_python, checked
@@ -43,11 +44,13 @@ class Callbacks:
     Attributes:
         flag: (1,) int64, not zero once a user's function has failed; the plan holds it too.
         error: what a Python callable raised.
+        codes: what tells the laws and forces apart that users wrote, compiled ones too (see ``fingerprint``).
     """
 
     def __init__(self, team: Team) -> None:
         self.flag = np.zeros(1, np.int64)
         self.error: BaseException | None = None
+        self.codes: list[str] = []
         self._where = ""
         self._team = team
         self._kept: list[Any] = []  # ctypes frees a thunk that nothing holds
@@ -67,6 +70,7 @@ class Callbacks:
 
     def of_law(self, law: Law, what: str) -> int:
         """Return the address of ``double f(double t, double beta, double rate)`` for a law on a coordinate."""
+        self.codes.append(fingerprint(law))
 
         def thunk(t: float, beta: float, rate: float) -> float:
             answer = self._agreed(
@@ -79,6 +83,7 @@ class Callbacks:
 
     def of_state(self, function: StateFunction, what: str) -> int:
         """Return the address of ``void f(double t, int64 nx, int64 nv, double *x, double *v, double *out)``."""
+        self.codes.append(fingerprint(function))
 
         def thunk(t: float, nx: int, nv: int, x: int, v: int, out: int) -> None:
             position, velocity = _view(x, nx).copy(), _view(v, nv).copy()

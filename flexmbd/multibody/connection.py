@@ -108,7 +108,7 @@ class Connection:
                 f"{len(self.joint.velocity_names)} coordinates; only a joint with one can be "
                 "prescribed"
             )
-        as_row(motion, f"motion of joint {self.name!r}", motion=True)
+        as_row(motion, motion_name(self), motion=True)
         self._motion = motion
 
     def _vector(self, value: ArrayLike, size: int, what: str) -> FloatArray:
@@ -119,6 +119,11 @@ class Connection:
                 f"finite number(s), got {value!r}"
             )
         return vector
+
+
+def motion_name(connection: Connection) -> str:
+    """What a joint's prescribed motion is called."""
+    return f"motion of joint {connection.name!r}"
 
 
 def _quaternions(joint: Joint) -> tuple[int, ...]:

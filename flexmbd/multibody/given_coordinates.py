@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.connection import Connection
+from flexmbd.errors import SceneError
+from flexmbd.multibody.connection import Connection, motion_name
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.closure import relative_motion
@@ -20,6 +21,8 @@ from flexmbd.multibody.pose import joint_state
 from flexmbd.rotation import z_onto
 
 FloatArray = NDArray[np.float64]
+
+_SAME = 1e-9  # of a coordinate's size or rate: how far a prescribed joint may be set from its motion
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,26 @@ def coordinates_given(scene: CompiledScene) -> Given:
     return Given(
         tuple(c for c in held if c.position is not None), tuple(c for c in held if c.velocity is not None)
     )
+
+
+def refuse_against_motions(scene: CompiledScene, work: Work, connections: Sequence[Connection]) -> None:
+    """Refuse positions and velocities of prescribed joints that are not those of the motion.
+
+    Raises:
+        SceneError: the first that contradicts its motion at the time of ``work``.
+    """
+    for connection in connections:
+        if connection.motion is None:
+            continue
+        values = work.time[scene.time_names.index(motion_name(connection))]
+        size = _sizes(scene, [connection])[0]
+        for k, (what, given) in enumerate((("position", connection.position), ("velocity", connection.velocity))):
+            if given is None or abs(given[0] - values[k]) <= _SAME * max(size, abs(values[k])):
+                continue
+            raise SceneError(
+                f"joint {connection.name!r}: its {what} was set to {given[0]:.9g}, but its prescribed motion starts "
+                f"at {values[k]:.9g}; a prescribed joint is where its motion has it, so leave out the {what}"
+            )
 
 
 def coordinate_names(connections: Sequence[Connection]) -> list[str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.callback import Callbacks
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.connection import Connection, motion_name
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors import Interiors
 from flexmbd.multibody.joint.coupling import Coupling
@@ -113,8 +113,8 @@ class CompiledScene:
         """What a user's function did wrong in an evaluation, and its error; None if nothing."""
         return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
 
-    def digest(self) -> str:
-        """Tells compiled scenes of other numbers or other structure apart.
+    def digest(self, *, functions: bool = True) -> str:
+        """Tells compiled scenes of other numbers, other structure or other ``functions`` of the user apart.
 
         Bodies with history sum up the masses of their frames over their ranks: with them the numbers of frames and
         rigid bodies count to eight digits, so that a scene is the same on any number of ranks.
@@ -127,6 +127,8 @@ class CompiledScene:
         places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
         digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
+        if functions:
+            digest.update(" ".join([*(row.code for row in self.time_rows), *self.callbacks.codes]).encode())
         for name, part in zip(plan._fields, plan, strict=True):
             if name not in places:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
@@ -258,7 +260,7 @@ def _driven(b: Numbering, topology: Topology) -> list[list[int]]:
     for branch in topology.branches:
         connection = branch.connection
         if connection is not None and connection.motion is not None:
-            what = f"motion of joint {connection.name!r}"
+            what = motion_name(connection)
             slots = b.joint_slots[id(connection)]
             time = b.add_time(as_row(connection.motion, what, motion=True), what, motion=True)
             rows.append([slots.v.start, slots.x.start, time])

@@ -104,12 +104,14 @@ class ForceTable:
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""
-        return law.address if isinstance(law, Compiled) else self._numbering.add_law(law, what)
+        if isinstance(law, Compiled):
+            return self._numbering.add_compiled(law)
+        return self._numbering.add_law(law, what)
 
     def state_function(self, function: Compiled | StateFunction, what: str) -> int:
         """Address of a force of the whole state."""
         if isinstance(function, Compiled):
-            return function.address
+            return self._numbering.add_compiled(function)
         return self._numbering.add_state_function(function, what)
 
     def when_built(self, hook: Callable[[Machine], None]) -> None:

@@ -13,7 +13,7 @@ from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import TimeRow
+from flexmbd.multibody.time_function import Compiled, TimeRow
 from flexmbd.multibody.topology import Branch
 from flexmbd.reduced import ReducedBody
 from flexmbd.rotation import z_onto
@@ -139,6 +139,11 @@ class Numbering:
     def add_law(self, law: Law, what: str) -> int:
         """Address of a Python law on a coordinate."""
         return self.callbacks.of_law(law, what)
+
+    def add_compiled(self, function: Compiled) -> int:
+        """Address of a compiled law or force, which the scene is told from others by."""
+        self.callbacks.codes.append(function.code)
+        return function.address
 
     def add_state_function(self, function: StateFunction, what: str) -> int:
         """Address of a Python force of the whole state."""

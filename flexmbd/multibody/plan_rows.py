@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.connection import Connection, motion_name
 from flexmbd.multibody.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.protocol import Row
@@ -75,7 +75,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
     b.closure_frames[id(closure)] = (f, g)
     held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
     if closure.motion is not None:
-        what = f"motion of joint {closure.name!r}"
+        what = motion_name(closure)
         time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)
         held.append((_COORDINATE[joint.steps[0].kind], time))
     for row, time in held:

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
+from flexmbd.multibody.fingerprint import fingerprint
 from flexmbd.multibody.kernels import layout as at
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +82,7 @@ class Compiled:
     keep: Any
     name: str
     signature: Signature = Signature.TIME
+    code: str = ""  # tells it from others where addresses change from process to process
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,7 @@ def compiled(function: Callable[..., Any]) -> Compiled:
         pointer = _state_pointer(njit(error_model="numpy")(function))
     else:
         pointer = cfunc(types.float64(*[types.float64] * count), error_model="numpy")(function)
-    return Compiled(int(pointer.address), pointer, function.__name__, signature)
+    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function))
 
 
 def _state_pointer(inner: Any) -> Any:
@@ -148,6 +150,7 @@ class TimeRow:
         addresses: value, rate, acceleration of compiled functions, 0 where absent.
         call: the Python callable of TIME_PYTHON, else None.
         text: how ``explain`` calls it.
+        code: what tells a user's functions apart (see ``fingerprint``).
     """
 
     kind: int
@@ -156,6 +159,7 @@ class TimeRow:
     addresses: tuple[int, int, int]
     call: Callable[[float], Any] | None
     text: str
+    code: str = ""
 
 
 def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
@@ -193,7 +197,8 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
             function.acceleration.address,
         )
         text = f"compiled {function.value.name}"
-        return TimeRow(at.TIME_COMPILED, np.zeros(0), 0, addresses, None, text)
+        code = function.value.code + function.rate.code + function.acceleration.code
+        return TimeRow(at.TIME_COMPILED, np.zeros(0), 0, addresses, None, text, code)
     if isinstance(function, Compiled):
         if function.signature is not Signature.TIME:
             raise SceneError(f"{what}: {function.name} takes {function.signature.value} arguments, not the time alone")
@@ -209,9 +214,10 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
             (function.address, 0, 0),
             None,
             f"compiled {function.name}",
+            function.code,
         )
     if callable(function):
-        return TimeRow(at.TIME_PYTHON, np.zeros(0), 0, none, function, "Python callable")
+        return TimeRow(at.TIME_PYTHON, np.zeros(0), 0, none, function, "Python callable", fingerprint(function))
     raise SceneError(
         f"{what}: {type(function).__name__} is no function of time; give a number, "
         "flexmbd.Table, flexmbd.Sine, a scipy PPoly, a compiled function or a callable"
