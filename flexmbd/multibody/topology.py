@@ -95,8 +95,8 @@ def span(
             # outwards, so that the joint that says where a body starts leads from one that is placed already
             while neighbours and id(neighbours[0]) in reached:
                 neighbours.popleft()
-            near = neighbours[0] if neighbours else None
-            branch = _fly(ground, mate or near or next(b for b in loose if id(b) not in reached))
+            near = neighbours[0] if neighbours else next(b for b in loose if id(b) not in reached)
+            branch = _fly(ground, mate or _carrying(near, at_body, reached))
         branches.append(branch)
         reach(branch.outer.body)
         if branch.connection is not None:
@@ -153,6 +153,21 @@ def _branch(c: Connection, reached: set[int]) -> Branch | None:
     if outside and not inside and c.parent.modes is None and c.joint.reversible:
         return Branch(c, c.child, c.parent, True)
     return None
+
+
+def _carrying(body: Body, at_body: Mapping[int, list[tuple[int, Connection]]], reached: set[int]) -> Body:
+    """The body that must fly if joints asked to go by coordinates are to carry this one."""
+    passed = set(reached)
+    carrier: Body | None = body
+    while carrier is not None:
+        body, carrier = carrier, None
+        passed.add(id(body))
+        for _, c in at_body.get(id(body), ()):
+            other = c.parent.body if c.child.body is body else c.child.body
+            one_way = _branch(c, {id(body)}) is None and _branch(c, {id(other)}) is not None
+            if c.way is Way.COORDINATES and one_way and id(other) not in passed:
+                carrier = other
+    return body
 
 
 def _fly(ground: Body, body: Body) -> Branch:

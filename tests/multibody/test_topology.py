@@ -94,3 +94,18 @@ def test_bodies_that_nothing_connects_are_named():
         scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=name)
     with pytest.raises(SceneError, match="nothing connects 'stray', 'lost' to the ground"):
         scene.compile()
+
+
+@pytest.mark.parametrize("first", ["foot", "hand"])
+def test_a_body_that_flies_carries_what_is_asked_to_go_by_coordinates(first):
+    """A ball goes from parent to child alone: of two bodies held by constraints the parent flies, made first or not."""
+    scene = fm.System()
+    arm, ball = (scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=name) for name in ("arm", "ball"))
+    for name in ("foot", "hand") if first == "foot" else ("hand", "foot"):
+        if name == "foot":
+            scene.connect(TURN, scene.ground.frame(), arm.frame(), name="foot", way=fm.Way.CONSTRAINTS)
+        else:
+            scene.connect(fm.joint.PointOnPlane("z"), scene.ground.frame(), ball.frame(), name="hand")
+    asked = scene.connect(BALL, arm.frame(), ball.frame(), way=fm.Way.COORDINATES)
+    assert asked.name not in closing(scene)
+    assert sorted(closing(scene)) == ["foot", "hand"]
