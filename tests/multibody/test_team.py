@@ -10,7 +10,7 @@ from machines import slider_crank
 
 import flexmbd as fm
 from flexmbd.continuum.parallel import MpiTeam
-from flexmbd.errors import SimulationError
+from flexmbd.errors import SceneError, SimulationError
 
 pytestmark = pytest.mark.mpi
 
@@ -33,6 +33,20 @@ def test_rank_0_decides_what_a_callback_gives():
     exact = alone.simulate(0.05, rtol=1e-5)
     np.testing.assert_array_equal(run.x, exact.x)
     np.testing.assert_array_equal(run.position(piston.frame()), exact.position(other.frame()))
+
+
+@pytest.mark.parametrize("what", ["angle", "torque"])
+def test_scenes_that_differ_are_told_on_every_rank(what):
+    rank = MPI.COMM_WORLD.rank
+    scene, _, j1 = slider_crank()
+    scene.team = MpiTeam(MPI.COMM_WORLD)
+    j1.position = 0.1 + (0.1 * rank if what == "angle" else 0.0)
+    scene.add_force(fm.force.JointTorque(j1, 1.0 + (0.5 * rank if what == "torque" else 0.0)))
+    if MPI.COMM_WORLD.size == 1:
+        scene.start()
+        return
+    with pytest.raises(SceneError, match="the scene differs between ranks"):
+        scene.simulate(0.01)
 
 
 def test_a_callback_that_fails_on_the_last_rank_stops_all():
