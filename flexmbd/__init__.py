@@ -37,6 +37,7 @@ from flexmbd.multibody.solid import Solid as Solid
 from flexmbd.multibody.steady_interior import InteriorModes as InteriorModes
 from flexmbd.multibody.time_function import Beyond as Beyond
 from flexmbd.multibody.time_function import Motion as Motion
+from flexmbd.multibody.time_function import Piecewise as Piecewise
 from flexmbd.multibody.time_function import Sine as Sine
 from flexmbd.multibody.time_function import Table as Table
 from flexmbd.multibody.time_function import compiled as compiled

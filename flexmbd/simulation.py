@@ -222,7 +222,8 @@ def _until(trajectory: Trajectory, row: int) -> Trajectory:
     parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "beside")}
     kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
     events = tuple(e for e in trajectory.events if e.row < row)
-    return replace(trajectory, t=t, events=events, checkpoints=kept, **parts)
+    departures = tuple(d for d in trajectory.departures if d.row < row)
+    return replace(trajectory, t=t, events=events, checkpoints=kept, departures=departures, **parts)
 
 
 def _finish(
@@ -254,7 +255,8 @@ def _finish(
         work = new_work(scene.plan)
         multipliers = minimum_norm_multipliers(scene, start.scene, work, x, multipliers)
     beside = tuple(integration.beside)
-    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside)
+    departures = tuple(integration.departures)
+    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)
 
 
 def _largest_residual(start: Start, x: FloatArray) -> float:
@@ -268,19 +270,42 @@ def _largest_residual(start: Start, x: FloatArray) -> float:
     )
 
 
+#: What a step failed by, and what to look for.
+_CAUSES = {
+    st.NOT_CONVERGED: (
+        "left equations that Newton's iteration does not solve",
+        "look for a force that changes abruptly with position or velocity, or a position that the machine cannot leave",
+    ),
+    st.RANK_LOST: (
+        "met constraints that are independent no longer, or a singular matrix",
+        "look for a singular position: bodies in one line or one plane, a joint turned to its limit",
+    ),
+    st.LOOPS_OPEN: (
+        "led to loops that do not close",
+        "look for the end of the mechanism's reach: a dead point that its motion or its loads drive it beyond",
+    ),
+    st.NOT_FINITE: (
+        "led to no finite state",
+        "look for a force without bound, or a body without mass in a direction in which it is pushed",
+    ),
+    st.INACCURATE: (
+        "left an error above rtol",
+        "look for a jump: of a force with time (declare it: breaks=), or with position or velocity (smooth it, or set "
+        "the velocities by an event); or for a force that grows without bound",
+    ),
+}
+
+
 def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     """Where, when and on what a simulation stopped."""
     t, h = state.numbers[st.TIME], state.numbers[st.STEP]
     worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
-    if code == st.STEP_FLOOR:
-        why = f"the step reached its floor, {h:.2e} s"
-        remedy = "look for a singular position, a jump in a function of time, or a force without bound"
-    elif code == st.NOT_FINITE:
-        why = f"the fixed step {h:.2e} s led to no finite state, or to loops that do not close"
-        remedy = "take a smaller h, or give rtol instead of h"
+    why, remedy = _CAUSES[code]
+    if state.counts[st.FIXED_STEP] == 1:
+        why = f"the fixed step {h:.2e} s {why}"
+        remedy = f"take a smaller h, or give rtol instead of h; else {remedy}"
     else:
-        why = f"Newton's iteration did not converge with the fixed step {h:.2e} s"
-        remedy = "take a smaller h, or give rtol instead of h"
+        why = f"a step as short as {h:.2e} s still {why}"
     return (
         f"the simulation stopped at t = {t:.6g} s: {why}; the worst coordinate was {worst!r}; "
         f"{remedy}; what was computed up to then is in the error's trajectory"

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
+from flexmbd.integrate.energy_momentum import is_driven
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.initial import Start
+from flexmbd.multibody.breaks import find_breaks
+from flexmbd.multibody.initial import Start, accelerations, match_motion
 from flexmbd.multibody.interiors import NOTHING_KEPT, Kept, Row
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.team import Team
+from flexmbd.trajectory import Departure
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +50,7 @@ class Integration:
         state, groups: where it stands.
         stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far.
         beside: what bodies with history leave beside each of these rows.
+        departures: with what it goes on from breaks among these rows.
     """
 
     def __init__(
@@ -62,13 +66,23 @@ class Integration:
         self._interiors = scene.interiors
         if self._interiors is not None:
             self._interiors.restore(scene.plan, at.interiors)
-        self._stepper, self._drop_factors = method.stepper(scene, self.state, self.groups, self.work)
+        self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+        if self.state.counts[st.STEPS] == 0:
+            evaluate_inputs(scene, self.work, self.t)
+            self._stepper.begin()
         rows = 1 if one_by_one else _BUFFER
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
+        declared = scene.declared_breaks()
+        self._breaks = find_breaks(scene.time_rows, declared, rtol=float(self.state.numbers[st.TOLERANCE]))
+        self.state.counts[st.KNOT] = 0
+        if self.state.counts[st.STEPS] == 0:
+            self.state.counts[st.AT_BREAK] = self.t in declared
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
         self.stored: list[tuple[FloatArray, ...]] = []
         self.beside: list[Row] = []
+        self.departures: list[Departure] = []
+        self._departed: list[Departure] = []
         self.keep_state()
 
     @property
@@ -78,34 +92,65 @@ class Integration:
 
     def begin_anew(self) -> None:
         """Forget what the method remembers of earlier steps, for the state was changed by hand."""
-        count, number = self.state.counts, self.state.numbers
-        steps = int(count[st.STEPS])
-        count[st.STEPS] = 0
-        count[st.METHOD_COUNT :] = 0
-        number[st.METHOD :] = 0.0
-        number[st.STEP_BEFORE] = 0.0
-        self.state.memory[:] = 0.0
-        if count[st.FIXED_STEP] == 0:
-            number[st.STEP] = min(number[st.STEP], self._first_step)
-        scene = self.start.scene
-        self._stepper, self._drop_factors = self.method.stepper(scene, self.state, self.groups, self.work)
-        count[st.STEPS] = steps
+        if self.state.counts[st.FIXED_STEP] == 0:
+            self.state.numbers[st.STEP] = min(self.state.numbers[st.STEP], self._first_step)
+        self.state.numbers[[st.REST, st.PART]] = 0.0
+        evaluate_inputs(self.start.scene, self.work, self.t)
+        self._forget()
 
     def advance(self, t_end: float) -> int:
         """Step until ``t_end`` (s), a full buffer or a failure; rank 0's outcome on every rank.
 
         Returns the stepper's code; the buffer holds the rows of the new steps.
         """
-        self.state.counts[st.STORED] = 0
+        number, count = self.state.numbers, self.state.counts
+        count[st.STORED] = 0
+        self._departed.clear()
         if self._interiors is not None:
             self._interiors.buffer.clear()
-        self.state.numbers[st.TIME_END] = t_end
-        code = self._stepper(self.record)
-        return int(self._team.agree(np.array([float(code)]))[0])
+        code = st.DONE
+        while code == st.DONE and self.t < t_end:
+            if count[st.AT_BREAK] == 1:
+                self._leave_break()
+            ahead = self._breaks.next_jump(self.t)
+            number[st.TIME_END] = min(t_end, ahead)
+            number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
+            code = self._stepper.advance(self.record, self._breaks.knots)
+            code = int(self._team.agree(np.array([float(code)]))[0])
+            if code == st.DONE and self.t == ahead:
+                count[st.AT_BREAK] = 1
+        return code
+
+    def _beside(self, t: float) -> float:
+        """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
+        return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.SLOWEST])))
+
+    def _leave_break(self) -> None:
+        """Go on from a break with what acts just after it; what is remembered of the steps before it is forgotten."""
+        scene, s = self.start.scene, self.state
+        evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
+        if is_driven(scene.plan):
+            s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, s.v, held=np.zeros(scene.nv, bool))
+        else:
+            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
+        self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
+        self._forget()
+
+    def _forget(self) -> None:
+        """Let the method begin where the state stands; ``work.time`` is up to date."""
+        count, number = self.state.counts, self.state.numbers
+        count[st.AT_BREAK] = 0
+        count[st.HOLD :] = 0
+        number[st.RATIO_BEFORE :] = 0.0
+        number[st.STEP_BEFORE] = 0.0
+        self.state.memory[:] = 0.0
+        self._stepper.begin()
 
     def keep_rows(self) -> None:
         """Take the buffer's rows into ``stored``."""
-        stored = int(self.state.counts[st.STORED])
+        stored, before = int(self.state.counts[st.STORED]), sum(len(block[0]) for block in self.stored)
+        self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
+        self._departed.clear()
         self.stored.append(tuple(part[:stored].copy() for part in self.record))
         if self._interiors is not None:
             self.beside.extend(self._interiors.buffer[:stored])
@@ -138,7 +183,7 @@ class Integration:
 
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
-        self._drop_factors()
+        self._stepper.drop_factors()
         snapshot = self.snapshot()
         if self._interiors is not None:  # which forget their factors by it
             self._interiors.restore(self.start.scene.plan, snapshot.interiors)
@@ -173,8 +218,10 @@ def new_snapshot(
     number[st.STEP_CEILING] = 0.1 * span
     number[st.SLOWEST] = 1.0 / span
     number[st.TOLERANCE] = rtol
+    number[st.LATEST] = np.inf
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
+    count[st.ROOM] = _BUFFER
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))

@@ -99,6 +99,15 @@ class StressModel(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Departure:
+    """Velocities and accelerations (nv,) just after the instant of a row."""
+
+    row: int
+    v: FloatArray
+    a: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """Time series of a machine; arrays run over the accepted steps, start included.
 
@@ -114,6 +123,8 @@ class Trajectory:
         events: what took place, in order.
         checkpoints: states to restart from, at the times asked for.
         beside: what bodies with history leave at each instant; nothing where there are none.
+        departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
+            just before.
     """
 
     scene: CompiledScene
@@ -128,6 +139,7 @@ class Trajectory:
     events: tuple[Occurrence, ...] = ()
     checkpoints: tuple[Checkpoint, ...] = ()
     beside: tuple[Row, ...] = ()
+    departures: tuple[Departure, ...] = ()
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""
@@ -276,13 +288,24 @@ class Trajectory:
             x, v, a = (np.repeat(part, n, axis=0) for part in (self.x, self.v, self.a))
             return x, v, a
         x, v, a = np.zeros((n, self.scene.nx)), np.zeros((n, self.scene.nv)), np.zeros((n, self.scene.nv))
-        interval = np.clip(np.searchsorted(self.t, wanted, side="right") - 1, 0, len(self.t) - 2)
+        at, x_at, v_at, a_at = self._with_departures()
+        interval = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, len(at) - 2)
         plain, quaternions = coordinate_slots(self.scene.plan)
         axes = round_axes(self.scene.plan, quaternions)
         interpolate_series(
-            plain, quaternions, axes, self.t, self.x, self.v, self.a, interval, wanted, x, v, a
+            plain, quaternions, axes, at, x_at, v_at, a_at, interval, wanted, x, v, a
         )
         return x, v, a
+
+    def _with_departures(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """t, x, v, a with a second row at each break: just after it."""
+        if not self.departures:
+            return self.t, self.x, self.v, self.a
+        rows = np.array([one.row for one in self.departures])
+        v, a = (np.array([getattr(one, name) for one in self.departures]) for name in ("v", "a"))
+        places = rows + 1
+        t, x = (np.insert(part, places, part[rows], axis=0) for part in (self.t, self.x))
+        return t, x, np.insert(self.v, places, v, axis=0), np.insert(self.a, places, a, axis=0)
 
     def plot(
         self,

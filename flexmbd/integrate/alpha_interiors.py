@@ -8,10 +8,11 @@ Each iteration is linearised anew.  A step that is not taken is reverted.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import alpha_memory as memory
+from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha_layout import Scratch
 from flexmbd.integrate.alpha_matrix import linearise
@@ -23,16 +24,19 @@ from flexmbd.multibody.kernels.compiling import entry_kernel
 from flexmbd.multibody.kernels.interface_frames import N_MOTION, store_motions
 from flexmbd.multibody.kernels.layout import Plan, Work
 
+FloatArray = NDArray[np.float64]
+
 _MAX_ITERATIONS = 20
 _STALLED = 1e-10  # a correction below which an iteration may stall: interiors are solved to a tolerance of their own
 
 
 @entry_kernel
-def set_out(plan, work, state, groups, s):
-    """``alpha_memory.set_out``, and the first guess."""
-    h, whole, rate, aim = memory.set_out(plan, work, state, groups, s)
+def set_out(rule, knots, plan, work, state, groups, s):
+    """The step to try and what Newton is to reach, with the first guess."""
+    h = controller.set_out(rule, knots, state, groups)
+    aim = memory.set_out(plan, work, state, groups, s, h)
     start_newton(plan, state, s, h, True)
-    return h, whole, rate, aim
+    return h, aim
 
 
 @entry_kernel
@@ -53,15 +57,16 @@ def iterate(plan, work, state, s, h):
 
 
 @entry_kernel
-def judge(plan, work, state, groups, s, h, whole, rate):
-    """What becomes of the step that ``s`` holds, by its error; sets the next."""
-    return memory.judge(state, local_error(plan, work, state, groups, s, h, rate), h, whole)
-
-
-@entry_kernel
-def accept(plan, state, groups, s, record, h):
-    """Make the step that ``s`` holds the current state and write a row of the record."""
-    memory.accept(plan, state, groups, s, record, h)
+def judge(rule, plan, work, state, groups, s, record, h):
+    """Judge the step that ``s`` holds, or its failure, OUTCOME, as ``controller.settle`` does."""
+    if state.counts[st.OUTCOME] == st.DONE:
+        ratio = 0.0
+        if state.counts[st.FIXED_STEP] == 0:
+            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+        state.numbers[st.RATIO] = ratio
+        if ratio <= 1.0:
+            memory.accept(state, s)
+    return controller.settle(plan, rule, state, groups, record, h)
 
 
 class ImplicitInteriors:
@@ -69,48 +74,41 @@ class ImplicitInteriors:
 
     Args:
         interiors: all of them ``ImplicitInterior``.
+        scheme, rule: of the method.
         plan, work, state, groups, scratch: the machine.
     """
 
     def __init__(
-        self, interiors: Interiors, plan: Plan, work: Work, state: st.State, groups: st.Groups, scratch: Scratch
+        self, interiors: Interiors, scheme: Scheme, rule: controller.Rule, plan: Plan, work: Work, state: st.State,
+        groups: st.Groups, scratch: Scratch,
     ) -> None:
-        self._interiors = interiors
+        self._interiors, self._scheme, self._rule = interiors, scheme, rule
         self._plan, self._work, self._state, self._groups, self._scratch = plan, work, state, groups, scratch
-        self._scheme = Scheme(*(float(c) for c in state.numbers[step.ALPHA_M : step.GAMMA + 1]))
         self._rows = interiors.rows
         self._motions = np.zeros((len(self._rows), N_MOTION))
 
-    def advance_to(self, record: st.Record) -> int:
-        """Step until the end, a full record, or a failure; see ``integrate.protocol.Stepper``."""
+    def advance(self, record: st.Record, knots: FloatArray) -> int:
+        """See ``controller.Stepper``."""
         number, count = self._state.numbers, self._state.counts
         machine = self._plan, self._work, self._state, self._groups, self._scratch
-        fixed = count[st.FIXED_STEP] == 1
         while number[st.TIME] < number[st.TIME_END]:
-            if count[st.STORED] == len(record.t):
+            stored = int(count[st.STORED])
+            if stored >= min(len(record.t), count[st.ROOM]):
                 return st.OUTPUT
-            h, whole, rate, aim = set_out(*machine)
+            h, aim = set_out(self._rule, knots, *machine)
             failure = self._solve(h, aim)
+            count[st.OUTCOME] = st.DONE if failure is None else failure
             if self._plan.flag[0] != 0:
+                count[st.OUTCOME] = st.CALLBACK_FAILED
+            code = int(judge(self._rule, *machine, record, h))
+            if count[st.STORED] == stored:
                 self._revert()
-                return st.CALLBACK_FAILED
-            if failure is not None:
-                self._revert()
-                count[st.REJECTED] += 1
-                if fixed or h <= number[st.STEP_FLOOR_SIZE]:
-                    return failure if fixed or failure == st.INTERIOR_FAILED else st.STEP_FLOOR
-                number[st.STEP] = 0.25 * h
-                continue
-            verdict = memory.KEEP if fixed else judge(*machine, h, whole, rate)
-            if verdict != memory.KEEP:
-                self._revert()
-                if verdict == memory.FLOOR:
-                    return st.STEP_FLOOR
-                continue
-            for body in self._interiors.bodies:
-                _implicit(body).commit()
-            accept(self._plan, self._state, self._groups, self._scratch, record, h)
-            self._interiors.buffer.append(self._interiors.row(self._plan))
+            else:
+                for body in self._interiors.bodies:
+                    _implicit(body).commit()
+                self._interiors.buffer.append(self._interiors.row(self._plan))
+            if code != st.DONE:
+                return code
         return st.DONE
 
     def _solve(self, h: float, aim: float) -> int | None:
@@ -120,7 +118,7 @@ class ImplicitInteriors:
         for _ in range(_MAX_ITERATIONS):
             place(plan, work, state, s, h, self._rows, self._motions)
             if plan.flag[0] != 0 or not np.isfinite(self._motions).all():
-                return st.NEWTON_FAILED
+                return st.NOT_CONVERGED
             try:
                 self._try_interiors(h)
             except SceneError as reason:
@@ -132,7 +130,7 @@ class ImplicitInteriors:
             if not np.isfinite(size):
                 break
             before = size
-        return st.NEWTON_FAILED
+        return st.NOT_CONVERGED
 
     def _try_interiors(self, h: float) -> None:
         """Let the interiors' wrenches at the frames' trial motion act, and put their slopes into the matrix."""

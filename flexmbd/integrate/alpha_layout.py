@@ -24,9 +24,9 @@ FloatArray = NDArray[np.float64]
 ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
 STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
 # Its entries of State.counts: how many accelerations it remembers; whether it filters its error;
-# steps without growth left; steps left to be linearised anew, for old factors did not serve, and how many next time;
-# the index of the loops' equations, 2 or 3.
-KNOWN_BEFORE, FILTERS, HOLD, RENEWALS, PATIENCE, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 6)
+# steps left to be linearised anew, for old factors did not serve, and how many next time; the index of the loops'
+# equations, 2 or 3.
+KNOWN_BEFORE, FILTERS, RENEWALS, PATIENCE, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
 # coordinate's own rate (1/s).
 AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
@@ -35,6 +35,7 @@ AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
 class Scratch(NamedTuple):
     """Work arrays of a step: trial states, the iteration matrix and its factors.
 
+    own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
     added: (free, free) what interiors add to the residual's derivative by positions; (0, 0) where there are none.
     """
 
@@ -48,6 +49,7 @@ class Scratch(NamedTuple):
     move: FloatArray
     out: FloatArray
     probe: FloatArray
+    own: FloatArray
     unknown: FloatArray
     equation: FloatArray
     matrix: FloatArray
@@ -92,6 +94,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = F
         move=zeros(nv),
         out=zeros(nv),
         probe=zeros(nv),
+        own=zeros(nv),
         unknown=zeros(n),
         equation=zeros(n),
         matrix=zeros((n, n)),

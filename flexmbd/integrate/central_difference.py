@@ -8,21 +8,19 @@ reach; it damps nothing.  Sources: Verlet 1967; Newmark 1959 (beta = 0, gamma = 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.central_step import Scratch, advance
+from flexmbd.integrate.central_step import RULE, Method, Scratch, attempt
+from flexmbd.integrate.controller import SAFETY, Stepper, driver, no_factors
 from flexmbd.integrate.explicit_interiors import ExplicitInteriors
 from flexmbd.integrate.history import refuse_implicit_only
 from flexmbd.integrate.loop_dynamics import N_MEMORY, new_loops, survey
-from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots
-from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 
 ORDER = 2
@@ -61,27 +59,21 @@ class CentralDifference:
         """Runs every scene whose bodies with history step explicitly."""
         refuse_implicit_only(scene, self.name)
 
-    def stepper(
-        self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
-    ) -> tuple[Stepper, Callable[[], None]]:
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
-        plan, zeros = scene.plan, np.zeros
-        loops = new_loops(plan, state)
-        if state.counts[st.STEPS] == 0:
-            evaluate_times(plan, float(state.numbers[st.TIME]), work.time)
-            survey(scene, state, work)
-        nv = scene.nv
+        plan, zeros, nv = scene.plan, np.zeros, scene.nv
         scratch = Scratch(zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)), zeros(nv), zeros(nv))
-        parts = (plan, work, new_articulated_work(plan), loops, *coordinate_slots(plan))
+        parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
+        method = Method(*parts, scratch)
+        drive = driver(attempt, method, RULE, state, groups)
+        interiors = None
         if scene.interiors is not None:
-            stepper = ExplicitInteriors(scene.interiors, parts, state, groups, scratch, subcycle=self.subcycle)
-            return stepper.advance_to, _nothing_to_drop
+            interiors = ExplicitInteriors(scene.interiors, method, drive, state, subcycle=self.subcycle)
 
-        def advance_to(record: st.Record) -> int:
-            return int(advance(*parts, state, groups, scratch, record))
+        def begin() -> None:
+            state.numbers[st.SAFETY] = SAFETY
+            survey(scene, state, work)
+            if interiors is not None:
+                interiors.choose_step()
 
-        return advance_to, _nothing_to_drop
-
-
-def _nothing_to_drop() -> None:
-    """An explicit method keeps no factors from step to step."""
+        return Stepper(drive if interiors is None else interiors.advance, begin, no_factors)

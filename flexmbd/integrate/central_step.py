@@ -1,4 +1,4 @@
-"""A step of explicit central differences, its error, and the loop over steps."""
+"""A step of explicit central differences and its error."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.loop_dynamics import N_MEMORY, accelerate, is_nearly_singular, note_scales, project
-from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
+from flexmbd.integrate.controller import Rule
+from flexmbd.integrate.loop_dynamics import N_MEMORY, Loops, accelerate, is_nearly_singular, note_scales, project
+from flexmbd.multibody.kernels.articulated_layout import ArticulatedWork
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import EXPONENTIAL, move
 from flexmbd.multibody.kernels.time_functions import evaluate_times
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # Row of State.memory: the acceleration of the step before.
 _BEFORE = N_MEMORY
 
-_LONGEST = 0.5  # the longest step in characteristic times of the machine
-_SAFETY = 0.9
-_LEAST, _MOST = 0.2, 2.0  # a step's size over that of the step before
+#: How its steps follow from their errors: each may be of another length, for nothing is factored.
+RULE = Rule(exponent=1.0 / 3.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0, hold=0)
 _UNSEEN = 3.0  # the error over what is seen of it: forces also feel that the velocity at the step's end is foretold
 
 
@@ -37,6 +40,18 @@ class Scratch(NamedTuple):
     error_v: FloatArray
 
 
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    aw: ArticulatedWork
+    loops: Loops
+    plain: IntArray
+    quaternions: IntArray
+    scratch: Scratch
+
+
 @part_of_kernel
 def foretell(plan, work, plain, quaternions, state, s, h):
     """Put the positions of the step's end and the velocities expected there into ``s``."""
@@ -44,7 +59,7 @@ def foretell(plan, work, plain, quaternions, state, s, h):
         s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
         s.v[k] = state.v[k] + h * state.a[k]
     move(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
-    evaluate_times(plan, st.end_of_step(state, h), work.time)
+    evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
     if plan.flag[0] == 0:
         drive(plan, work, s.x, s.v, s.a)
 
@@ -56,8 +71,9 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
     if plan.flag[0] != 0:
         return False
     looped = plan.rows.shape[0] > 0
-    for attempt in range(2):
-        if attempt == 1 and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+    for off in range(2):
+        if off == 1 and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+            state.counts[st.OUTCOME] = st.LOOPS_OPEN
             return False
         accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
         state.counts[st.EVALUATIONS] += 1
@@ -69,6 +85,7 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
         s.v[k] = state.v[k] + 0.5 * h * (state.a[k] + s.a[k])
         total += s.v[k]
     if looped and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+        state.counts[st.OUTCOME] = st.LOOPS_OPEN
         return False
     return np.isfinite(total)
 
@@ -77,7 +94,7 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
 def _error(plan, state, groups, s, h, rate):
     """The step's error over what is tolerated: what the accelerations' slope and curvature add."""
     before = state.numbers[st.STEP_BEFORE]
-    known = state.counts[st.STEPS] > 0
+    known = before > 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         change = s.a[k] - state.a[k]
@@ -90,8 +107,8 @@ def _error(plan, state, groups, s, h, rate):
 
 
 @part_of_kernel
-def _accept(plan, state, groups, s, record, h):
-    """Make the step's end the current state and write a row of the record."""
+def _accept(state, s):
+    """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
         state.memory[_BEFORE, k] = state.a[k]
         state.v[k] = s.v[k]
@@ -100,46 +117,21 @@ def _accept(plan, state, groups, s, record, h):
         state.x[k] = s.x[k]
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.multipliers[i]
-    st.store(plan, state, groups, record, h)
 
 
-@entry_kernel
-def advance(plan, work, aw, loops, plain, quaternions, state, groups, s, record):
-    """Step until the end, a full record, or a failure.
-
-    Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NOT_FINITE (the step
-    STEP at TIME, worst velocity WORST).
-    """
-    number = state.numbers
-    count = state.counts
-    fixed = count[st.FIXED_STEP] == 1
-    while number[st.TIME] < number[st.TIME_END]:
-        if count[st.STORED] == record.t.shape[0]:
-            return st.OUTPUT
-        h = number[st.STEP]
-        rate = st.machine_rate(state, groups)
-        if not fixed:
-            h = min(h, _LONGEST / rate)
-        whole = h
-        h = st.next_step(state, whole)
-        found = _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate)
-        if plan.flag[0] != 0:
-            return st.CALLBACK_FAILED
-        ratio = np.inf
-        if found:
-            ratio = 0.0 if fixed else _error(plan, state, groups, s, h, rate)
-        if not ratio <= 1.0:
-            count[st.REJECTED] += 1
-            if fixed:
-                return st.NOT_FINITE
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            number[st.STEP] = h * max(_LEAST, _SAFETY * ratio ** (-1.0 / 3.0) if np.isfinite(ratio) else 0.0)
-            continue
-        _accept(plan, state, groups, s, record, h)
-        if plan.rows.shape[0] > 0:
-            note_scales(loops)
-        if not fixed:
-            growth = min(_MOST, _SAFETY * max(ratio, 1e-4) ** (-1.0 / 3.0))
-            number[st.STEP] = whole if h < whole else min(number[st.STEP_CEILING], h * max(_LEAST, growth))
-    return st.DONE
+@kernel
+def attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, aw, loops, plain, quaternions, s = method
+    rate = state.numbers[st.RATE]
+    found = _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate)
+    ratio = np.inf
+    if plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+    elif found:
+        ratio = 0.0 if state.counts[st.FIXED_STEP] == 1 else _error(plan, state, groups, s, h, rate)
+        if ratio <= 1.0:
+            _accept(state, s)
+            if plan.rows.shape[0] > 0:
+                note_scales(loops)
+    state.numbers[st.RATIO] = ratio

@@ -22,11 +22,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # The method's entries of State.numbers: the step the factors belong to; the energy (J) that belongs to TIME; what
-# loads and dampers did to it in the step; what is left of a fixed step that is taken in parts, and the part.
-STEP_FACTORED, ENERGY, WORK, REST, PART = range(st.METHOD, st.METHOD + 5)
-# Its entries of State.counts: steps without growth left; whether the energy is kept; whether anything but what
-# stores it acts; how many equal steps it remembers; which way would have foretold the last of them best.
-HOLD, KEEPS_ENERGY, SPLITS, KNOWN, WAY = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# loads and dampers did to it in the step.
+STEP_FACTORED, ENERGY, WORK = range(st.METHOD, st.METHOD + 3)
+# Its entries of State.counts: whether the energy is kept; whether anything but what stores it acts; how many equal
+# steps it remembers; which way would have foretold the last of them best.
+KEEPS_ENERGY, SPLITS, KNOWN, WAY = range(st.METHOD_COUNT, st.METHOD_COUNT + 4)
 # Rows of State.memory after those of ``loop_dynamics``: momenta; accelerations at the step before; velocities and
 # multipliers of the last steps, the latest first.
 REMEMBERED = 3

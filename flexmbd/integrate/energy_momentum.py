@@ -10,8 +10,8 @@ value in the middle of the step; the energy's balance with their work is exact. 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import discrete_gradient as step
 from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver
+from flexmbd.integrate.discrete_gradient import Scratch
 from flexmbd.integrate.discrete_newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_step import kinetic_energy
 from flexmbd.integrate.history import refuse_interiors
-from flexmbd.integrate.loop_dynamics import new_loops, note_scales, survey
+from flexmbd.integrate.loop_dynamics import Loops, new_loops, note_scales, survey
 from flexmbd.integrate.momentum_end import accelerate_end
-from flexmbd.integrate.protocol import Stepper
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.recursion import forward
@@ -39,9 +40,8 @@ FloatArray = NDArray[np.float64]
 
 ORDER = 2
 
-_LONGEST = 0.5  # the longest step in characteristic times of the machine
-_HOLD = 8  # steps without growth after a rejection
-_SHORTEST = 1.0 / 64.0  # of a fixed step: the shortest part
+# The step changes seldom, for each change costs a factorisation.
+_RULE = Rule(exponent=1.0 / 3.0, shortest=1.0 / 64.0)
 _SAMPLES = 8  # states that tell which coordinates energy depends on
 _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
 
@@ -104,34 +104,43 @@ class EnergyMomentum:
         """Runs every scene without bodies that have a history."""
         refuse_interiors(scene, self.name, why="it asks for potential energies")
 
-    def stepper(
-        self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
-    ) -> tuple[Stepper, Callable[[], None]]:
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
         plan = scene.plan
         stored = storing_plan(plan)
         scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored))
         loops = new_loops(plan, state)
         bind(plan, stored, work, loops, state, groups, scratch)
-        if state.counts[st.STEPS] == 0:
+
+        def drop_factors() -> None:
+            state.numbers[step.STEP_FACTORED] = 0.0
+
+        def begin() -> None:
+            drop_factors()
+            state.numbers[st.SAFETY] = SAFETY
             state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
             state.counts[step.SPLITS] = splits(plan)
+            survey(scene, state, work)
             state.memory[step.BEFORE] = state.a
             momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
             forward(plan, work, state.x, scratch.none, scratch.none)
             kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
             state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
-            evaluate_times(plan, state.numbers[st.TIME], work.time)
-            survey(scene, state, work)
-
-        def advance_to(record: st.Record) -> int:
-            return int(advance(plan, stored, work, loops, state, groups, scratch, record, self.newton))
-
-        def drop_factors() -> None:
-            state.numbers[step.STEP_FACTORED] = 0.0
 
         drop_factors()
-        return advance_to, drop_factors
+        method = Method(plan, stored, work, loops, scratch, self.newton)
+        return Stepper(driver(attempt, method, _RULE, state, groups), begin, drop_factors)
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    stored_plan: Plan
+    work: Work
+    loops: Loops
+    scratch: Scratch
+    newton: float
 
 
 def is_driven(plan: Plan) -> bool:
@@ -198,28 +207,47 @@ def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
 
 
 def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArray:
-    """(k, nv) gradients of energy at a few states, turning ones in the axes of the joint's outer frame."""
+    """(k, nv) gradients of energy at a few states, turning ones in the axes of the joint's outer frame.
+
+    The speeds are those at which the kinetic energy is as large as the potential one, whatever units these are in;
+    where there is no potential one any will do.
+    """
     plan, nv = scene.plan, scene.nv
     modal = np.array([_is_modal(scene, k) for k in range(nv)], bool)
-    work = new_work(plan)
-    none, p, x = np.zeros(nv), np.zeros(nv), np.empty(scene.nx)
-    rate = max(1.0, math.sqrt(float(np.linalg.norm(plan.gravity)) / scene.extent))
-    weight = float(plan.rigid[:, at.MASS].sum()) * scene.extent * rate**2
-    random = np.random.default_rng(0)
-    seen = np.zeros((_SAMPLES, nv))
-    for gradient in seen:
-        draw = random.standard_normal(nv) * size * np.where(modal, 1e-3, 1.0)
-        retract(plan, scene.start, draw, x)
-        v = random.standard_normal(nv) * size * rate * np.where(modal, 1e-3, 1.0)
-        wrench = np.zeros((len(plan.tree), 6))
-        pull = random.standard_normal(len(plan.rows)) * weight
-        canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
-        for i, row in enumerate(plan.tree):
-            if row[at.JOINT] in (at.SPHERICAL, at.FREE):
-                o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
-                turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
-                gradient[o : o + 3] = turn @ gradient[o : o + 3]
-    return seen
+    none, random = np.zeros(nv), np.random.default_rng(0)
+    share = size * np.where(modal, 1e-3, 1.0)
+    places = [random.standard_normal(nv) * share for _ in range(_SAMPLES)]
+    still = np.array([_gradient(scene, stored, place, none, np.zeros(len(plan.rows))) for place in places])
+    potential = float(np.abs(still * share).max(initial=0.0))
+    inertia = float(plan.rigid[:, at.MASS].sum()) * scene.extent**2
+    rate = math.sqrt(potential / inertia) if potential > 0.0 and inertia > 0.0 else 1.0
+    pull = inertia / scene.extent * rate**2
+    return np.array(
+        [
+            _gradient(
+                scene, stored, place, random.standard_normal(nv) * share * rate,
+                random.standard_normal(len(plan.rows)) * pull,
+            )
+            for place in places
+        ]
+    )  # fmt: skip
+
+
+def _gradient(
+    scene: CompiledScene, stored: Plan, place: FloatArray, v: FloatArray, pull: FloatArray
+) -> FloatArray:
+    """(nv,) gradient of energy, with multipliers ``pull``, at ``place`` from the scene's start and velocities v."""
+    plan, work = scene.plan, new_work(scene.plan)
+    none, p, x, gradient = np.zeros(scene.nv), np.zeros(scene.nv), np.empty(scene.nx), np.zeros(scene.nv)
+    retract(plan, scene.start, place, x)
+    wrench = np.zeros((len(plan.tree), 6))
+    canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
+    for i, row in enumerate(plan.tree):
+        if row[at.JOINT] in (at.SPHERICAL, at.FREE):
+            o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
+            turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
+            gradient[o : o + 3] = turn @ gradient[o : o + 3]
+    return gradient
 
 
 @part_of_kernel
@@ -257,8 +285,8 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
 
 
 @part_of_kernel
-def _accept(plan, loops, state, groups, s, a_end, record, h):
-    """Make the trial state the current one and write a row of the record."""
+def _accept(plan, loops, state, s, a_end, h):
+    """Make the trial state the current one."""
     remember(plan, state, s, h)
     for k in range(state.v.shape[0]):
         state.memory[step.BEFORE, k] = state.a[k]
@@ -271,7 +299,6 @@ def _accept(plan, loops, state, groups, s, a_end, record, h):
         state.multipliers[i] = s.nu_end[i]
     note_scales(loops)
     state.numbers[step.ENERGY] += state.numbers[step.WORK]
-    st.store(plan, state, groups, record, h)
 
 
 @part_of_kernel
@@ -279,7 +306,7 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
-        evaluate_times(plan, st.end_of_step(state, h), work.time)
+        evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
         for i in range(plan.rows.shape[0]):
             if plan.rows[i, at.ROW_TIME] >= 0:
                 s.row_end[i, 0] = work.time[plan.rows[i, at.ROW_TIME], 0]
@@ -292,67 +319,26 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
 
 
-@entry_kernel
-def advance(plan, stored_plan, work, loops, state, groups, s, record, newton):  # noqa: C901, PLR0915  one loop
-    """Step until the end, a full record, or a failure.
-
-    Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
-    step STEP at TIME, worst velocity WORST).
-    """
+@kernel
+def attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, stored_plan, work, loops, s, newton = method
     number = state.numbers
     count = state.counts
-    fixed = count[st.FIXED_STEP] == 1
-    while number[st.TIME] < number[st.TIME_END]:
-        if count[st.STORED] == record.t.shape[0]:
-            return st.OUTPUT
-        h = number[st.STEP]
-        rate = st.machine_rate(state, groups)
-        if not fixed:
-            h = min(h, _LONGEST / (rate + 1e-300))
-        whole = h
-        h = st.next_step(state, whole)
-        if number[step.REST] > 0.0:
-            h = min(number[step.PART], number[step.REST])
-        solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
-        if solved and plan.flag[0] == 0:
-            evaluate_times(plan, st.end_of_step(state, h), work.time)
-            accelerate_end(plan, work, loops, s)
-        if plan.flag[0] != 0:
-            return st.CALLBACK_FAILED
-        if not solved:
-            count[st.REJECTED] += 1
-            if fixed:
-                if h <= _SHORTEST * whole:
-                    return st.NEWTON_FAILED
-                number[step.REST] = max(number[step.REST], h)
-                number[step.PART] = 0.5 * h
-                continue
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            number[st.STEP] = 0.25 * h
-            continue
-        if fixed:
-            _accept(plan, loops, state, groups, s, s.a_end, record, h)
-            number[step.REST] -= h
-            if number[step.REST] <= 1e-6 * whole:
-                number[step.REST] = 0.0
-            continue
-        ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
-        growth = 0.9 / np.cbrt(max(ratio, 1e-4))
-        if not ratio <= 1.0:
-            count[st.REJECTED] += 1
-            count[step.HOLD] = _HOLD
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            number[st.STEP] = h * max(0.2, growth) if np.isfinite(growth) else 0.2 * h
-            continue
-        _accept(plan, loops, state, groups, s, s.a_end, record, h)
-        # the step changes seldom, for each change costs a factorisation
-        count[step.HOLD] -= 1
-        if h < whole:
-            number[st.STEP] = whole  # it was cut short by the end alone
-        elif growth > 1.25 and count[step.HOLD] <= 0:
-            number[st.STEP] = min(number[st.STEP_CEILING], h * min(growth, 2.0))
-        else:
-            number[st.STEP] = h if growth > 0.95 else 0.85 * h
-    return st.DONE
+    rate = number[st.RATE]
+    solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
+    if solved and plan.flag[0] == 0:
+        evaluate_times(plan, st.latest(state, number[st.STEP_END]), work.time)
+        accelerate_end(plan, work, loops, s)
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+    elif solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+        ratio = 0.0
+        if count[st.FIXED_STEP] == 0:
+            ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
+        number[st.RATIO] = ratio
+        if ratio <= 1.0:
+            _accept(plan, loops, state, s, s.a_end, h)
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED

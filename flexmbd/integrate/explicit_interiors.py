@@ -8,14 +8,15 @@ of their wrenches takes the place of that of both ends.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.central_step import Scratch, advance, foretell
+from flexmbd.integrate.central_step import Method, foretell
+from flexmbd.integrate.controller import NO_KNOTS
 from flexmbd.integrate.loop_dynamics import accelerate
 from flexmbd.multibody.continuum_body import ContinuumBody, ExplicitInterior
 from flexmbd.multibody.interiors import Interiors
@@ -50,44 +51,48 @@ class ExplicitInteriors:
 
     Args:
         interiors: all of them ``ExplicitInterior``.
-        parts: what ``central_step.advance`` takes before the state.
-        state, groups, scratch: as there.
+        method: what an attempt of the machine works with.
+        drive: ``Stepper.advance`` of the machine alone.
+        state: where it stands.
         subcycle: whether a step longer than an interior's stable one is the interior's affair.
     """
 
     def __init__(
-        self, interiors: Interiors, parts: tuple[Any, ...], state: st.State, groups: st.Groups, scratch: Scratch,
+        self, interiors: Interiors, method: Method, drive: Callable[[st.Record, FloatArray], int], state: st.State,
         *, subcycle: bool,
     ) -> None:
         self._interiors = interiors
-        self._plan, self._work, self._articulated, self._loops, self._plain, self._quaternions = parts
-        self._parts = parts
-        self._state, self._groups, self._scratch = state, groups, scratch
+        self._method, self._drive, self._state = method, drive, state
+        self._plan, self._work = method.plan, method.work
         self._subcycle = subcycle
         self._rows = interiors.rows
         self._motions = np.zeros((2, len(self._rows), N_MOTION))
-        if state.counts[st.STEPS] == 0:
-            self._choose_step(bool(state.counts[st.FIXED_STEP]))
 
-    def advance_to(self, record: st.Record) -> int:
-        """Step until the end, a full record, or a failure; see ``integrate.protocol.Stepper``."""
+    def advance(self, record: st.Record, knots: FloatArray) -> int:
+        """See ``controller.Stepper``; each step is so short that it spans no two knots, for it follows the body's."""
         number, count = self._state.numbers, self._state.counts
-        fixed, t_end = bool(count[st.FIXED_STEP]), float(number[st.TIME_END])
+        fixed, t_end, room = bool(count[st.FIXED_STEP]), float(number[st.TIME_END]), int(count[st.ROOM])
         code = st.DONE
         try:
             while code == st.DONE and number[st.TIME] < t_end:
-                if count[st.STORED] == len(record.t):
+                if count[st.STORED] == min(len(record.t), room):
                     code = st.OUTPUT
                 else:
                     if count[st.STEPS] % _RENEWAL == 0:
                         self._choose_step(fixed)
                     code = self._step(record, t_end)
+                    if not fixed:
+                        number[st.REST] = 0.0
         except SceneError as reason:
             self._interiors.failure.append(reason)
             return st.INTERIOR_FAILED
         finally:
             count[st.FIXED_STEP], number[st.TIME_END] = fixed, t_end
         return code
+
+    def choose_step(self) -> None:
+        """Set the first step from the interiors' stable ones; raises as it is told below."""
+        self._choose_step(bool(self._state.counts[st.FIXED_STEP]))
 
     def _choose_step(self, fixed: bool) -> None:
         """Set the step from the interiors' stable ones.
@@ -113,14 +118,17 @@ class ExplicitInteriors:
     def _step(self, record: st.Record, t_end: float) -> int:
         """One step: the interiors towards the positions foretold, then the machine with what they push."""
         plan, state, interiors = self._plan, self._state, self._interiors
-        number, t, h = state.numbers, float(state.numbers[st.TIME]), float(state.numbers[st.STEP])
+        number, t = state.numbers, float(state.numbers[st.TIME])
+        h = float(number[st.REST] if number[st.REST] > 0.0 else number[st.STEP])
         end = t_end if t_end - t <= h * (1.0 + 1e-6) else t + h
         h_taken = end - t
         before = interiors.acting(plan)
         number[st.TIME_END] = end
-        slots = self._plain, self._quaternions, self._rows
+        number[st.STEP_END] = end
+        method = self._method
+        slots = method.plain, method.quaternions, self._rows
         first, last = self._motions
-        foretell_frames(plan, self._work, *slots, state, self._scratch, h_taken, first, last)
+        foretell_frames(plan, self._work, *slots, state, method.scratch, h_taken, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)
         answers = interiors.ask(
             lambda k, body: _explicit(body).advance(h_taken, starts[k], ends[k]),
@@ -129,12 +137,12 @@ class ExplicitInteriors:
         push, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
         interiors.put(plan, 2.0 * mean - before if self._subcycle else push)
         state.counts[st.FIXED_STEP] = 1
-        code = int(advance(*(*self._parts, state, self._groups, self._scratch, record)))
+        code = self._drive(record, NO_KNOTS)
         if code != st.DONE:
             return code
         if self._subcycle:
             interiors.put(plan, push)
-            accelerate_anew(plan, self._work, self._articulated, self._loops, state)
+            accelerate_anew(plan, self._work, method.aw, method.loops, state)
             record.a[state.counts[st.STORED] - 1] = state.a
             record.multipliers[state.counts[st.STORED] - 1] = state.multipliers
         interiors.buffer.append(interiors.row(plan))

@@ -9,7 +9,6 @@ Wanner 1996, section VII.2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -19,9 +18,11 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, no_factors
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import (
     N_MEMORY,
+    Loops,
     accelerate,
     drop_normal_part,
     is_nearly_singular,
@@ -30,12 +31,11 @@ from flexmbd.integrate.loop_dynamics import (
     project,
     survey,
 )
-from flexmbd.integrate.protocol import Stepper
-from flexmbd.integrate.tableau import Pair
+from flexmbd.integrate.tableau import Pair, Tableau
 from flexmbd.multibody.kernels import rotation_update
-from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.kernels.articulated_layout import ArticulatedWork, new_articulated_work
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots, move, turn_rates
 from flexmbd.multibody.kernels.round_bodies import round_axes, slow_rates, spin_on, spin_vectors, steady_spin
@@ -43,16 +43,14 @@ from flexmbd.multibody.kernels.time_functions import evaluate_times
 from flexmbd.multibody.plan import CompiledScene
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
-# The method's entries of State.numbers and State.counts: the error ratio of the last accepted step;
-# whether the step before was rejected.
-RATIO_BEFORE = st.METHOD
-WAS_REJECTED = st.METHOD_COUNT
-
-_LONGEST = 2.0  # the longest step in characteristic times of the machine: well below half a turn
-_SAFETY = 0.9
-_PROPORTIONAL, _INTEGRAL = 0.7, 0.4  # shares of the exponent (Gustafsson 1991)
-_LEAST, _MOST = 0.2, 6.0  # a step's size over that of the step before
+# The longest step, in characteristic times of the machine, is well below half a turn; shares of the exponent as
+# Gustafsson 1991.
+_RULE = Rule(
+    exponent=0.0, proportional=0.7, integral=0.4, least=0.2, most=6.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0,
+    hold=1, longest=2.0,
+)  # fmt: skip
 
 
 class Rotations(IntEnum):
@@ -114,9 +112,12 @@ class ExplicitRungeKutta:
         """Runs every scene without bodies that have a history."""
         refuse_interiors(scene, self.name, why="it evaluates several stages a step")
 
-    def stepper(
-        self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
-    ) -> tuple[Stepper, Callable[[], None]]:
+    @property
+    def rule(self) -> Rule:
+        """How its steps follow from its errors."""
+        return _RULE._replace(exponent=1.0 / (8.0 if self.pair is Pair.DORMAND_PRINCE_8 else 5.0))
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``.
 
         Raises:
@@ -127,25 +128,39 @@ class ExplicitRungeKutta:
                 f"{self.pair.value} has no error estimate: give a step h, or take "
                 "fm.Pair.DORMAND_PRINCE_5"
             )
-        tableau = self.pair.tableau
-        plain, quaternions = coordinate_slots(scene.plan)
-        scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
-        loops = new_loops(scene.plan, state)
-        articulated = new_articulated_work(scene.plan)
-        if state.counts[st.STEPS] == 0:
-            state.numbers[RATIO_BEFORE] = 1e-4
-            evaluate_times(scene.plan, float(state.numbers[st.TIME]), work.time)
+        method = new_method(scene, self, self.pair.tableau, state, work)
+
+        def begin() -> None:
+            state.numbers[st.SAFETY] = SAFETY
             survey(scene, state, work)
-        parts = (scene.plan, work, articulated, loops, plain, quaternions, int(self.rotations), tableau)
 
-        def advance_to(record: st.Record) -> int:
-            return int(advance(*parts, state, groups, scratch, record))
-
-        return advance_to, _nothing_to_drop
+        return Stepper(driver(attempt, method, self.rule, state, groups), begin, no_factors)
 
 
-def _nothing_to_drop() -> None:
-    """An explicit method keeps no factors from step to step."""
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    aw: ArticulatedWork
+    loops: Loops
+    plain: IntArray
+    quaternions: IntArray
+    way: int
+    tableau: Tableau
+    scratch: Scratch
+
+
+def new_method(
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, state: st.State, work: Work
+) -> Method:
+    """Allocate what an attempt with a tableau works with."""
+    plain, quaternions = coordinate_slots(scene.plan)
+    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
+    return Method(
+        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, state), plain, quaternions,
+        int(choice.rotations), tableau, scratch,
+    )  # fmt: skip
 
 
 def _new_scratch(scene: CompiledScene, stages: int, axes: FloatArray) -> Scratch:
@@ -211,8 +226,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rat
 
 
 @part_of_kernel
-def _accept(plan, state, groups, s, record, h):
-    """Make the step's end the current state and write a row of the record."""
+def _accept(state, s):
+    """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
         state.v[k] = s.v[k]
         state.a[k] = s.a[k]
@@ -220,7 +235,6 @@ def _accept(plan, state, groups, s, record, h):
         state.x[k] = s.x[k]
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.multipliers[i]
-    st.store(plan, state, groups, record, h)
 
 
 @kernel
@@ -256,8 +270,8 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         node = tableau.nodes[i]
         spin_on(quaternions, s.axes, s.spins, node * h, s.x, s.v)
         if node != instant:
-            t = st.end_of_step(state, h) if node == 1.0 else state.numbers[st.TIME] + node * h
-            evaluate_times(plan, t, work.time)
+            t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
+            evaluate_times(plan, st.latest(state, t), work.time)
             instant = node
         if plan.flag[0] != 0:
             return np.inf
@@ -270,6 +284,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
                 closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v)
                 if end and not closed:
+                    state.counts[st.OUTCOME] = st.LOOPS_OPEN
                     return np.inf
             accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
             state.counts[st.EVALUATIONS] += 1
@@ -286,48 +301,16 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     return ratio if _finite(s) else np.inf
 
 
-@entry_kernel
-def advance(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, record):
-    """Step until the end, a full record, or a failure.
-
-    Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NOT_FINITE (the step
-    STEP at TIME, worst velocity WORST).
-    """
-    number = state.numbers
-    count = state.counts
-    exponent = 8.0 if tableau.a.shape[1] > 7 else 5.0
-    exponent = 1.0 / exponent
-    while number[st.TIME] < number[st.TIME_END]:
-        if count[st.STORED] == record.t.shape[0]:
-            return st.OUTPUT
-        h = number[st.STEP]
-        rate = st.machine_rate(state, groups)
-        if count[st.FIXED_STEP] == 0:
-            h = min(h, _LONGEST / rate)
-        whole = h
-        h = st.next_step(state, whole)
-        ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
-        if plan.flag[0] != 0:
-            return st.CALLBACK_FAILED
-        if not ratio <= 1.0:
-            count[st.REJECTED] += 1
-            if count[st.FIXED_STEP] == 1:
-                return st.NOT_FINITE
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            shrink = _SAFETY * ratio**-exponent if np.isfinite(ratio) else 0.0
-            number[st.STEP] = h * max(_LEAST, shrink)
-            count[WAS_REJECTED] = 1
-            continue
-        _accept(plan, state, groups, s, record, h)
+@kernel
+def attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, aw, loops, plain, quaternions, way, tableau, s = method
+    rate = state.numbers[st.RATE]
+    ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
+    state.numbers[st.RATIO] = ratio
+    if plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+    elif ratio <= 1.0:
+        _accept(state, s)
         if plan.rows.shape[0] > 0:
             note_scales(loops)
-        if count[st.FIXED_STEP] == 1:
-            continue
-        size = max(ratio, 1e-10)
-        growth = _SAFETY * size ** (-_PROPORTIONAL * exponent) * number[RATIO_BEFORE] ** (_INTEGRAL * exponent)
-        growth = min(max(growth, _LEAST), 1.0 if count[WAS_REJECTED] == 1 else _MOST)
-        count[WAS_REJECTED] = 0
-        number[RATIO_BEFORE] = max(ratio, 1e-4)
-        number[st.STEP] = whole if h < whole else min(number[st.STEP_CEILING], h * growth)
-    return st.DONE

@@ -3,31 +3,41 @@
 Order 2; dissipation at high frequency set by the spectral radius rho.  Variable steps keep the
 order because the auxiliary acceleration is carried over at its own instant.  Sources: Chung &
 Hulbert 1993; Bruels, Cardona & Arnold 2012 (Lie group); Arnold & Hante 2017 (stabilised
-index-2 form).  The loop ``advance`` runs compiled until its record is full, returns a code, and is
-re-entered.
+index-2 form).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha_interiors import ImplicitInteriors
-from flexmbd.integrate.alpha_layout import new_scratch
-from flexmbd.integrate.alpha_memory import FLOOR, KEEP, accept, judge, set_out
+from flexmbd.integrate.alpha_layout import Scratch, new_scratch
+from flexmbd.integrate.alpha_memory import accept, set_out
 from flexmbd.integrate.augmented import solve_passes
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver
 from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
 from flexmbd.integrate.local_error import local_error
-from flexmbd.integrate.protocol import Stepper
-from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
-from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.continuum_body import Scheme
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.plan import CompiledScene
 
 ORDER = 2
 
+#: How its steps follow from their errors: they change seldom, for each change costs a factorisation.
+RULE = Rule(exponent=0.5)
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    scratch: Scratch
 
 
 @dataclass(frozen=True)
@@ -74,9 +84,7 @@ class GeneralizedAlpha:
         refuse_explicit_only(scene, self.name)
         refuse_passes(scene, self.name)
 
-    def stepper(
-        self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work
-    ) -> tuple[Stepper, Callable[[], None]]:
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``.
 
         Raises:
@@ -84,26 +92,28 @@ class GeneralizedAlpha:
         """
         if self.index == 3 and state.counts[st.FIXED_STEP] == 0 and len(scene.plan.rows) > 0:
             raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
-        if state.counts[st.STEPS] == 0:
-            state.counts[step.INDEX] = self.index
-            state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
-            state.counts[step.FILTERS] = len(scene.plan.flex) > 0 or scene.interiors is not None
-            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
-                state.memory[row] = state.a
         interiors = scene.interiors
         scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
-
-        def advance_to(record: st.Record) -> int:
-            return int(advance(scene.plan, work, state, groups, scratch, record))
 
         def drop_factors() -> None:
             state.numbers[step.STEP_FACTORED] = 0.0
 
+        def begin() -> None:
+            drop_factors()
+            state.numbers[st.SAFETY] = SAFETY
+            state.counts[step.INDEX] = self.index
+            state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
+            state.counts[step.FILTERS] = len(scene.plan.flex) > 0 or interiors is not None
+            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
+                state.memory[row] = state.a
+
         drop_factors()
         if interiors is not None:
-            stepper = ImplicitInteriors(interiors, scene.plan, work, state, groups, scratch)
-            return stepper.advance_to, drop_factors
-        return advance_to, drop_factors
+            scheme = Scheme(*self.coefficients())
+            machine = ImplicitInteriors(interiors, scheme, RULE, scene.plan, work, state, groups, scratch)
+            return Stepper(machine.advance, begin, drop_factors)
+        method = Method(scene.plan, work, scratch)
+        return Stepper(driver(attempt, method, RULE, state, groups), begin, drop_factors)
 
     def coefficients(self) -> tuple[float, float, float, float]:
         """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 20, 25)."""
@@ -128,38 +138,24 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     return True
 
 
-@entry_kernel
-def advance(plan, work, state, groups, s, record):
-    """Step until the end, a full record, or a failure.
-
-    Returns a code of ``state``: DONE, OUTPUT, CALLBACK_FAILED, STEP_FLOOR or NEWTON_FAILED (the
-    step STEP at TIME, worst velocity WORST).
-    """
-    number = state.numbers
+@kernel
+def attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, s = method
     count = state.counts
-    while number[st.TIME] < number[st.TIME_END]:
-        if count[st.STORED] == record.t.shape[0]:
-            return st.OUTPUT
-        h, whole, rate, aim = set_out(plan, work, state, groups, s)
-        solved = solve_passes(plan, work, state, s, h, aim)
-        if solved and count[step.KNOWN_BEFORE] == 0:
-            solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
-        if plan.flag[0] != 0:
-            return st.CALLBACK_FAILED
-        if not solved:
-            count[st.REJECTED] += 1
-            if count[st.FIXED_STEP] == 1:
-                return st.NEWTON_FAILED
-            if h <= number[st.STEP_FLOOR_SIZE]:
-                return st.STEP_FLOOR
-            number[st.STEP] = 0.25 * h
-            continue
-        if count[st.FIXED_STEP] == 1:
-            accept(plan, state, groups, s, record, h)
-            continue
-        verdict = judge(state, local_error(plan, work, state, groups, s, h, rate), h, whole)
-        if verdict == FLOOR:
-            return st.STEP_FLOOR
-        if verdict == KEEP:
-            accept(plan, state, groups, s, record, h)
-    return st.DONE
+    aim = set_out(plan, work, state, groups, s, h)
+    solved = solve_passes(plan, work, state, s, h, aim)
+    if solved and count[step.KNOWN_BEFORE] == 0:
+        solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+    elif solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+        ratio = 0.0
+        if count[st.FIXED_STEP] == 0:
+            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+        state.numbers[st.RATIO] = ratio
+        if ratio <= 1.0:
+            accept(state, s)
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED

@@ -12,8 +12,6 @@ from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.native import solve
 from flexmbd.multibody.kernels.residual import residual
 
-_FADE = 0.95  # how a coordinate's own rate fades from step to step
-
 
 @part_of_kernel
 def _difference(plan, state, groups, s, h):
@@ -35,9 +33,7 @@ def _difference(plan, state, groups, s, h):
         s.error_x[j] = (s.move[k] - h * state.v[k]) - travel
         s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
         size = groups.acceleration[groups.of[k]]
-        rate = np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
-        # a vibration's curvature passes through zero
-        state.memory[step.RATE, k] = max(rate, _FADE * state.memory[step.RATE, k])
+        s.own[k] = np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
 
 
 @part_of_kernel
@@ -84,9 +80,10 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        share = min(1.0, h * max(machine_rate, state.memory[step.RATE, k]))
+        own = st.own_rate(s.own[k], state.memory[step.RATE, k], machine_rate)
+        share = min(1.0, h * max(machine_rate, own, s.own[k]))  # what changes within the step is one radian at least
         limit = state.numbers[st.TOLERANCE] * share
-        speed = max(st.group_speed(groups, g, machine_rate), state.memory[step.RATE, k] * size)
+        speed = max(st.group_speed(groups, g, machine_rate), own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(s.error_v[0, j]) / max(limit * speed, least * machine_rate)

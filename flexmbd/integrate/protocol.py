@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-from flexmbd.integrate.state import Groups, Record, State
+from flexmbd.integrate.controller import Stepper
+from flexmbd.integrate.state import Groups, State
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.plan import CompiledScene
-
-#: Steps until the end, a full record or a failure; returns a code of ``integrate.state``.
-Stepper = Callable[[Record], int]
 
 
 @runtime_checkable
 class Integrator(Protocol):
     """A method of integration: its options, and how to step a compiled scene with it.
 
-    A stepper steps from ``State`` until TIME_END (DONE), until the record is full (OUTPUT), or
-    until it fails (a code that says how); a rejected step leaves no trace in the state.  Every
-    call evaluates functions of time at the instants of its own stages.  With FIXED_STEP each step
-    is STEP long but the last; else the local error rules (``state.error_ratio``).
+    It gives an attempt at a step; ``controller`` says how long each is and what becomes of it.  A rejected step leaves
+    no trace in the state.  Every attempt evaluates functions of time at the instants of its own stages, but no later
+    than ``state.latest`` says.  With FIXED_STEP each step is STEP long but the last; else the local error rules
+    (``state.error_ratio``).
     """
 
     @property
@@ -38,10 +35,5 @@ class Integrator(Protocol):
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError where the method cannot run the scene, with a method that can."""
 
-    def stepper(
-        self, scene: CompiledScene, state: State, groups: Groups, work: Work
-    ) -> tuple[Stepper, Callable[[], None]]:
-        """Set up the method's part of ``state`` if it is new (no steps yet), and allocate.
-
-        Returns the stepper and ``drop_factors``, which makes it forget its iteration matrix.
-        """
+    def stepper(self, scene: CompiledScene, state: State, groups: Groups, work: Work) -> Stepper:
+        """Allocate what the method works with."""

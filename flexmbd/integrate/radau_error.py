@@ -1,20 +1,24 @@
-"""The local error of a Radau IIA step over what rtol tolerates, and the step that follows from it."""
+"""The local error of a Radau IIA step over what rtol tolerates."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.radau_coefficients import CURVATURE, ERROR_WEIGHTS, REAL
 from flexmbd.integrate.radau_newton import MAX_ITERATIONS
-from flexmbd.integrate.radau_stages import HOLD, NEWTON, RATE, RATIO_BEFORE, STEP_ACCEPTED
+from flexmbd.integrate.radau_stages import NEWTON, RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import solve
 
-_FADE = 0.95  # how a coordinate's own rate fades from step to step
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the most seen, on tops
-_EXPONENT = 0.3  # of the step over the ratio: that to the power 3/2 goes with the step's fifth power
+# Roughness over that of the steps before: what still is a smooth motion; what a step that was none leaves at most.
+_SMOOTH, _GROWTH = 4.0, 8.0
+_FORGET = 0.5  # how it fades: an estimate passes through zero
+_LITTLE = 1e-3  # of one that allows the machine's longest steps: what may be taken for smooth after none at all
+_EVENT = 0.1  # of what a radian is given: what a step that is not smooth is given
 
 
 @kernel
@@ -40,8 +44,7 @@ def _estimate(plan, state, groups, s, h):
         s.error_v[j] = h * gap_v
         # the frequency of a vibration with that curvature of its acceleration
         size = groups.acceleration[groups.of[k]]
-        rate = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
-        state.memory[RATE, k] = max(rate, _FADE * state.memory[RATE, k])
+        s.own[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     for i in range(nu):
         total = 0.0
         for j in range(nu):
@@ -82,37 +85,59 @@ def local_error(plan, state, groups, s, h, machine_rate):
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
     the same as for other methods (Hairer & Wanner change tolerances alike).  A vibration faster than the machine is
     measured over its own radian, and its velocity by what it displaces, for it swings and does not drift.
+
+    All that is true of smooth motions alone, in which e goes with the step's fourth power.  Where it is larger than
+    that makes of the steps before, e itself counts as error, one that drifts, of an event that is over after the step:
+    against a share of what a radian is given.
     """
     _estimate(plan, state, groups, s, h)
+    tolerance = state.numbers[st.TOLERANCE]
     largest = 0.0
+    plain = 0.0
+    rough = 0.0
+    foretold = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = state.memory[RATE, k]
+        own = st.own_rate(s.own[k], state.memory[RATE, k], machine_rate)
         share = min(1.0, h * max(machine_rate, own))
-        limit = (state.numbers[st.TOLERANCE] * share / _GAIN) ** (2.0 / 3.0)
-        speed = max(st.group_speed(groups, g, machine_rate), own * size)
+        limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
+        speed = st.group_speed(groups, g, machine_rate)
+        own_speed = max(speed, own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
-        part = abs(s.error_v[j]) / max(limit * speed, least * machine_rate)
+        part = abs(s.error_v[j]) / max(limit * own_speed, least * machine_rate)
         part = max(part, abs(s.error_x[j]) / max(limit * size, least))
         if not part <= largest:
             largest = part
             state.counts[st.WORST] = k
-    return largest
+        speed = max(speed, least / tolerance * machine_rate)
+        rough = max(rough, abs(s.error_v[j]) / speed)
+        foretold = max(foretold, state.memory[ROUGHNESS, k] * h**4 / speed)
+        plain = max(plain, rough, abs(s.error_x[j]) / max(size, least / tolerance))
+    known = state.counts[ROUGHNESS_KNOWN] == 1
+    state.counts[SMOOTH] = 1 if not known or rough <= _SMOOTH * foretold else 0
+    return largest if state.counts[SMOOTH] == 1 else max(largest, plain / (_EVENT * tolerance))
 
 
 @kernel
-def step_growth(state, h, ratio):
-    """Factor from h to the next step: by the error, and by its trend over two steps (Gustafsson 1994)."""
-    if not np.isfinite(ratio):
-        return 0.2
-    safety = 0.9 * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + state.counts[NEWTON])
-    ratio = max(ratio, 1e-6)
-    growth = safety * ratio**-_EXPONENT
-    before = state.numbers[STEP_ACCEPTED]
-    if before > 0.0 and ratio <= 1.0 and state.counts[HOLD] == 0:
-        trend = safety * h / before * (state.numbers[RATIO_BEFORE] / ratio**2) ** _EXPONENT
-        growth = min(growth, trend)
-    return min(8.0, max(0.2, growth))
+def remember_roughness(plan, state, groups, s, h):
+    """Take note of how rough a step was that is accepted, and of own rates; one that was not smooth counts in part."""
+    rate = state.numbers[st.RATE]
+    smooth = state.counts[SMOOTH] == 1
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        before = state.memory[ROUGHNESS, k]
+        now = abs(s.error_v[j]) / h**4
+        if not smooth:
+            now = min(now, max(_GROWTH * before, _LITTLE * st.group_speed(groups, groups.of[k], rate) * rate**4))
+        state.memory[ROUGHNESS, k] = max(now, _FORGET * before)
+        state.memory[RATE, k] = st.own_rate(s.own[k] if smooth else 0.0, state.memory[RATE, k], rate)
+    state.counts[ROUGHNESS_KNOWN] = 1
+
+
+@kernel
+def set_safety(state):
+    """A step that took many iterations had better not grow as far."""
+    state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + state.counts[NEWTON])

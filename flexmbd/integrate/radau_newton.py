@@ -14,7 +14,6 @@ from flexmbd.integrate.radau_stages import (
     NEWTON,
     POLYNOMIAL,
     RENEWALS,
-    SOLVED,
     STEP_FACTORED,
     TANGENT,
     evaluate_stage,
@@ -113,9 +112,8 @@ def _close_end(plan, work, state, s, h, tolerance):
 def solve_step(plan, work, state, s, h, tolerance):
     """Solve the stages with the old factors where they still serve, with new ones otherwise.
 
-    Notes in ``state`` whether it converged; if so ``s`` holds the stages, the last being the step's end.
+    Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
     """
-    state.counts[SOLVED] = 0
     known = state.counts[POLYNOMIAL] == 1
     for attempt in range(_EVEN + 2 if plan.rows.shape[0] > 0 else _EVEN):
         new_factors = state.numbers[STEP_FACTORED] != h
@@ -149,6 +147,6 @@ def solve_step(plan, work, state, s, h, tolerance):
         if slow or attempt >= _EVEN:
             state.counts[TANGENT] = 0
         state.numbers[RENEWALS] = max(0.0, state.numbers[RENEWALS] - 1.0)
-        state.counts[SOLVED] = 1
-        return
+        return True
     state.counts[TANGENT] = 0
+    return False

@@ -32,16 +32,17 @@ IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 # The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
-# iteration leaves of the error; error and size of the last step that error control accepted; how many steps still
-# take a new tangent where they take new factors.
-STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RATIO_BEFORE, STEP_ACCEPTED, RENEWALS = range(st.METHOD, st.METHOD + 6)
+# iteration leaves of the error; how many steps still take a new tangent where they take new factors.
+STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RENEWALS = range(st.METHOD, st.METHOD + 4)
 # Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, whether the factors of
-# the end's accelerations serve, iterations of the last step, how many steps may not grow, whether the stages converged.
-POLYNOMIAL, TANGENT, END, NEWTON, HOLD, SOLVED = range(st.METHOD_COUNT, st.METHOD_COUNT + 6)
-# Rows of State.memory: accelerations and multipliers of the last step's stages, each coordinate's own rate (1/s).
-STAGE_A, STAGE_NU, RATE, N_MEMORY = 0, 3, 6, 7
+# the end's accelerations serve, iterations of the last step; whether the roughness of the steps before is known,
+# and whether the step at hand is as smooth as they were.
+POLYNOMIAL, TANGENT, END, NEWTON, ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT, st.METHOD_COUNT + 6)
+# Rows of State.memory: accelerations and multipliers of the last step's stages; each coordinate's own rate (1/s); its
+# roughness, the estimate of its velocity's error over the fourth power of the step.
+STAGE_A, STAGE_NU, RATE, ROUGHNESS, N_MEMORY = 0, 3, 6, 7, 8
 # Scratch.kernels: what is called by its address.
-RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, SOLVE_STEP, N_KERNELS = range(5)
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
 
 
 class Scratch(NamedTuple):
@@ -54,6 +55,7 @@ class Scratch(NamedTuple):
     even: (3, m, m) what brings each stage's rows to those of the tangent; is_even: (1,) whether it is used.
     gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
     real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
+    own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
     kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
     """
 
@@ -92,6 +94,7 @@ class Scratch(NamedTuple):
     error_v: FloatArray
     scale_x: FloatArray
     scale_v: FloatArray
+    own: FloatArray
     phi: FloatArray
     phi_rate: FloatArray
     phi_rate2: FloatArray
@@ -157,6 +160,7 @@ def new_scratch(
         error_v=zeros(nu),
         scale_x=zeros(nv),
         scale_v=zeros(nv),
+        own=zeros(nv),
         phi=phi[0],
         phi_rate=phi[1],
         phi_rate2=phi[2],
@@ -177,8 +181,8 @@ def evaluate_stage_times(plan, work, state, s, h):
     for i in range(STAGES):
         t = state.numbers[st.TIME] + NODES[i] * h
         if i == STAGES - 1:
-            t = st.end_of_step(state, h)
-        evaluate_times(plan, t, work.time)
+            t = state.numbers[st.STEP_END]
+        evaluate_times(plan, st.latest(state, t), work.time)
         for k in range(work.time.shape[0]):
             for j in range(3):
                 s.time[i, k, j] = work.time[k, j]

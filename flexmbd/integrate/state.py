@@ -17,7 +17,6 @@ IntArray = NDArray[np.int64]
 # The equations of a step that Newton's iteration does not solve; rows that cannot be told apart, or a singular matrix;
 # loops that do not close; what is not finite; an error that is too large however short the step.
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
-STEP_FLOOR, NEWTON_FAILED = INACCURATE, NOT_CONVERGED
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
@@ -39,6 +38,9 @@ FIXED_STEP, WORST, STORED = 5, 6, 7
 # whether TIME is a break that the machine has not left yet; the first knot after TIME; steps without growth left.
 OUTCOME, ROOM, AT_BREAK, KNOT, HOLD = range(8, 13)
 METHOD_COUNT, N_COUNT = 13, 19
+
+_FADE = 0.95  # of a coordinate's own rate, from step to step
+_ONSET = 4.0  # times that of the step before, or the machine's
 
 #: No relative error is asked for below this.
 ROUND_OFF = 1e-12
@@ -143,27 +145,24 @@ def set_scales(state, groups, s, rate, limit):
 
 
 @kernel
-def end_of_step(state, h):
-    """The time after a step of h from TIME: TIME_END itself where the step reaches it."""
-    t = state.numbers[TIME]
-    end = state.numbers[TIME_END]
-    return end if end - t <= h else t + h
+def own_rate(rate, before, machine_rate):
+    """A coordinate's own rate (1/s) after a step that shows ``rate``, ``before`` being that of the step before.
+
+    It fades slowly, for a vibration's curvature passes through zero, and rises no faster than a vibration sets in: what
+    seems to be one within a single step is a jump, whose error drifts.
+    """
+    return max(min(rate, _ONSET * max(before, machine_rate)), _FADE * before)
 
 
 @kernel
-def next_step(state, h):
-    """The step to try instead of h: one that ends on TIME_END, or half of what is left before it."""
-    left = state.numbers[TIME_END] - state.numbers[TIME]
-    if left <= h * (1.0 + 1e-6):  # no sliver of a step from rounding the time
-        return left
-    if left < 2.0 * h and state.counts[FIXED_STEP] == 0:
-        return 0.5 * left
-    return h
+def latest(state, t):
+    """The instant at which functions of time are asked for t: at a break at the step's end, just before it."""
+    return min(t, state.numbers[LATEST])
 
 
 @kernel
 def store(plan, state, groups, record, h):
-    """Advance TIME by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
+    """Advance TIME to STEP_END by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
         if row[at.FLEX] >= 0:
@@ -171,7 +170,7 @@ def store(plan, state, groups, record, h):
                 g = groups.of[row[at.MODAL_V] + k]
                 size = abs(state.x[row[at.MODAL_X] + k])
                 groups.position[g] = max(groups.position[g], size)
-    state.numbers[TIME] = end_of_step(state, h)
+    state.numbers[TIME] = state.numbers[STEP_END]
     state.numbers[STEP_BEFORE] = h
     state.counts[STEPS] += 1
     r = state.counts[STORED]

@@ -105,10 +105,10 @@ def consistent_start(
     closed = after.x
     velocity = _velocities(scene, reduced, work, closed, v, held_v, given)
     if reduced.interiors is None:
-        a, multipliers = _accelerations(reduced, work, closed, velocity)
+        a, multipliers = accelerations(reduced, work, closed, velocity)
     else:
         machine = reduced, reduced.interiors, work, closed, velocity
-        a, multipliers = begin_interiors(*machine, _accelerations, kept=memories)
+        a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
     phi = constraint_values(scene, work, closed, velocity)[0]
     return Start(
         reduced,
@@ -196,11 +196,11 @@ def match_motion(
     velocity = v.copy()
     drive(scene.plan, work, x.copy(), velocity, np.zeros(scene.nv))
     velocity = match_velocities(scene, work, x, velocity, held)
-    a, multipliers = _accelerations(scene, work, x, velocity)
+    a, multipliers = accelerations(scene, work, x, velocity)
     return velocity, a, multipliers
 
 
-def _accelerations(
+def accelerations(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma.

@@ -58,6 +58,7 @@ class CompiledScene:
         wrench_sources: forces on frames that the plan knows as generalised forces alone.
         redundant: names of constraint rows left out as redundant.
         interiors: those of bodies with history; None where there are none.
+        breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
         force_rows: id of each force element to its rows of ``plan.forces`` and ``plan.elements``.
     """
 
@@ -85,6 +86,7 @@ class CompiledScene:
     redundant: tuple[str, ...] = ()
     interiors: Interiors | None = None
     force_rows: Mapping[int, ForceRows] = field(default_factory=dict)
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def nx(self) -> int:
@@ -132,7 +134,13 @@ class CompiledScene:
         for name, part in zip(plan._fields, plan, strict=True):
             if name not in places:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
+        digest.update(self.declared_breaks().tobytes())
         return digest.hexdigest()
+
+    def declared_breaks(self) -> FloatArray:
+        """(k,) s, of functions of time, of laws and of forces of the state."""
+        found: FloatArray = np.unique(np.concatenate([self.breaks, *(row.breaks for row in self.time_rows)]))
+        return found
 
     def refuse_other(self, scene: CompiledScene) -> None:
         """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
@@ -236,6 +244,7 @@ def build(
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
         force_rows=table.rows_of,
+        breaks=np.concatenate([np.zeros(0), *b.breaks]),
     )
     table.tell_built(scene)
     return scene

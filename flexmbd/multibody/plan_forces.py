@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from flexmbd.multibody.kane_inertia import GivenBody, KaneInertia
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan
 from flexmbd.multibody.plan_numbering import Numbering
-from flexmbd.multibody.time_function import Compiled, TimeFunction, as_row
+from flexmbd.multibody.time_function import Compiled, Piecewise, TimeFunction, as_row, checked_breaks
 
 #: Count of an element ON_STATE that is no user's force, so that no drive.
 NO_DRIVE = 1
@@ -104,15 +105,26 @@ class ForceTable:
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""
+        law = self._note_breaks(law, what)
         if isinstance(law, Compiled):
             return self._numbering.add_compiled(law)
         return self._numbering.add_law(law, what)
 
     def state_function(self, function: Compiled | StateFunction, what: str) -> int:
         """Address of a force of the whole state."""
+        function = self._note_breaks(function, what)
         if isinstance(function, Compiled):
             return self._numbering.add_compiled(function)
         return self._numbering.add_state_function(function, what)
+
+    def _note_breaks(self, function: Any, what: str) -> Any:
+        """The function itself, its breaks declared."""
+        while isinstance(function, Piecewise):
+            self._numbering.breaks.append(checked_breaks(function.breaks, what))
+            function = function.function
+        if isinstance(function, Compiled):
+            self._numbering.breaks.append(function.breaks)
+        return function
 
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""

@@ -63,6 +63,7 @@ class Numbering:
         self.flex: list[list[int]] = []
         self.times: list[TimeRow] = []
         self.time_names: list[str] = []
+        self.breaks: list[NDArray[np.float64]] = []
         self.callbacks = callbacks
         self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
         self.data_size = 1

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Union
+from typing import Any, Union, overload
 
 import numpy as np
 from numba import carray, cfunc, njit, types
@@ -76,13 +76,14 @@ class Signature(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """A compiled function; made by ``flexmbd.compiled``."""
+    """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s)."""
 
     address: int
     keep: Any
     name: str
     signature: Signature = Signature.TIME
     code: str = ""  # tells it from others where addresses change from process to process
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +95,60 @@ class Motion:
     acceleration: Compiled
 
 
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """A function that is smooth in time but for its breaks, at which its value or slope may jump.
+
+    Steps end on each break exactly.  What a step needs there is asked for just before it, what the next one begins
+    with just after, each by a few units of round-off of the times simulated.
+
+    Attributes:
+        function: of time, or a Python law or force of the state wherever one may stand.
+        breaks: instants (s).
+
+    Raises:
+        SceneError: the breaks are no finite instants.
+    """
+
+    function: Any
+    breaks: ArrayLike
+
+    def __post_init__(self) -> None:
+        checked_breaks(self.breaks, "Piecewise")
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function's own answer."""
+        return self.function(*arguments)
+
+
 #: What may stand where a function of time is asked for.
 TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types are unknown to it)
-    float, Sine, Table, PPoly, Compiled, Motion, Callable[[float], Any]
+    float, Sine, Table, PPoly, Compiled, Motion, Piecewise, Callable[[float], Any]
 ]
 
 
-def compiled(function: Callable[..., Any]) -> Compiled:
+def checked_breaks(breaks: ArrayLike, what: str) -> FloatArray:
+    """Declared breaks (k,), ascending; SceneError where they are no finite instants."""
+    try:
+        values = np.asarray(breaks, dtype=np.float64)
+    except (TypeError, ValueError) as reason:
+        raise SceneError(f"{what}: breaks must be instants (s), got {breaks!r}") from reason
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise SceneError(f"{what}: breaks must be a list of finite instants (s), got {breaks!r}")
+    return np.unique(values)
+
+
+@overload
+def compiled(function: Callable[..., Any], *, breaks: ArrayLike = ()) -> Compiled: ...
+
+
+@overload
+def compiled(function: None = None, *, breaks: ArrayLike = ()) -> Callable[[Callable[..., Any]], Compiled]: ...
+
+
+def compiled(
+    function: Callable[..., Any] | None = None, *, breaks: ArrayLike = ()
+) -> Compiled | Callable[[Callable[..., Any]], Compiled]:
     """Compile a function with numba, to be called inside the step without Python.
 
     ``f(t) -> float`` is a function of time; ``f(t, beta, rate) -> float`` a law on a joint coordinate;
@@ -108,9 +156,16 @@ def compiled(function: Callable[..., Any]) -> Compiled:
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
 
+    Args:
+        function: what to compile; where it is left out, as in ``@fm.compiled(breaks=[0.5])``, what follows.
+        breaks: instants (s) at which its value or slope jumps, as of ``flexmbd.Piecewise``.
+
     Raises:
-        SceneError: it takes another number of arguments.
+        SceneError: it takes another number of arguments, or breaks are no instants.
     """
+    if function is None:
+        return lambda following: compiled(following, breaks=breaks)
+    known = checked_breaks(breaks, function.__name__)
     count = len(inspect.signature(function).parameters)
     if count not in {s.value for s in Signature}:
         raise SceneError(
@@ -122,7 +177,7 @@ def compiled(function: Callable[..., Any]) -> Compiled:
         pointer = _state_pointer(njit(error_model="numpy")(function))
     else:
         pointer = cfunc(types.float64(*[types.float64] * count), error_model="numpy")(function)
-    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function))
+    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known)
 
 
 def _state_pointer(inner: Any) -> Any:
@@ -151,6 +206,8 @@ class TimeRow:
         call: the Python callable of TIME_PYTHON, else None.
         text: how ``explain`` calls it.
         code: what tells a user's functions apart (see ``fingerprint``).
+        motion: whether it prescribes a motion.
+        breaks: (k,) s, declared.
     """
 
     kind: int
@@ -160,6 +217,8 @@ class TimeRow:
     call: Callable[[float], Any] | None
     text: str
     code: str = ""
+    motion: bool = False
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
@@ -173,6 +232,17 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     Raises:
         SceneError: it is of no known kind, not finite, or lacks the derivatives.
     """
+    declared: list[FloatArray] = []
+    while isinstance(function, Piecewise):
+        declared.append(checked_breaks(function.breaks, what))
+        function = function.function
+    parts = (function.value, function.rate, function.acceleration) if isinstance(function, Motion) else (function,)
+    declared += [part.breaks for part in parts if isinstance(part, Compiled)]
+    breaks = np.unique(np.concatenate([np.zeros(0), *declared]))
+    return replace(_as_row(function, what, motion=motion), motion=motion, breaks=breaks)
+
+
+def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     none = (0, 0, 0)
     if isinstance(function, (int, float, np.integer, np.floating)):
         value = float(function)

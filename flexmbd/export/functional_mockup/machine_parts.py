@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.integrate import alpha_layout, explicit_runge_kutta, generalized_alpha
+from flexmbd.integrate import alpha_layout, controller, explicit_runge_kutta, generalized_alpha
 from flexmbd.integrate import state as st
-from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, _new_scratch
+from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, new_method
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
-from flexmbd.integrate.loop_dynamics import N_MEMORY, new_loops, survey
+from flexmbd.integrate.loop_dynamics import N_MEMORY, survey
 from flexmbd.integrate.tableau import Tableau
 from flexmbd.multibody.body import Frame
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.layout import Plan, new_work
-from flexmbd.multibody.kernels.rotation_update import coordinate_slots
-from flexmbd.multibody.kernels.round_bodies import round_axes
 from flexmbd.multibody.kernels.tangent import tangent_after_residual
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import evaluate_inputs, new_snapshot
@@ -102,31 +99,38 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     plan = scene.plan._replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
     record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
     explicit = method if isinstance(method, ExplicitRungeKutta) else ExplicitRungeKutta()
-    resting = _explicit(scene, explicit, _STANDSTILL, (plan, work, state, groups, record))
+    resting, behind = _explicit(scene, explicit, _STANDSTILL, (plan, work, state, groups, record))
     if isinstance(method, ExplicitRungeKutta):
-        run = _explicit(scene, method, method.pair.tableau, (plan, work, state, groups, record))
-        return Parts(run, resting, state, plan)
+        run, beside = _explicit(scene, method, method.pair.tableau, (plan, work, state, groups, record))
+        return Parts(run, resting, state, plan, 0, (behind, beside))
     state.counts[alpha_layout.INDEX] = method.index
     state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
     state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
     scratch = alpha_layout.new_scratch(plan, work, scene.nx, scene.nv)
-    run = Call(generalized_alpha.advance, (plan, work, state, groups, scratch, record))
     tangent = Call(tangent_after_residual, (
         plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full
     ))  # fmt: skip
     scratch.kernels[:] = 0
-    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, ((scratch.kernels, tangent),))
+    one = generalized_alpha.Method(plan, work, scratch)
+    run, beside = _driven(generalized_alpha.attempt, one, generalized_alpha.RULE, state, groups, record)
+    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, (behind, beside, (scratch.kernels, tangent)))
 
 
-def _explicit(scene: CompiledScene, method: ExplicitRungeKutta, tableau: Tableau, shared: tuple[Any, ...]) -> Call:
-    """A call of the explicit methods' loop."""
+def _explicit(
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, shared: tuple[Any, ...]
+) -> tuple[Call, tuple[np.ndarray, Call]]:
+    """A call of the loop over steps with an explicit method, and what is behind an address in it."""
     plan, work, state, groups, record = shared
-    plain, quaternions = coordinate_slots(plan)
     own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
     survey(scene, own, work)
-    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(plan, quaternions))
-    loops, articulated, way = new_loops(plan, own), new_articulated_work(plan), int(method.rotations)
-    return Call(
-        explicit_runge_kutta.advance,
-        (plan, work, articulated, loops, plain, quaternions, way, tableau, state, groups, scratch, record),
-    )
+    method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
+    return _driven(explicit_runge_kutta.attempt, method, choice.rule, state, groups, record)
+
+
+def _driven(
+    attempt: Any, method: Any, rule: controller.Rule, state: st.State, groups: st.Groups, record: st.Record
+) -> tuple[Call, tuple[np.ndarray, Call]]:
+    """A call of the loop over steps with a method, and its attempt behind an address."""
+    address = np.zeros(1, np.int64)
+    run = Call(controller.advance, (address, method, rule, controller.NO_KNOTS, state, groups, record))
+    return run, (address, Call(attempt, (method, state, groups, 1.0)))

@@ -10,6 +10,7 @@ from flexmbd.multibody.callback import FloatArray
 from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.kane import Contribution, Kinematics, Machine
 from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.time_function import Piecewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,9 @@ class KaneForce(OnState):
         """A function of the state that asks the user's with the motion of that state."""
         forces = _Forces(self.function)
         table.when_built(forces.build)
-        table.element(at.ON_STATE, self.what, address=table.state_function(forces, self.what))
+        breaks = self.function.breaks if isinstance(self.function, Piecewise) else ()
+        address = table.state_function(Piecewise(forces, breaks), self.what)
+        table.element(at.ON_STATE, self.what, address=address)
         table.act_on_frames(forces)
 
 
