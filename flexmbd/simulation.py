@@ -19,6 +19,7 @@ from flexmbd.event_search import EventSearch
 from flexmbd.given import is_number, numbers
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.limits import UNLIMITED, Limits
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
@@ -49,6 +50,8 @@ def run(
     checkpoints: Sequence[float],
     saves: Saves | None,
     progress: bool,
+    limits: Limits = UNLIMITED,
+    max_step: float | None = None,
 ) -> Trajectory:
     """Integrate from a snapshot of a simulation begun at ``begun`` (s); see ``System.simulate``."""
     method.check(start.scene)
@@ -58,6 +61,9 @@ def run(
         announce(purpose)
     set_out = time.perf_counter()
     integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
+    if max_step is not None:
+        integration.bound_steps(max_step)
+    budget = _Budget(limits, integration, team, set_out)
     t_start = integration.t
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*checkpoints, *saved}), t_end]
@@ -69,7 +75,7 @@ def run(
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
     with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
-        while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored):
+        while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
                 code = _advance(integration, search, stops[0])
@@ -95,8 +101,39 @@ def run(
     )
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)
+    budget.refuse_spent(trajectory)
     _refuse_stopped(start.scene, integration, code, trajectory)
     return trajectory
+
+
+class _Budget:
+    """What a run may still cost; how many rows it leaves before it is asked again."""
+
+    def __init__(self, limits: Limits, integration: Integration, team: Team, set_out: float) -> None:
+        self._limits, self._integration, self._team = limits, integration, team
+        self._steps = int(integration.state.counts[st.STEPS])
+        self._set_out, self._spent, self._over, self._room = set_out, 0.0, "", 1
+
+    def lasts(self) -> bool:
+        """Whether the run may go on; rank 0's clock on every rank.  Collective over the team."""
+        spent = time.perf_counter() - self._set_out
+        if self._limits.max_seconds is not None:
+            spent = float(self._team.agree(np.array([spent]))[0])
+        took, self._spent = spent - self._spent, spent
+        integration = self._integration
+        cost = {"steps": int(integration.state.counts[st.STEPS]) - self._steps, "rows": integration.rows}
+        self._over = self._limits.reached(**cost, seconds=spent)
+        self._room = integration.room = self._limits.room(self._room, took, **cost)
+        return not self._over
+
+    def refuse_spent(self, trajectory: Trajectory) -> None:
+        """Raise SimulationError where the run may not go on."""
+        if self._over:
+            raise SimulationError(
+                f"the simulation was broken off at t = {trajectory.t[-1]:.6g} s: {self._over}; what was computed up to "
+                "then is in the error's trajectory",
+                trajectory,
+            )
 
 
 def _advance(integration: Integration, search: EventSearch | None, stop: float) -> int:

@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.energy_momentum import is_driven
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.limits import MOST_ROWS
 from flexmbd.multibody.breaks import find_breaks
 from flexmbd.multibody.initial import Start, accelerations, match_motion
 from flexmbd.multibody.interiors import NOTHING_KEPT, Kept, Row
@@ -22,7 +23,6 @@ from flexmbd.trajectory import Departure
 
 FloatArray = NDArray[np.float64]
 
-_BUFFER = 1024  # rows of the output buffer: how often compiled stepping returns
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,7 @@ class Integration:
         stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far.
         beside: what bodies with history leave beside each of these rows.
         departures: with what it goes on from breaks among these rows.
+        room: the most rows that one call of ``advance`` leaves.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class Integration:
         if self.state.counts[st.STEPS] == 0:
             evaluate_inputs(scene, self.work, self.t)
             self._stepper.begin()
-        rows = 1 if one_by_one else _BUFFER
+        rows = 1 if one_by_one else MOST_ROWS
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
         declared = scene.declared_breaks()
@@ -83,12 +84,23 @@ class Integration:
         self.beside: list[Row] = []
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
+        self.room = 1 if one_by_one else MOST_ROWS
         self.keep_state()
 
     @property
     def t(self) -> float:
         """Time (s) reached."""
         return float(self.state.numbers[st.TIME])
+
+    @property
+    def rows(self) -> int:
+        """How many are taken."""
+        return sum(len(block[0]) for block in self.stored)
+
+    def bound_steps(self, longest: float) -> None:
+        """Let no step of error control be longer (s)."""
+        ceiling = self.state.numbers[st.STEP_CEILING]
+        self.state.numbers[st.STEP_CEILING] = min(ceiling, longest)
 
     def begin_anew(self) -> None:
         """Forget what the method remembers of earlier steps, for the state was changed by hand."""
@@ -105,6 +117,7 @@ class Integration:
         """
         number, count = self.state.numbers, self.state.counts
         count[st.STORED] = 0
+        count[st.ROOM] = self.room
         self._departed.clear()
         if self._interiors is not None:
             self._interiors.buffer.clear()
@@ -148,7 +161,7 @@ class Integration:
 
     def keep_rows(self) -> None:
         """Take the buffer's rows into ``stored``."""
-        stored, before = int(self.state.counts[st.STORED]), sum(len(block[0]) for block in self.stored)
+        stored, before = int(self.state.counts[st.STORED]), self.rows
         self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
         self._departed.clear()
         self.stored.append(tuple(part[:stored].copy() for part in self.record))
@@ -221,7 +234,7 @@ def new_snapshot(
     number[st.LATEST] = np.inf
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
-    count[st.ROOM] = _BUFFER
+    count[st.ROOM] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))

@@ -21,6 +21,7 @@ from flexmbd.event import Event
 from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.limits import Limits
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
 from flexmbd.multibody.agreement import refuse_different
 from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
@@ -411,6 +412,10 @@ class System:
         checkpoint_every: float | None = None,
         restart: Checkpoint | None = None,
         progress: bool = False,
+        max_step: float | None = None,
+        max_steps: int | None = None,
+        max_rows: int | None = None,
+        max_seconds: float | None = None,
     ) -> Trajectory:
         """Run the machine from ``t_start`` to ``t_end`` (s).
 
@@ -433,11 +438,15 @@ class System:
             restart: a checkpoint to go on from instead of the scene's start, with its rtol or h; the
                 numbers are those of going on without a stop, to the bit.
             progress: show a progress bar.
+            max_step: longest step (s) of error control, so that an event's function is asked as often.
+            max_steps: accepted steps of this run after which it is broken off, with what was computed up to then.
+            max_rows: rows of its trajectory after which it is broken off.
+            max_seconds: s of the wall's clock after which it is broken off.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or a bad argument.
-            SimulationError: the step reached its floor or a fixed step failed; its
-                ``trajectory`` holds what was computed up to then.
+            SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
+                faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
         """
         refuse_other(events, Sequence, "events", wanted="a list of events, [event]")
         for event in events:
@@ -447,6 +456,9 @@ class System:
             refuse_other(restart, Checkpoint, "restart", wanted="a checkpoint, as fm.Checkpoint.load(path) gives it")
             t_start = restart.t
         check_times(t_start, t_end, rtol, h, checkpoints)
+        limits = Limits(max_steps, max_rows, max_seconds)
+        if max_step is not None and not (h is None and np.isfinite(max_step) and max_step > 0.0):
+            raise SceneError(f"max_step = {max_step} s must be positive and finite, and given without a fixed step h")
         if (checkpoint_file is None) != (checkpoint_every is None):
             raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")
         saves = None
@@ -476,6 +488,8 @@ class System:
             checkpoints=checkpoints,
             saves=saves,
             progress=progress,
+            limits=limits,
+            max_step=max_step,
         )
 
 

@@ -239,6 +239,7 @@ def solve_step(plan, work, state, s, h, tolerance):
         if attempt > 0:
             trial(plan, work, state, s, h, s.unknown, s.equation)
             if not linearise(plan, work, state, s, h):
+                state.counts[st.OUTCOME] = st.RANK_LOST
                 break
         if _newton(plan, work, state, s, h, tolerance, attempt > 0 and plan.rows.shape[0] == 0) == 1:
             if renew:

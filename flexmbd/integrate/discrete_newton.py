@@ -375,6 +375,7 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
             if not old:
                 call_separate(s.kernels[LINEARISE], (plan, work, state, groups, s, h))
                 if s.energy[SINGULAR] != 0.0:
+                    state.counts[st.OUTCOME] = st.RANK_LOST
                     break
             outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old)
             if outcome == 1:

@@ -83,6 +83,7 @@ def _close_end(plan, work, state, s, h, tolerance):
         if state.counts[END] == 0:
             before = 0.0
             if not factor_end(plan, work, state, s):
+                state.counts[st.OUTCOME] = st.RANK_LOST
                 return False
         evaluate_stage(plan, work, state, s, last)
         for j in range(nu):
@@ -135,6 +136,7 @@ def solve_step(plan, work, state, s, h, tolerance):
             if not take_tangent(plan, work, state, s, place):
                 continue
         if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
+            state.counts[st.OUTCOME] = st.RANK_LOST
             continue
         s.is_even[0] = 1 if attempt >= _EVEN else 0
         if not _iterate(plan, work, state, s, h, tolerance):
