@@ -23,8 +23,10 @@ def round_bar(
 ) -> TaggedMesh:
     """Mesh the quarter x, y >= 0 of the round bar of the axis z, 0 <= z <= length, with 8-node bricks. Collective.
 
-    In the section a square in the middle is surrounded by a ring. Facet groups: "x_min" and "y_min", the planes of
-    symmetry, "z_min", "z_max", "side"; cell group "round_bar".
+    In the section a square in the middle is surrounded by a ring. The cells are straight and their outer nodes lie on
+    the radius: the section is a polygon of 8 n sides, n the first of the divisions, and lacks
+    1 - 4 n sin(pi / 4 n) / pi of the circle's area, and the body of its mass: 2.6 % with n = 2, 0.64 % with 4, 0.16 %
+    with 8. Facet groups: "x_min" and "y_min", the planes of symmetry, "z_min", "z_max", "side"; cell group "round_bar".
 
     Args:
         radius: m.
