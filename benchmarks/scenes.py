@@ -1,7 +1,8 @@
 """The scenes of the simulation benchmarks, and the integrators that run them.
 
-Rigid: a chain of links, a heavy top, a row of four-bars. Flexible: a hinged beam that swings or is spun up, a chain
-of five, a slider-crank whose rod it is. What exudyn makes of them is in scenes_exudyn.py.
+Rigid: a chain of links, a heavy top, a row of four-bars, a mass under loads that jump or bend. Flexible: a hinged beam
+that swings or is spun up, a chain of five, a slider-crank whose rod it is. What exudyn makes of them is in
+scenes_exudyn.py.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import PPoly
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
@@ -149,6 +151,38 @@ def slider_crank(record: fm.ReducedBody) -> tuple[fm.System, Frame]:
     return scene, slider.frame()
 
 
+STRENGTH, STIFFNESS, STOP = 3.0, 4.0, 0.7317  # N, N/m, s
+#: Loads (N) on a mass of 1 kg on a spring, as data: one that stops, a triangular pulse.
+LOADS = {
+    "jump": PPoly([[STRENGTH, 0.0]], [0.0, STOP, 10.0]),
+    "pulse": PPoly(
+        [[2.0 * STRENGTH / STOP, -2.0 * STRENGTH / STOP, 0.0], [0.0, STRENGTH, 0.0]], [0.0, 0.5 * STOP, STOP, 10.0]
+    ),
+}
+
+
+def loaded_spring(load: str) -> tuple[fm.System, Frame]:
+    """A mass of 1 kg on a spring along x, from rest, under a load that is not smooth."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="body")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), body.frame())
+    scene.add_force(fm.force.JointSpring(slide, STIFFNESS, 0.0))
+    scene.add_force(fm.force.JointForce(slide, LOADS[load]))
+    return scene, body.frame()
+
+
+def loaded_spring_end(load: str, t: float) -> tuple[float, float, float]:
+    """Where the mass is once the load is over, by Duhamel's integral in closed form."""
+    omega = np.sqrt(STIFFNESS)
+    if load == "jump":
+        x = STRENGTH / STIFFNESS * (np.cos(omega * (t - STOP)) - np.cos(omega * t))
+    else:  # three ramps, each of which begins a motion t - sin(omega t) / omega
+        slope = 2.0 * STRENGTH / STOP
+        parts = [(0.0, 1.0), (0.5 * STOP, -2.0), (STOP, 1.0)]
+        x = sum(share * slope / STIFFNESS * (t - at - np.sin(omega * (t - at)) / omega) for at, share in parts)
+    return float(x), 0.0, 0.0
+
+
 def rigid_scenes(*, quick: bool) -> list[Scene]:
     """The scenes that need no record."""
     four = mechanisms.FOUR_BAR
@@ -158,6 +192,11 @@ def rigid_scenes(*, quick: bool) -> list[Scene]:
         Scene("heavy top", "heavy top", 2.0, 1.0, heavy_top, mechanisms.HEAVY_TOP[2.0]),
         Scene("four-bars, 2", "four-bars", 10.0, 1.0, lambda: four_bars(2), (*four[2][10.0], 0.0), 2),
         Scene("four-bars, 40", "four-bars", 1.0, 1.0, lambda: four_bars(40), (*four[40][1.0], 0.0), 40),
+        *(
+            Scene(f"load with a {load}", f"load with a {load}", 3.0, 1.0, partial(loaded_spring, load),
+                  loaded_spring_end(load, 3.0), agreement=1e-4)  # exudyn's steps go across the jump
+            for load in LOADS
+        ),
     ]
     return [scenes[0], scenes[2], scenes[3]] if quick else scenes
 

@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,8 @@ SOLVERS = {
     "rigid chain": (ALPHA, *EXPLICIT),
     "heavy top": (ALPHA, *EXPLICIT),
     "four-bars": (ALPHA, ALPHA_SPARSE, TRAPEZOIDAL),
+    "load with a jump": (ALPHA, TRAPEZOIDAL, *EXPLICIT),
+    "load with a pulse": (ALPHA, TRAPEZOIDAL, *EXPLICIT),
     "flexible chain": (ALPHA, ALPHA_SPARSE, TRAPEZOIDAL),
     "spin-up": (ALPHA, TRAPEZOIDAL),
     "slider-crank": (ALPHA, TRAPEZOIDAL),
@@ -298,10 +300,26 @@ def _about_z(angle: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def _loaded_spring(load: str, system: Any, _: scenes.Scene) -> Any:
+    """The load by a function of time, which is all there is for it."""
+    pieces = scenes.LOADS[load]
+    body = system.CreateMassPoint(physicsMass=1.0)
+    system.CreateCartesianSpringDamper(bodyNumbers=[system.CreateGround(), body], stiffness=[scenes.STIFFNESS] * 3)
+    marker = system.AddMarker(item.MarkerBodyPosition(bodyNumber=body))
+
+    def force(_system: Any, t: float, _load: Any) -> list[float]:
+        return [float(pieces(t)), 0.0, 0.0]
+
+    system.AddLoad(item.Force(markerNumber=marker, loadVector=[0.0, 0.0, 0.0], loadVectorUserFunction=force))
+    return _point(system, body, [0.0, 0.0, 0.0])
+
+
 BUILDERS: dict[str, Callable[[Any, scenes.Scene], Any]] = {
     "rigid chain": _rigid_chain,
     "heavy top": _heavy_top,
     "four-bars": _four_bars,
+    "load with a jump": partial(_loaded_spring, "jump"),
+    "load with a pulse": partial(_loaded_spring, "pulse"),
     "flexible chain": _flexible_chain,
     "averaged flexible chain": _averaged_chain,
     "spin-up": _spin_up,
