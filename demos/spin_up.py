@@ -55,7 +55,7 @@ assert arm.stretch is not None
 linear = replace(arm, stretch=None)
 first = 2.0 * np.pi * arm.frequencies(clamped=["x_min"])[0]
 say(f"arm: {model.K.getSize()[0]} degrees of freedom, {arm.mass:.4f} kg, {arm.n_modes} modes, of which")
-say(f"{arm.provenance['stretch modes']} were added and {len(arm.stretch.mode)} are stretched by the others;")
+say(f"{arm.provenance['stretch modes']} were added; there are {len(arm.stretch.strain)} membrane strains;")
 say(f"first frequency {first:.3f} rad/s, against {OMEGA:g} rad/s of the hub")
 say()
 

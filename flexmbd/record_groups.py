@@ -97,23 +97,24 @@ class GeometricStiffness:
 
 @dataclass(frozen=True, eq=False)
 class ModalStretch:
-    """Optional group ``stretch/``: how the modes' rotations stretch the body.
+    """Optional group ``stretch/``: membrane strains, and how the modes' rotations stretch the body.
 
-    The Green-Lagrange strain of a displacement has a part of second order.  Projected on the strain of
-    mode k it adds q^T P_k q / (2 K_kk) to q_k, with P_k,ij the integral of stress(phi_k) :
-    (grad phi_i^T grad phi_j), and the strain energy is
+    A membrane field a_m is a combination of modes of the strain energy 1/2, without energy in common with the others.
+    How much of it a displacement q holds is its membrane strain c_m q, c_m = a_m^T K.  The Green-Lagrange strain of a
+    displacement has a part of second order as well; projected on the field's own strain it is q^T P_m q / 2, with
+    P_m,ij the integral of stress(a_m) : (grad phi_i^T grad phi_j), phi without its membrane fields.  The strain energy
+    is
 
-        sum_k K_kk (q_k + q^T P_k q / (2 K_kk))^2 / 2.
+        (q^T K q + sum_m (c_m q + q^T P_m q / 2)^2 - (c_m q)^2) / 2.
 
-    It keeps a spinning body stiff and a bent one as long as it was, under any load, and is never
-    negative.
+    It keeps a spinning body stiff and a bent one as long as it was, under any load, and is never negative.
 
     Attributes:
-        mode: (s,) numbers k of the modes with such a part, from 0, ascending; the others have none.
-        P: (s, n, n) symmetric, 1/s^2 per unit modal coordinate.
+        strain: (s, n) c_m, 1/s: J^(1/2) per unit modal coordinate; c_m K^-1 c_l is 1 for m = l, else 0.
+        P: (s, n, n) symmetric, J^(1/2) per unit modal coordinates.
     """
 
-    mode: IntArray
+    strain: FloatArray
     P: FloatArray
 
 
@@ -163,7 +164,7 @@ GROUPS: dict[str, type[Group]] = {
     "stress": StressModes,
 }
 
-_WHOLE = ("node", "triangle", "mode", "interface")
+_WHOLE = ("node", "triangle", "interface")
 _NAMES = ("loads", "names")
 
 
@@ -204,10 +205,6 @@ def group_faults(group: Group, *, n: int) -> Iterable[str]:
         low, high = group.triangle.min(), group.triangle.max()
         if low < 0 or high >= len(group.x):
             yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
-    if isinstance(group, ModalStretch) and group.mode.size > 0 and not (
-        group.mode[0] >= 0 and group.mode[-1] < n and (np.diff(group.mode) > 0).all()
-    ):
-        yield f"{kind} has modes {group.mode}, expected ascending numbers from 0 to {n - 1}"
     for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
             yield f"{kind} names a load twice: {names}"
@@ -225,8 +222,8 @@ def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
         case GeometricStiffness():
             return {"K": (len(group.loads), n, n)}
         case ModalStretch():
-            s = group.mode.size
-            return {"mode": (s,), "P": (s, n, n)}
+            s = len(group.strain)
+            return {"strain": (s, n), "P": (s, n, n)}
         case DistributedLoads():
             k = len(group.names)
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}

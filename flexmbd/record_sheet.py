@@ -220,7 +220,7 @@ def _group_text(group: Group) -> str:
         case GeometricStiffness():
             return _count(len(group.loads), "load")
         case ModalStretch():
-            return f"{_count(len(group.mode), 'mode')} stretched"
+            return _count(len(group.strain), "membrane strain")
         case DistributedLoads():
             return _count(len(group.names), "load")
 

@@ -60,7 +60,7 @@ class ReducedBody:
         modes: optional full nodal modes.
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
-        stretch: optional stretching of the body by its modes' rotations.
+        stretch: optional membrane strains, by which its modes' rotations stretch the body.
         loads: optional distributed loads.
         stress: optional stress modes.
     """
@@ -202,7 +202,7 @@ class ReducedBody:
         return np.einsum("iaja->ij", self.gram[4:, 4:].reshape(n, 3, n, 3))
 
     def strained(self, q: FloatArray) -> FloatArray:
-        """Modal coordinates of the strain, to second order: q + s of `ModalStretch`; without it q itself.
+        """Modal coordinates of the strain, with the second-order part of `ModalStretch`; without it q itself.
 
         Args:
             q: (nt, n).
@@ -213,8 +213,8 @@ class ReducedBody:
         if self.stretch is None:
             return q
         strained = np.array(q)
-        for mode, P in zip(self.stretch.mode, self.stretch.P, strict=True):
-            strained[:, mode] += np.einsum("ti,ti->t", q @ P, q) / (2.0 * self.stiffness[mode])
+        for strain, P in zip(self.stretch.strain, self.stretch.P, strict=True):
+            strained += np.outer(np.einsum("ti,ti->t", q @ P, q) / 2.0, strain / self.stiffness)
         return strained
 
     def frequencies(self, clamped: Iterable[str] | Mapping[str, Iterable[str]] = ()) -> FloatArray:

@@ -51,7 +51,7 @@ def full_record():
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
-        stretch=ModalStretch(np.array([0, 2, n - 1]), rng.normal(size=(3, n, n))),
+        stretch=ModalStretch(rng.normal(size=(3, n)), rng.normal(size=(3, n, n))),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
@@ -161,8 +161,8 @@ NAN = np.full((3, 3), np.nan)
         (NodalModes(np.arange(4), np.zeros((3, 3)), np.zeros((4, 3, 5))), r"x \(3, 3\), expected \(4, 3\)"),
         (GeometricStiffness(("a",), np.zeros((2, 5, 5))), r"K \(2, 5, 5\), expected \(1, 5, 5\)"),
         (GeometricStiffness(("a", "a"), np.zeros((2, 5, 5))), "names a load twice"),
-        (ModalStretch(np.array([1, 5]), np.zeros((2, 5, 5))), r"modes \[1 5\], expected ascending numbers from 0 to 4"),
-        (ModalStretch(np.array([2, 1]), np.zeros((2, 5, 5))), r"modes \[2 1\], expected ascending"),
+        (ModalStretch(np.zeros((2, 4)), np.zeros((2, 5, 5))), r"strain \(2, 4\), expected \(2, 5\)"),
+        (ModalStretch(np.zeros((2, 5)), np.zeros((3, 5, 5))), r"P \(3, 5, 5\), expected \(2, 5, 5\)"),
         (DistributedLoads(("a",), np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((1, 5))), r"moment \(1, 2\)"),
         (
             StressModes(np.arange(2), np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5, 6))),

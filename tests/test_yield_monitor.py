@@ -75,27 +75,24 @@ def bent(record, moment):
     def balance(z):
         q = scale * z
         force = k * q
-        force[stretch.mode] += 0.5 * np.einsum("i,kij,j->k", q, stretch.P, q)
-        turned = np.einsum("k,kij,j->i", force[stretch.mode] / k[stretch.mode], stretch.P, q)
-        return scale * (force + turned - moment * modes[4])
+        second_order = 0.5 * np.einsum("i,mij,j->m", q, stretch.P, q)
+        turned = np.einsum("m,mij,j->i", stretch.strain @ q + second_order, stretch.P, q)
+        return scale * (force + stretch.strain.T @ second_order + turned - moment * modes[4])
 
     start = at_rest(record, (0, 0, 0, 0, moment, 0)) / scale
     return scale * fsolve(balance, start, xtol=1e-13)
 
 
-def test_the_shortening_of_a_bent_rod_is_no_stress(stretched):
-    """A rod bent to an arc by a moment: M / Z all along; what is left out falls with the angle's square."""
-    error = []
-    for angle in (0.05, 0.1):
-        moment = angle * STEEL.E * WIDTH * HEIGHT**3 / 12.0 / LENGTH
-        q, stress = bent(stretched, moment), moment / MODULUS
-        monitor = fm.YieldMonitor(fm.FlexibleBody(stretched), yield_stress=stress, clearance=3.0 * HEIGHT)
-        error.append(monitor.utilisation(q) - 1.0)
-        # of q alone the rod's shortening would be a strain
-        alone = fm.FlexibleBody(dataclasses.replace(stretched, stretch=None))
-        assert fm.YieldMonitor(alone, yield_stress=stress, clearance=3.0 * HEIGHT).utilisation(q) > 2.0
-    assert abs(error[0]) < 0.006
-    assert error[1] / error[0] == pytest.approx(4.0, abs=0.3)
+@pytest.mark.parametrize("angle", [0.05, 0.1, 0.2])
+def test_the_shortening_of_a_bent_rod_is_no_stress(stretched, angle):
+    """A rod bent to an arc by a moment: M / Z all along."""
+    moment = angle * STEEL.E * WIDTH * HEIGHT**3 / 12.0 / LENGTH
+    q, stress = bent(stretched, moment), moment / MODULUS
+    monitor = fm.YieldMonitor(fm.FlexibleBody(stretched), yield_stress=stress, clearance=3.0 * HEIGHT)
+    assert monitor.utilisation(q) == pytest.approx(1.0, abs=1e-6)
+    # of q alone the rod's shortening would be a strain
+    alone = fm.FlexibleBody(dataclasses.replace(stretched, stretch=None))
+    assert fm.YieldMonitor(alone, yield_stress=stress, clearance=3.0 * HEIGHT).utilisation(q) > 2.0
 
 
 def test_against_the_pictures_of_a_run(linear):

@@ -208,11 +208,11 @@ def average_strain(plan, s, h):
         qx = row[at.MODAL_X]
         qv = row[at.MODAL_V]
         for r in range(flex[at.N_STRETCH]):
-            k, o, more = stretch(plan, flex, s.half[qv : qv + n], r)
-            force = plan.modal[flex[at.MODAL_STIFFNESS] + k] * more * h * h
+            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            force = more * h * h
             _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
-            s.bend[0, k] += 1.0
             for j in range(n):
+                s.bend[0, j] += plan.modal[c + j]
                 s.force[qv + j] += force * s.bend[0, j]
                 s.stored[qv + j] += force * s.bend[0, j]
 
@@ -229,11 +229,12 @@ def vary_average_strain(plan, s, h):
         qx = row[at.MODAL_X]
         qv = row[at.MODAL_V]
         for r in range(flex[at.N_STRETCH]):
-            k, o, more = stretch(plan, flex, s.half[qv : qv + n], r)
-            stiffness = 0.25 * h * h * plan.modal[flex[at.MODAL_STIFFNESS] + k]
+            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            stiffness = 0.25 * h * h
             _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
             _strain_gradient(plan, flex, o, s.half[qv : qv + n], s.bend[1, :n])
-            s.bend[0, k] += 1.0
+            for a in range(n):
+                s.bend[0, a] += plan.modal[c + a]
             for a in range(n):
                 for b in range(n):
                     s.full[qv + a, qv + b] += stiffness * h * s.bend[0, a] * s.bend[1, b]

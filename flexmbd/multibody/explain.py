@@ -78,7 +78,7 @@ def _kind(body: Body) -> str:
     record = body.reduced()
     if record is None:
         return "rigid"
-    stretch = "" if record.stretch is None else f", {len(record.stretch.mode)} of them stretched by the others"
+    stretch = "" if record.stretch is None else f", {len(record.stretch.strain)} membrane strains"
     return f"flexible, {record.n_modes} modes{stretch}"
 
 
@@ -182,7 +182,7 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("modal damping (zero)")
     reduced = [b.outer.body for b in start.scene.topology.branches if not isinstance(b.outer.body, PseudoRigidBody)]
     records = [record for body in reduced if (record := body.reduced()) is not None]
-    if records and all(record.stretch is None or not len(record.stretch.mode) for record in records):
+    if records and all(record.stretch is None or not len(record.stretch.strain) for record in records):
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")

@@ -104,14 +104,15 @@ class StVenantKirchhoff:
         return 0
 
     def record(self, solid: Solid) -> ReducedBody:
-        """Six modes whose stretches are those of the Green-Lagrange strain."""
+        """Six modes, each a strain to which its part of the Green-Lagrange strain belongs."""
         basis = symmetric_basis()
         stress = self._stress(basis)
         k, modes = _normal(solid, solid.volume * np.einsum("iab,jab->ij", stress, basis))
-        # V stress(H_k) : (H_i H_j + H_j H_i) / 2
+        # V stress(H_k) : (H_i H_j + H_j H_i) / 2, of modes of the same energy
         product = np.einsum("iab,jbc->ijac", modes, modes)
         P = solid.volume * np.einsum("kac,ijac->kij", self._stress(modes), product)
-        stretch = ModalStretch(np.arange(6), 0.5 * (P + P.transpose(0, 2, 1)))
+        size = np.sqrt(k)
+        stretch = ModalStretch(np.diag(size), 0.5 * (P + P.transpose(0, 2, 1)) / size[:, None, None])
         return _record(solid, k, modes, stretch, "St Venant-Kirchhoff")
 
     def _stress(self, strain: FloatArray) -> FloatArray:

@@ -207,13 +207,12 @@ class Numbering:
         return len(self.flex) - 1
 
     def add_stretch(self, record: ReducedBody) -> tuple[int, int]:
-        """Append what the modes stretch each other; return its offset and the number of its rows."""
+        """Append the membrane strains; return their offset and number."""
         group = record.stretch
-        if group is None or len(group.mode) == 0:
+        if group is None or len(group.strain) == 0:
             return -1, 0
         row, column = np.tril_indices(record.n_modes)
-        share = group.P / record.stiffness[group.mode][:, None, None]
-        return self.add_modal(np.column_stack([group.mode, share[:, row, column]])), len(group.mode)
+        return self.add_modal(np.hstack([group.strain, group.P[:, row, column]])), len(group.strain)
 
     def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
         """Append a function of time; return its row."""

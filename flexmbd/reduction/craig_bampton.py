@@ -57,7 +57,8 @@ def craig_bampton(
     Args:
         model: with at least the interface `frame`; about a loaded state if it is one of `prestressed`.
         modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0
-            gives Guyan's reduction.
+            gives Guyan's reduction. Here as below a cluster of equal frequencies is kept whole: where that adds
+            modes the record's provenance says so, and a warning.
         below_hz: Hz; all fixed-interface modes below it. Beside `tol`: the range that this is for.
         tol: as few modes as bring the relative error of the eigenvalues (2 pi f)^2 down to it, by an
             estimate that is not below the true error (`flexmbd.reduction.spectrum_error`): those of the
@@ -213,8 +214,7 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
     return stretch_modes(
         statics,
         fixed,
-        names=found.loads.names[:number],
-        loads=found.loads.forces[:, :number],
+        loads=found.loads.first(number),
         displacements=found.displacements[:, :number],
         images=images,
     )

@@ -7,8 +7,11 @@ load l (Wallrapp & Schwertassek 1991, Representation of geometric stiffening in 
 simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.continuum.stress_stiffness`.
 
 A machine that multiplies K_l by the loads of the moment takes the stress to follow them at once, and has no
-energy to keep.  With the stress of the modes in the place of the loads' the strain energy itself is at
-hand, projected on the modes' strains (`ModalStretch`), under any load and for any motion.
+energy to keep.  With the stress of the membrane fields (`flexmbd.reduction.membrane`) in the place of the loads' the
+strain energy itself is at hand, projected on these fields' strains (`ModalStretch`), under any load and for any
+motion.  The fields hold the membrane part of the full model's static response to the loads of the body's own motion
+and of its interfaces (`flexmbd.reduction.stretch_modes`), so that the membrane force of such a load is complete
+whatever the number of modes; under it their frequencies converge from above, as Ritz's do.
 """
 
 from __future__ import annotations
@@ -19,15 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.continuum.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.gradient_parts import strain_over_rotation
 from flexmbd.continuum.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.stress_stiffness import stress_stiffness
-from flexmbd.record_groups import IntArray
 from flexmbd.reduced import FRAME_DOFS, GeometricStiffness, ModalStretch
+from flexmbd.reduction.membrane import membrane_fields, stretching_fields
 from flexmbd.reduction.statics import Statics
-
-# A mode that takes less of the second-order strain of slower modes than this part of what another takes has none.
-_STRETCHED = 0.03
 
 _AXES = ("x", "y", "z")
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -40,10 +41,17 @@ class UnitLoads:
     Attributes:
         names: (l,) of the loads.
         forces: (owned dofs, l) nodal forces, N per unit of each load, in the mesh's axes.
+        accelerations: (l,) kg^(1/2) m/s^2, of inertia forces the norm a^T M a, to the power of 1/2, of the nodes'
+            accelerations a that they belong to; zero of other loads.
     """
 
     names: tuple[str, ...]
     forces: FloatArray
+    accelerations: FloatArray
+
+    def first(self, count: int) -> UnitLoads:
+        """The first ones."""
+        return UnitLoads(self.names[:count], self.forces[:, :count], self.accelerations[:count])
 
 
 def n_inertia_loads(*, floating: bool) -> int:
@@ -81,7 +89,9 @@ def inertia_loads(
         fields = np.hstack([-model.rigid_motions(p, R), fields])
         accelerations = [f"{kind} {a}" for kind in ("acceleration", "angular acceleration") for a in _AXES]
         names = [*accelerations, *names]
-    return UnitLoads(tuple(names), multiply(model.M, fields))
+    forces = multiply(model.M, fields)
+    sizes = np.sqrt(model.comm.allreduce(np.einsum("ij,ij->j", fields, forces)))
+    return UnitLoads(tuple(names), forces, sizes)
 
 
 def interface_loads(
@@ -106,13 +116,14 @@ def interface_loads(
             forces[dofs, block] = motions @ np.linalg.inv(inner(model.comm, motions, motions))
         else:
             forces[dofs, block] = interface.average[own] @ np.kron(np.eye(2), R)
-    return UnitLoads(names, forces)
+    return UnitLoads(names, forces, np.zeros(len(names)))
 
 
 def joined(*loads: UnitLoads) -> UnitLoads:
     """Several sets of loads as one."""
     names = tuple(name for part in loads for name in part.names)
-    return UnitLoads(names, np.asfortranarray(np.hstack([part.forces for part in loads])))
+    forces = np.asfortranarray(np.hstack([part.forces for part in loads]))
+    return UnitLoads(names, forces, np.concatenate([part.accelerations for part in loads]))
 
 
 def unit_loads(statics: Statics) -> UnitLoads:
@@ -135,7 +146,7 @@ class Stiffening:
 
     Attributes:
         geometric: load by load.
-        stretch: by the modes.
+        stretch: by the membrane fields.
     """
 
     geometric: GeometricStiffness
@@ -144,7 +155,7 @@ class Stiffening:
     @property
     def note(self) -> str:
         """What the record's provenance says of them."""
-        return f"{len(self.geometric.loads)} loads, {len(self.stretch.mode)} modes that are stretched"
+        return f"{len(self.geometric.loads)} loads, {len(self.stretch.strain)} membrane strains"
 
 
 def stiffening(
@@ -167,18 +178,18 @@ def stiffening(
     if found is None:
         return None
     by_load, by_mode = np.split(found, [len(names)])
-    mode = _stretched(by_mode, np.sqrt(stiffness))
-    return Stiffening(GeometricStiffness(tuple(names), by_load), ModalStretch(mode, by_mode[mode]))
+    stretch = _stretch(by_mode, np.sqrt(stiffness), strain_over_rotation(model, modes))
+    return Stiffening(GeometricStiffness(tuple(names), by_load), stretch)
 
 
-def _stretched(by_mode: FloatArray, omega: FloatArray) -> IntArray:
-    """The modes whose strain takes much of the second-order strain of slower ones.
-
-    Much, relative to the mode that takes most, where all modes have the same energy. Slower ones alone, since a
-    mode's own second-order strain and that of stiffer modes is of the size of the strain itself, not of the square
-    of a rotation: without modes of the section's second-order rotation it would be wrong as well as small.
-    """
-    share = np.zeros(len(omega))
-    for k in range(len(omega)):
-        share[k] = np.linalg.norm(by_mode[k, :k, :k] / np.outer(omega[:k], omega[:k])) / omega[k]
-    return np.flatnonzero((share > 0.0) & (share >= _STRETCHED * share.max(initial=0.0)))
+def _stretch(by_mode: FloatArray, omega: FloatArray, gradients: FloatArray) -> ModalStretch:
+    """Membrane strains of the modes, from P_k,ij (n, n, n), angular frequencies (n,) and `strain_over_rotation`."""
+    pairs = np.outer(omega, omega)
+    second_order = by_mode / (omega[:, None, None] * pairs)
+    fields = membrane_fields(second_order)
+    strains = np.tensordot(fields.T, second_order, 1)
+    others = np.eye(len(omega)) - fields @ fields.T
+    pure = stretching_fields(fields, gradients / pairs)
+    own = pure @ pure.T
+    P = others @ strains @ others + own @ strains @ own
+    return ModalStretch(fields.T * omega, 0.5 * (P + P.transpose(0, 2, 1)) * pairs)

@@ -88,9 +88,8 @@ class Responses:
 
 def responses(statics: Statics, contents: Contents) -> Responses:
     """Apply the loads that the contents need. Collective."""
-    named = UnitLoads(
-        tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
-    )
+    names, forces = tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
+    named = UnitLoads(names, forces, np.zeros(len(names)))
     loads = joined(unit_loads(statics), named) if contents.geometric_stiffness else named
     return Responses(loads, statics.static_response(loads.forces))
 

@@ -5,7 +5,8 @@ the tension of a force at the tip, and the modes that would mend it are far abov
 are chosen for.  The static displacement of such a load with all interfaces fixed, as far as the modes have not got it,
 is orthogonal to them in mass and stiffness, and can be added to them as it is (modal truncation augmentation: Dickens,
 Nakagawa & Wittbrodt 1997, A critique of mode acceleration and modal truncation augmentation methods for modal
-response analysis, Computers & Structures 62).
+response analysis, Computers & Structures 62).  What stretches nothing, as the bending by such a load, is left out:
+only the membrane part of the displacements is added (`flexmbd.reduction.membrane`).
 """
 
 from __future__ import annotations
@@ -17,22 +18,24 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.eigen import Modes
 from flexmbd.continuum.ghosts import with_ghosts
+from flexmbd.continuum.model import ContinuumModel
 from flexmbd.continuum.stress_stiffness import stress_stiffness
+from flexmbd.reduction.geometric_stiffness import UnitLoads
+from flexmbd.reduction.membrane import membrane_fields
 from flexmbd.reduction.signs import determined_rotation
 from flexmbd.reduction.statics import Statics
 
-# A mode is added for what makes this part of a kind of load's geometric stiffness.
-_EFFECT = 0.05
-# Not for a kind that stiffens less than this beside another, where both strain the body with the same energy.
-_STIFFENS = 1e-3
+# Of the largest effect of the loads on the stiffness what one of them may lack.
+_LACKING = 1e-3
+# Part of a load's strain energy that is round-off.
+_ROUNDING = 1e-12
 
 
 def stretch_modes(
     statics: Statics,
     fixed: Modes,
     *,
-    names: tuple[str, ...],
-    loads: FloatArray,
+    loads: UnitLoads,
     displacements: FloatArray,
     images: FloatArray,
 ) -> Modes:
@@ -41,8 +44,7 @@ def stretch_modes(
     Args:
         statics: of the body.
         fixed: the modes there are, on all owned dofs.
-        names: (l,) of the loads, a kind and its axes.
-        loads: (owned dofs, l) nodal forces, N per unit of each load.
+        loads: l of them, the inertia forces of the body's own motion, named by a kind and its axes.
         displacements: (owned dofs, l) the static response to them, interfaces free.
         images: (owned dofs, fields) M times the fields of the signs' rule.
 
@@ -50,18 +52,23 @@ def stretch_modes(
         The modes, eigenvalues by the Rayleigh-Ritz method, ascending; none where no stress changes the stiffness.
     """
     model, comm = statics.model, statics.model.comm
-    rest = np.zeros(loads.shape, order="F")
-    rest[statics.mask] = statics.solve(np.asfortranarray(loads[statics.mask]))
-    rest = np.asfortranarray(rest - fixed.shapes @ (inner(comm, fixed.shapes, loads) / fixed.eigenvalues[:, None]))
+    rest = np.zeros(loads.forces.shape, order="F")
+    rest[statics.mask] = statics.solve(np.asfortranarray(loads.forces[statics.mask]))
+    known = inner(comm, fixed.shapes, loads.forces) / fixed.eigenvalues[:, None]
+    rest = np.asfortranarray(rest - fixed.shapes @ known)
     basis: FloatArray = np.asfortranarray(np.hstack([statics.static.shapes[:, 6:], fixed.shapes]))
-    energy = np.diag(inner(comm, basis, multiply(model.K, basis)))
-    fields = with_ghosts(model, np.hstack([rest, displacements]))
-    found = stress_stiffness(model, fields, with_ghosts(model, basis / np.sqrt(energy)))
+    of_basis, of_rest, of_whole = (_energies(model, fields) for fields in (basis, rest, displacements))
+    modal = parallel.on_root(comm, lambda: _independent(of_basis, np.diag(of_basis)))
+    own = parallel.on_root(comm, lambda: _independent(of_rest, np.diag(of_whole)))
+    scaled = np.hstack([basis @ modal, rest @ own])
+    local = with_ghosts(model, scaled)
+    found = stress_stiffness(model, local, local)
     if found is None:
         return Modes(np.zeros(0), np.zeros((len(rest), 0), order="F"))
-    work = np.einsum("ij,ij->j", displacements, multiply(model.K, displacements))
-    strain = np.sqrt(np.maximum(comm.allreduce(work), 0.0))
-    chosen = parallel.on_root(comm, lambda: _combinations(found, names, strain))
+    held = inner(comm, scaled, multiply(model.K, displacements))
+    # the rests in their own basis: own^T of_rest own = 1
+    held[modal.shape[1] :] = own.T @ of_rest
+    chosen = parallel.on_root(comm, lambda: own @ _combinations(found, loads, held, first=modal.shape[1]))
     shapes = np.asfortranarray(rest @ chosen)
     # what rounding left of the modes
     shapes = np.asfortranarray(shapes - fixed.shapes @ inner(comm, fixed.shapes, multiply(model.M, shapes)))
@@ -79,23 +86,41 @@ def stretch_modes(
     return Modes(eigenvalues, np.asfortranarray(shapes @ x))
 
 
-def _combinations(found: FloatArray, names: tuple[str, ...], strain: FloatArray) -> FloatArray:
-    """(l, m) the combinations of rests that matter.
+def _energies(model: ContinuumModel, fields: FloatArray) -> FloatArray:
+    """(l, l) twice the strain energies of fields and of their pairs. Collective."""
+    return symmetric(inner(model.comm, fields, multiply(model.K, fields)))
+
+
+def _independent(energies: FloatArray, whole: FloatArray) -> FloatArray:
+    """(l, r) combinations of rests, of energy 1/2 and without any in common, but for what is round-off of the whole."""
+    scale = np.divide(1.0, np.sqrt(np.abs(whole)), out=np.zeros(len(whole)), where=whole != 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * energies * scale)
+    own = values > _ROUNDING
+    combinations: FloatArray = scale[:, None] * vectors[:, own] / np.sqrt(values[own])
+    return combinations
+
+
+def _combinations(found: FloatArray, loads: UnitLoads, held: FloatArray, *, first: int) -> FloatArray:
+    """(r, m) what of the rests to add: their membrane part, as far as it stiffens.
 
     Args:
-        found: (2 l, n, n) stress stiffness of the rests, and of the whole displacements, in modes of equal energy.
-        names: (l,) of the loads.
-        strain: (l,) roots of the strain energy of the whole displacements.
+        found: (n + r, n + r, n + r) stress stiffness of n modes and r rests, all of the same energy and without any in
+            common, in the same.
+        loads: l of them.
+        held: (n + r, l) the static displacements under them in these.
+        first: n.
     """
-    rest, whole = np.split(found.reshape(2 * len(names), -1), 2)
-    kinds = np.array([name.rsplit(" ", 1)[0] for name in names])
-    norms = np.linalg.norm(whole, axis=1)
-    rate = np.divide(norms, strain, out=np.zeros_like(norms), where=strain > 0.0)
-    weights = np.zeros(len(names))
-    for kind in set(kinds):
-        one = kinds == kind
-        if rate[one].max() > _STIFFENS * rate.max():
-            weights[one] = 1.0 / norms[one].max()
-    left, effect, _ = np.linalg.svd(rest * weights[:, None], full_matrices=False)
-    chosen: FloatArray = weights[:, None] * left[:, effect > _EFFECT]
+    # motions of the body by the same accelerations, those about one axis as fast as those about another
+    kinds = np.array([name.rsplit(" ", 1)[0] for name in loads.names])
+    held = held * np.array([1.0 / loads.accelerations[kinds == kind].max() for kind in kinds])
+    effect = found[:, :first, :first].reshape(len(found), first * first)
+    whole, fields = np.linalg.norm(held.T @ effect, axis=1), membrane_fields(found)
+    # what is no membrane force is left out in any case, and its size is all that can be reached
+    bending = np.linalg.norm((held - fields @ (fields.T @ held)).T @ effect, axis=1)
+    reached = np.maximum(_LACKING * whole.max(initial=0.0), bending)
+    scale = np.divide(1.0, reached, out=np.zeros_like(reached), where=reached > 0.0)
+    membrane = membrane_fields(found, first=first)
+    directions, sizes, _ = np.linalg.svd(membrane @ (membrane.T @ held[first:]) * scale, full_matrices=False)
+    lacking = sizes * np.linalg.norm(directions.T @ effect[first:], axis=1)
+    chosen: FloatArray = directions[:, lacking > 1.0]
     return chosen

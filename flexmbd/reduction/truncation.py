@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,6 +32,9 @@ MOST = 500
 
 # Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
 _GUARD = 2
+# Relative distance below which neighbouring eigenvalues count as equal: as equal as a mesh leaves those of a body whose
+# shape has them so. Half a pair is a body that bends more easily one way than another.
+_EQUAL = 1e-4
 # An estimate needs all modes up to this multiple of the highest eigenvalue it is for, and is then at most about twice
 # the error.
 _REACH = 2.0
@@ -134,7 +138,7 @@ def fixed_interface_modes(
     eigensolver: Eigensolver,
     complete: bool,
 ) -> FoundModes:
-    """The lowest modes with all interfaces fixed, as many as were asked for. Collective.
+    """The lowest modes with all interfaces fixed, as many as were asked for, clusters whole. Collective.
 
     Args:
         statics: of the body.
@@ -165,10 +169,16 @@ def fixed_interface_modes(
             "tolerance of eigenvalues": f"{truncation.tol:g} of {truncation.range}",
             "estimated error of eigenvalues": f"{error:.2e}",
         }
-    process.find(min(count + _GUARD, statics.size))
-    provenance["completeness"] = confirmed(statics, process, count) if complete else "not counted"
-    found = process.modes(min(count + _GUARD, len(process.eigenvalues)))
-    return FoundModes(count, found, provenance)
+    guard = _GUARD
+    while True:
+        process.find(min(count + guard, statics.size))
+        whole = _whole_clusters(process.eigenvalues, count)
+        if whole < len(process.eigenvalues) or len(process.eigenvalues) == statics.size:
+            break
+        guard *= 2
+    provenance["completeness"] = confirmed(statics, process, whole) if complete else "not counted"
+    found = process.modes(min(whole + _GUARD, len(process.eigenvalues)))
+    return FoundModes(whole, found, {**provenance, **_note_of_added(statics, found.eigenvalues, count, whole)})
 
 
 def truncation_errors(
@@ -237,6 +247,26 @@ class _Wanted:
         """The largest of the errors with so many modes."""
         numbers = {held: self.number(known, held=held) for held in self.supports}
         return max(float(known.errors(modes, n, held=held).max(initial=0.0)) for held, n in numbers.items())
+
+
+def _whole_clusters(eigenvalues: FloatArray, count: int) -> int:
+    """The least number of modes, from a number on, that cuts no cluster of equal frequencies in two."""
+    while 0 < count < len(eigenvalues) and eigenvalues[count] - eigenvalues[count - 1] <= _EQUAL * eigenvalues[count]:
+        count += 1
+    return count
+
+
+def _note_of_added(statics: Statics, eigenvalues: FloatArray, count: int, whole: int) -> dict[str, str]:
+    """Tell of modes beyond those that were asked for: for the provenance, and as a warning on the first rank."""
+    if whole == count:
+        return {}
+    text = (
+        f"{whole} fixed-interface modes, {whole - count} more than asked for: those at "
+        f"{_hertz(eigenvalues[count]):.6g} Hz have equal frequencies, and a part of them would favour a direction"
+    )
+    if statics.model.comm.rank == 0:
+        warnings.warn(text, UserWarning, stacklevel=2)
+    return {"equal frequencies": text}
 
 
 def _process(

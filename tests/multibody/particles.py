@@ -53,17 +53,21 @@ def particle_body(
         partition_names=tuple(f"mode {i}" for i in range(modes)),
     )
     if stretched:
-        P = rng.standard_normal((len(stretched), modes, modes)) * 100.0
-        record = replace(record, stretch=ModalStretch(np.array(stretched), P + P.transpose(0, 2, 1)))
+        size = np.sqrt(stiffness)
+        P = rng.standard_normal((len(stretched), modes, modes)) * 100.0 / size[list(stretched), None, None]
+        # the modes that are named are membrane fields, in another basis of the same space
+        turn = np.linalg.qr(np.random.default_rng(0).standard_normal((len(stretched), len(stretched))))[0]
+        strain, second = turn @ np.diag(size)[list(stretched)], np.tensordot(turn, P + P.transpose(0, 2, 1), 1)
+        record = replace(record, stretch=ModalStretch(strain, second))
     return Particles(mass, x, phi, record)
 
 
 def strain_energy(record: ReducedBody, q: np.ndarray) -> np.ndarray:
-    """K_kk (q_k + q^T P_k q / 2 K_kk)^2 / 2 over all modes."""
+    """K_kk e_k^2 / 2 over all modes, e = q + sum_m K^-1 c_m q^T P_m q / 2."""
     strain = q.copy()
     if record.stretch is not None:
-        for k, P in zip(record.stretch.mode, record.stretch.P, strict=True):
-            strain[k] += q @ P @ q / (2.0 * record.stiffness[k])
+        for c, P in zip(record.stretch.strain, record.stretch.P, strict=True):
+            strain += c / record.stiffness * (q @ P @ q) / 2.0
     return 0.5 * np.sum(record.stiffness * strain**2)
 
 

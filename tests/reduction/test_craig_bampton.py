@@ -21,7 +21,7 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduced import FRAME_DOFS
-from flexmbd.reduction import craig_bampton, guyan
+from flexmbd.reduction import craig_bampton, guyan, truncation
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -189,8 +189,12 @@ def beam_19k():
 
 
 @pytest.mark.mpi
-def test_beam_of_another_program():
-    """Frequencies of exudyn and NGSolve on the same mesh, and the box's mass properties."""
+def test_beam_of_another_program(monkeypatch):
+    """Frequencies of exudyn and NGSolve on the same mesh, and the box's mass properties.
+
+    Their fourteen modes have the first of a pair alone.
+    """
+    monkeypatch.setattr(truncation, "_EQUAL", 0.0)
     body = craig_bampton(beam_19k(), modes=14, frame="root")
     clamped = body.frequencies(["root"])
     assert clamped[0] == pytest.approx(4.18074, abs=5e-6)

@@ -253,4 +253,4 @@ def test_without_and_with_a_quadratic_energy():
     assert body.geometric is None
     assert body.provenance["geometric stiffness"].startswith("none: the strain energy is quadratic")
     assert guyan(full, frame="x_min", geometric_stiffness=False).geometric is None
-    assert guyan(full, frame="x_min").provenance["geometric stiffness"] == "18 loads, 3 modes that are stretched"
+    assert guyan(full, frame="x_min").provenance["geometric stiffness"] == "18 loads, 3 membrane strains"

@@ -274,15 +274,14 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
 
 @part_of_kernel
 def _add_stretch_block(plan, flex, q, number, per_x, first, slope, matrix):
-    """Second derivatives of K_k (q_k + s)^2 / 2 with s = q^T C q / 2, but for K_k itself.
+    """Second derivatives of a membrane strain's ((e + s)^2 - e^2) / 2 with e = c q and s = q^T C q / 2.
 
     ``slope`` is scratch for C q; of C the lower triangle is stored.
     """
     modal = plan.modal
     n = flex[at.N_MODES]
-    k, start, s = stretch(plan, flex, q, number)
-    stiffness = per_x * modal[flex[at.MODAL_STIFFNESS] + k]
-    pull = stiffness * (q[k] + s)
+    c, start, e, s = stretch(plan, flex, q, number)
+    pull = per_x * (e + s)
     o = start
     for i in range(n):
         t = modal[o + i] * q[i]
@@ -293,11 +292,12 @@ def _add_stretch_block(plan, flex, q, number, per_x, first, slope, matrix):
         o += i + 1
     o = start
     for i in range(n):
-        matrix[first + k, first + i] += stiffness * slope[i]
-        matrix[first + i, first + k] += stiffness * slope[i]
+        # (c + C q) (c + C q)^T without c c^T, which is in K
+        along = per_x * slope[i]
+        whole = along + per_x * modal[c + i]
         for j in range(i):
-            c = pull * modal[o + j] + stiffness * slope[i] * slope[j]
-            matrix[first + i, first + j] += c
-            matrix[first + j, first + i] += c
-        matrix[first + i, first + i] += pull * modal[o + i] + stiffness * slope[i] * slope[i]
+            t = pull * modal[o + j] + whole * slope[j] + along * modal[c + j]
+            matrix[first + i, first + j] += t
+            matrix[first + j, first + i] += t
+        matrix[first + i, first + i] += pull * modal[o + i] + whole * slope[i] + along * modal[c + i]
         o += i + 1

@@ -24,10 +24,12 @@ def elastic_forces(modal, flex, q, qd, scratch, out):
             out[j] += t
     o = flex[at.STRETCH]
     for _ in range(flex[at.N_STRETCH]):
-        k = int(modal[o])
-        o += 1
+        slope = modal[o : o + n]
+        o += n
+        e = 0.0
         s = 0.0
         for i in range(n):
+            e += slope[i] * q[i]
             row = modal[o : o + i + 1]
             f = q[i]
             t = 0.0
@@ -38,11 +40,9 @@ def elastic_forces(modal, flex, q, qd, scratch, out):
             s += f * (t + 0.5 * row[i] * f)
             scratch[i] = t + row[i] * f
             o += i + 1
-        stiffness = spring[k]
-        out[k] += stiffness * s
-        force = stiffness * (q[k] + s)
+        force = e + s
         for i in range(n):
-            out[i] += force * scratch[i]
+            out[i] += s * slope[i] + force * scratch[i]
 
 
 @entry_kernel
@@ -53,34 +53,35 @@ def add_elastic_forces(plan, flex, q, qd, scratch, out):
 
 @kernel
 def elastic_energy(plan, flex, q):
-    """Strain energy: the sum of K_kk (q_k + s_k)^2 / 2 with the second-order part s_k of `stretch`."""
+    """Strain energy: K q^2 / 2, and of each membrane strain e + s of `stretch` ((e + s)^2 - e^2) / 2."""
     modal = plan.modal
     k0 = flex[at.MODAL_STIFFNESS]
     energy = 0.0
     for j in range(flex[at.N_MODES]):
         energy += 0.5 * modal[k0 + j] * q[j] * q[j]
     for row in range(flex[at.N_STRETCH]):
-        k, _, s = stretch(plan, flex, q, row)
-        energy += 0.5 * modal[k0 + k] * s * (2.0 * q[k] + s)
+        _, _, e, s = stretch(plan, flex, q, row)
+        energy += 0.5 * s * (2.0 * e + s)
     return energy
 
 
 @kernel
 def stretch(plan, flex, q, row):
-    """Mode k of a row, the offset of its matrix C, and s_k = q^T C q / 2.
+    """A membrane strain (`ModalStretch`): offsets of its slope c and of its matrix C, e = c q and s = q^T C q / 2.
 
-    The mode's strain takes s_k of all modes' rotations besides its own q_k (`ModalStretch`); of C the lower
-    triangle is stored, row by row.
+    Its energy is (e + s)^2 / 2, of which e^2 / 2 is in K; of C the lower triangle is stored, row by row.
     """
     modal = plan.modal
     n = flex[at.N_MODES]
-    first = flex[at.STRETCH] + row * (1 + n * (n + 1) // 2)
+    first = flex[at.STRETCH] + row * (n + n * (n + 1) // 2)
+    e = 0.0
     s = 0.0
-    o = first + 1
+    o = first + n
     for i in range(n):
+        e += modal[first + i] * q[i]
         t = 0.5 * modal[o + i] * q[i]
         for j in range(i):
             t += modal[o + j] * q[j]
         s += q[i] * t
         o += i + 1
-    return int(modal[first]), first + 1, s
+    return first, first + n, e, s

@@ -54,7 +54,8 @@ MODAL_SECOND = 2  # (n, 9) integral of rho phi_i x^T
 MODAL_PAIR = 3  # (n, 9, n) integral of rho phi_i,a phi_j,b at [i, 3 a + b, j]
 MODAL_STIFFNESS = 4  # (n,) diagonal of K_qq
 MODAL_DAMPING = 5  # (n, n) D_qq, or -1 where it is zero
-# Rows of stretch: the mode k, and the lower triangle of C_k (n (n + 1) / 2); their number, 0 where there are none.
+# Rows of stretch: a membrane strain's slope c (n), and the lower triangle of its C (n (n + 1) / 2); their number, 0
+# where there are none.
 STRETCH = 6
 N_STRETCH = 7
 N_FLEX = 8
