@@ -298,20 +298,24 @@ class System:
                     v[slots.v], held_v[slots.v] = body.q_rate, True
         return x, v, held_x, held_v
 
-    def equilibrium(self, *, t: float = 0.0) -> WorkingPoint:
+    def equilibrium(self, *, t: float = 0.0, about: WorkingPoint | None = None) -> WorkingPoint:
         """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
 
         Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.  Bodies with
-        history find their own balance in each step; the equilibrium keeps their state.
+        history find their own balance in each step; the equilibrium keeps their state.  Whether it is stable its
+        ``unstable`` tells.
 
         Args:
             t: s, at which forces and motions are taken.
+            about: an equilibrium found before to begin from, as one under a part of the load, instead of what joints
+                and bodies are given.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
                 a body with history has no balance, can only be stepped, or turns.
         """
-        start = self.start(t=t)
+        refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
+        start = self._start(self.compile(), t, about)
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
         return find_equilibrium(start, work)

@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.membrane_strains import MembraneStrains, membrane_strains
 from flexmbd.multibody.placement import follow_mates
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.settled import settle
@@ -30,6 +31,26 @@ _STEP = 0.3  # rad, or of the machine's extent: the longest step
 _CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
 _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
 _HALVINGS = 8
+_SLOPE = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
+_LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium that was met on the way is left
+
+
+@dataclass(frozen=True, eq=False)
+class _Machine:
+    """The scene, scratch with its functions of time, and the membrane strains of its bodies."""
+
+    scene: CompiledScene
+    work: Work
+    strains: MembraneStrains
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step (nv,), how many motions are unstable about its start, and the most unstable or softest of them (nv,)."""
+
+    along: FloatArray
+    unstable: int
+    softest: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +66,15 @@ class _Balance:
     parts: FloatArray
     mass: FloatArray
 
-    @property
-    def size(self) -> float:
-        """The lacking forces' size, over the square root of the mass that each moves."""
-        return float(np.sqrt(self.lacking @ np.linalg.solve(self.mass, self.lacking)))
-
 
 def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
 
-    Near it these are Newton's steps.  Where the machine is unstable, directions of negative stiffness are taken
-    downhill, so that not the nearest equilibrium is found but one that the machine would settle in.  A start in an
-    unstable equilibrium is one.
+    Near it these are Newton's steps, in which the membrane forces of bodies that bend are unknowns of their own
+    (`membrane_strains`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
+    the machine is unstable, directions of negative stiffness are taken downhill, so that not the nearest equilibrium is
+    found but one that the machine would settle in. An unstable one that is met on the way is left along its most
+    unstable motion; a start that is one is kept.
 
     Args:
         start: the consistent start.
@@ -66,41 +84,67 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         SceneError: nothing balances; the message names the coordinate where most is lacking.
     """
     scene = start.scene
+    machine = _Machine(scene, work, membrane_strains(scene.plan, scene.nv))
     here = _balance(scene, work, start.x, start.v)
-    for _ in range(_ITERATIONS):
-        step, stable = _newton_step(scene, here)
-        size = float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
-        step *= min(1.0, _STEP / max(size, 1e-300))
-        here = _taken(scene, work, here, step, searches=stable and size > _CONVERGED)
-        if stable and size <= _CONVERGED:
-            kept = _committed(scene)
-            return WorkingPoint(scene, float(work.time[-1, 0]), here.x, here.v, here.multipliers, kept)
+    forces = machine.strains.at(here.x)
+    for i in range(_ITERATIONS):
+        step = _newton_step(scene, here, machine.strains.stiffness(forces - machine.strains.at(here.x)))
+        size = _size(scene, step.along)
+        if size <= _CONVERGED and (step.unstable == 0 or i == 0):
+            if step.unstable == 0:
+                here, _ = _taken(machine, here, step.along, forces, searches=False)
+            t, kept = float(work.time[-1, 0]), _committed(scene)
+            return WorkingPoint(scene, t, here.x, here.v, here.multipliers, kept, step.unstable)
+        if size <= _CONVERGED:
+            along = step.softest * (_LEAVE / _size(scene, step.softest))
+        else:
+            along = step.along * min(1.0, _STEP / size)
+        here, forces = _taken(machine, here, along, forces, searches=step.unstable == 0)
     worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
         f"no equilibrium found in {_ITERATIONS} steps: at {name!r} a force of {-here.lacking[worst]:.6g} (N, N m, or "
-        "modal) stays unbalanced; nothing holds it there, or start nearer to the equilibrium"
+        "modal) stays unbalanced; nothing holds it there, or start nearer to the equilibrium, as from one under a part "
+        "of the load (about=)"
     )
 
 
-def _taken(scene: CompiledScene, work: Work, here: _Balance, step: FloatArray, *, searches: bool) -> _Balance:
-    """Where a step leads; halved until interiors find their balance there and, if it searches, less is lacking."""
+def _size(scene: CompiledScene, step: FloatArray) -> float:
+    """Of a step (nv,): rad, or of the machine's extent."""
+    return float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
+
+
+def _taken(
+    machine: _Machine, here: _Balance, step: FloatArray, forces: FloatArray, *, searches: bool
+) -> tuple[_Balance, FloatArray]:
+    """Where a step leads, and the membrane forces there by the step's linear equations.
+
+    It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
+    """
+    scene, strains = machine.scene, machine.strains
+    along = step[here.by.z]
+    linear = strains.at(here.x) + strains.change(here.x, step)
     failure: SceneError | None = None
     for halvings in range(_HALVINGS + 1):
-        x = _moved(scene, work, here.x, step * 0.5**halvings)
+        part = 0.5**halvings
+        x = _moved(scene, machine.work, here.x, step * part)
         try:
-            there = _balance(scene, work, x, here.v)
+            there = _balance(scene, machine.work, x, here.v)
         except SceneError as reason:
             if scene.interiors is None:
                 raise
             failure = reason
             continue
-        failure = None
-        if not searches or there.size <= here.size:
+        failure, then = None, forces + part * (linear - forces)
+        # other coordinates are the independent ones there: no work along the step to be compared
+        if not searches or not np.array_equal(there.by.z, here.by.z):
+            break
+        open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
+        if open_forces @ along <= _SLOPE * abs(here.lacking @ along):
             break
     if failure is not None:
         raise SceneError(f"no equilibrium found: on the way to it {failure}") from failure
-    return there
+    return there, then
 
 
 def _committed(scene: CompiledScene) -> Kept:
@@ -138,27 +182,32 @@ def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> 
     return _Balance(x, v, multipliers, of, by, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
 
 
-def _newton_step(scene: CompiledScene, here: _Balance) -> tuple[FloatArray, bool]:
-    """A step (nv,) and whether it is Newton's own, nothing about it being unstable.
+def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Step:
+    """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
     are balanced.
+
+    Args:
+        scene: the machine.
+        here: what is lacking.
+        more: (nv, nv) stiffness beside that of the state.
     """
     Vz = here.by.Vz
-    stiffness = Vz.T @ here.of.stiffness @ Vz
+    stiffness = Vz.T @ (here.of.stiffness + more) @ Vz
     if not len(stiffness):
-        return np.zeros(scene.nv), True
+        return _Step(np.zeros(scene.nv), 0, np.zeros(scene.nv))
     rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
     floor = len(rates) * 1e-15 * float(np.abs(rates).max())
-    stable = bool((rates >= -floor).all())
+    unstable = int((rates < -floor).sum())
     idle = np.abs(rates) <= floor
     pull, parts = shapes.T @ here.lacking, np.abs(shapes).T @ here.parts
     pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
-    if stable and not idle.any():
+    if unstable == 0 and not idle.any():
         step = -np.linalg.solve(stiffness, here.lacking)
     else:
         step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
-    return Vz @ step, stable
+    return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
 
 
 def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -> FloatArray:

@@ -29,6 +29,8 @@ class WorkingPoint:
         x, v: (nx,), (nv,) configuration and velocities.
         multipliers: (m,) reactions of the loops (N or N m).
         interiors: what bodies with history remember there.
+        unstable: of an equilibrium how many independent motions have a negative tangent stiffness: with none it is
+            stable; None of a state of a trajectory. In a steady motion gyroscopic forces may hold what they count.
     """
 
     scene: CompiledScene
@@ -37,6 +39,7 @@ class WorkingPoint:
     v: FloatArray
     multipliers: FloatArray
     interiors: Kept = NOTHING_KEPT
+    unstable: int | None = None
 
     def beta(self, connection: Connection) -> FloatArray:
         """Joint coordinates, () where there is one, else (k,); rad or m."""
