@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, no_factors
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, has_room, no_factors, set_out, settle
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import (
     N_MEMORY,
@@ -34,7 +34,7 @@ from flexmbd.integrate.loop_dynamics import (
 from flexmbd.integrate.tableau import Pair, Tableau
 from flexmbd.multibody.kernels import rotation_update
 from flexmbd.multibody.kernels.articulated_layout import ArticulatedWork, new_articulated_work
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import coordinate_slots, move, turn_rates
@@ -134,7 +134,12 @@ class ExplicitRungeKutta:
             state.numbers[st.SAFETY] = SAFETY
             survey(scene, state, work)
 
-        return Stepper(driver(attempt, method, self.rule, state, groups), begin, no_factors)
+        rule = self.rule
+
+        def advance_to(record: st.Record, knots: FloatArray) -> int:
+            return int(advance(method, rule, knots, state, groups, record))
+
+        return Stepper(advance_to, begin, no_factors)
 
 
 class Method(NamedTuple):
@@ -301,8 +306,8 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     return ratio if _finite(s) else np.inf
 
 
-@kernel
-def attempt(method, state, groups, h):
+@part_of_kernel
+def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, aw, loops, plain, quaternions, way, tableau, s = method
     rate = state.numbers[st.RATE]
@@ -314,3 +319,24 @@ def attempt(method, state, groups, h):
         _accept(state, s)
         if plan.rows.shape[0] > 0:
             note_scales(loops)
+
+
+@kernel
+def attempt(method, state, groups, h):
+    """An attempt at a step, to be called by its address."""
+    _attempt(method, state, groups, h)
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """``controller.advance`` with the attempt in its text: to hand over its arrays takes as long as half a step."""
+    while state.numbers[st.TIME] < state.numbers[st.TIME_END]:
+        if not has_room(state, record):
+            return st.OUTPUT
+        h = set_out(rule, knots, state, groups)
+        state.counts[st.OUTCOME] = st.DONE
+        _attempt(method, state, groups, h)
+        code = settle(method.plan, rule, state, groups, record, h)
+        if code != st.DONE:
+            return code
+    return st.DONE
