@@ -7,6 +7,7 @@ from flexmbd import export as export
 from flexmbd.checkpoint import Checkpoint as Checkpoint
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import FlexmbdError as FlexmbdError
+from flexmbd.errors import SimulationError as SimulationError
 from flexmbd.errors import SimulationInterrupted as SimulationInterrupted
 from flexmbd.event import Direction as Direction
 from flexmbd.event import Event as Event

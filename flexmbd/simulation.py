@@ -140,9 +140,10 @@ def _advance(integration: Integration, search: EventSearch | None, stop: float) 
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
     if search is not None:
         return search.advance(stop)
-    code = integration.advance(stop)
-    integration.keep_rows()
-    return code
+    try:
+        return integration.advance(stop)
+    finally:  # what comes before a break that cannot be left is kept
+        integration.keep_rows()
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from flexmbd.integrate.energy_momentum import is_driven
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.limits import MOST_ROWS
 from flexmbd.multibody.breaks import find_breaks
+from flexmbd.multibody.impulse import rates_after_jump, refuse_leaps
 from flexmbd.multibody.initial import Start, accelerations, match_motion
 from flexmbd.multibody.interiors import NOTHING_KEPT, Kept, Row
 from flexmbd.multibody.kernels.layout import Work, new_work
@@ -143,11 +144,28 @@ class Integration:
         scene, s = self.start.scene, self.state
         evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
         if is_driven(scene.plan):
-            s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, s.v, held=np.zeros(scene.nv, bool))
+            refuse_leaps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
+            v = rates_after_jump(scene, self.work, s.x, s.v)
+            self._refuse_impulse_on_history(v - s.v)
+            s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
         else:
             s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
         self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
         self._forget()
+
+    def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
+        """Raise SceneError where velocities (nv,) jump in a machine whose masses are not all its own."""
+        if self._interiors is None:
+            return
+        scene, number = self.start.scene, self.state.numbers
+        rates = np.abs(jump) / scene.group_full[scene.group_of]
+        if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.SLOWEST]):
+            worst = scene.velocity_names[int(np.argmax(rates))]
+            raise SceneError(
+                f"the rate of a prescribed motion jumps at t = {self.t:.6g} s, that of {worst!r} by "
+                f"{jump[int(np.argmax(rates))]:.3e} (m/s or rad/s): bodies with history take no impulse; let the "
+                "motion begin and end at rest, or change its rate in a time that is not zero"
+            )
 
     def _forget(self) -> None:
         """Let the method begin where the state stands; ``work.time`` is up to date."""

@@ -2,8 +2,9 @@
 
 Data are cut into stretches: each as long as one polynomial of degree `DEGREE` follows it to within rtol of all that
 the data span.  So a dense table of a smooth function has few, a noisy one as many as it has points, and a pulse its
-own, however short.  Where neighbouring stretches meet with another value or slope there is a break, at which steps end
-and methods begin anew; elsewhere a step may cross from one stretch into the next, but it contains none.
+own, however short.  Where neighbouring stretches meet with another value or slope (of a motion: another rate,
+acceleration or slope of that) there is a break, at which steps end and methods begin anew; elsewhere a step may cross
+from one stretch into the next, but it contains none.
 """
 
 from __future__ import annotations
@@ -52,14 +53,14 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float) ->
         if row.kind == at.TIME_PIECEWISE and row.count > 1:
             poly = _polynomial(row)
             if row.motion:
-                # its value and rate are continuous, or no motion; what acts is its acceleration
-                found = stretches(poly.derivative(2), rtol) if len(poly.c) > 2 else poly.x[1:-1]
-                torn = _torn(poly, found, 4)
+                # what acts is its acceleration, and where its rate jumps, an impulse
+                smooth, rate = poly.derivative(2), poly.derivative()
+                parts = [(stretches(smooth, rtol), 4), (stretches(rate, rtol), 2), (stretches(poly, rtol), 1)]
             else:
-                found = stretches(poly, rtol)
-                torn = _torn(poly, found, 2)
-            jumps.append(found[torn])
-            knots.append(found)
+                parts = [(stretches(poly, rtol), 2)]
+            for found, derivatives in parts:
+                jumps.append(found[_torn(poly, found, derivatives)])
+                knots.append(found)
     sharp = _apart(np.unique(np.concatenate(jumps)))
     return Breaks(sharp, _apart(np.unique(np.concatenate([sharp, *knots]))))
 
