@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
@@ -18,6 +20,17 @@ def value(function, t, order=0):
     if isinstance(function, PPoly):
         return function(t, order)
     return float(function) if order == 0 else 0.0
+
+
+def raised(function, offset):
+    """With ``offset`` added to its values."""
+    if isinstance(function, fm.Sine):
+        return replace(function, offset=function.offset + offset)
+    if isinstance(function, fm.Table):
+        return fm.Table(function.t, np.asarray(function.y) + offset, monotone=function.monotone)
+    if isinstance(function, PPoly):
+        return PPoly(np.vstack([function.c[:-1], function.c[-1:] + offset]), function.x)
+    return function + offset
 
 
 def in_units(function, size, time):
@@ -42,11 +55,3 @@ def later(function, shift):
     if isinstance(function, PPoly):
         return PPoly(function.c, function.x + shift)
     return function
-
-
-def breaks(function):
-    """Where it jumps."""
-    if not isinstance(function, PPoly):
-        return ()
-    inner = function.x[1:-1]
-    return tuple(inner[np.abs(function(inner + 1e-9) - function(inner - 1e-9)) > 1e-6])
