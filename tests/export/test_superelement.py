@@ -20,6 +20,12 @@ def frequencies(K, M):
     return np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True).clip(min=0.0)) / (2.0 * np.pi)
 
 
+def assert_same(found, expected):
+    """Frequencies, as far as eigenvalues are told from round-off of the largest."""
+    blur = np.finfo(float).eps * expected.max() ** 2
+    np.testing.assert_allclose(found**2, expected**2, rtol=1e-10, atol=4.0 * blur)
+
+
 @pytest.fixture(params=BODIES, ids=lambda make: make.__name__)
 def body(request):
     return request.param()
@@ -37,13 +43,13 @@ def test_rigid_motions_cost_nothing_and_have_the_mass_of_the_body(body):
 def test_frequencies_are_those_of_the_body(body):
     element = fm.export.superelement(body)
     names, n = element.names, len(element.K)
-    np.testing.assert_allclose(frequencies(element.K, element.M)[6:], body.frequencies(), rtol=1e-10)
+    assert_same(frequencies(element.K, element.M)[6:], body.frequencies())
     for i, name in enumerate(names):
         rest = [row for row in range(n) if row // 6 != i]
         held = np.ix_(rest, rest)
-        np.testing.assert_allclose(frequencies(element.K[held], element.M[held]), body.frequencies([name]), rtol=1e-10)
+        assert_same(frequencies(element.K[held], element.M[held]), body.frequencies([name]))
     inside = np.diag(element.K)[6 * len(names) :]
-    np.testing.assert_allclose(np.sqrt(inside) / (2.0 * np.pi), body.frequencies(names), rtol=1e-10)
+    assert_same(np.sqrt(inside) / (2.0 * np.pi), body.frequencies(names))
 
 
 def test_modes_are_of_unit_mass_and_apart_from_the_interfaces_in_stiffness(body):

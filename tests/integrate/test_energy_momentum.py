@@ -266,7 +266,10 @@ def test_a_disc_rolls_without_losing_energy():
     disc = scene.add(fm.RigidBody(2.0, np.diag([0.045, 0.045, 0.09])), name="disc")
     fly = scene.connect(fm.joint.Free(), scene.ground.frame(), disc.frame())
     fly.position = (0.0, 0.0, radius * np.sin(tilt), np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0)
-    fly.velocity = (0.0, 0.0, 0.0, 0.2, 0.5, 6.0)
+    rate = np.array([0.2, 0.5, 6.0])  # in the disc's axes
+    c, s = np.cos(tilt), np.sin(tilt)
+    to_world, up = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]), np.array([0.0, c, s])
+    fly.velocity = (*np.cross(to_world @ rate, radius * up), *rate)  # it rolls
     scene.connect(fm.joint.RollingDisc(radius), scene.ground.frame(), disc.frame())
     runs = [scene.simulate(0.4, h=0.4 / steps, integrator=METHOD) for steps in (40, 80, 160)]
     for run in runs:
