@@ -197,7 +197,8 @@ def check_times(
         )
     if h is not None and not (is_number(h) and 0.0 < h):
         raise SceneError(f"the step h = {h} s must be positive and finite")
-    if not np.isfinite(numbers(checkpoints)).all():
+    times = numbers(checkpoints)
+    if times.ndim != 1 or not np.isfinite(times).all():
         raise SceneError(f"checkpoints must be a list of times (s), got {checkpoints!r}")
     outside = [t for t in checkpoints if not t_start < t < t_end]
     if outside:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import SceneError, StartWarning
 from flexmbd.event import Event
-from flexmbd.given import numbers, refuse_other
+from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.limits import Limits
@@ -461,7 +461,7 @@ class System:
             t_start = restart.t
         check_times(t_start, t_end, rtol, h, checkpoints)
         limits = Limits(max_steps, max_rows, max_seconds)
-        if max_step is not None and not (h is None and np.isfinite(max_step) and max_step > 0.0):
+        if max_step is not None and not (h is None and is_number(max_step) and max_step > 0.0):
             raise SceneError(f"max_step = {max_step} s must be positive and finite, and given without a fixed step h")
         if (checkpoint_file is None) != (checkpoint_every is None):
             raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")

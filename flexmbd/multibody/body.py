@@ -225,7 +225,7 @@ class FlexibleBody:
         self._q_rate = self._modal(values, "q_rate")
 
     def _modal(self, values: ArrayLike, what: str) -> FloatArray:
-        vector = np.array(values, dtype=np.float64)
+        vector = numbers(values).copy()
         if vector.shape != (self.record.n_modes,) or not np.isfinite(vector).all():
             label = f"flexible body {self.name!r}" if self.name else "flexible body"
             raise SceneError(

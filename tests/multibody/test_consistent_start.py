@@ -186,7 +186,7 @@ def test_modal_coordinates_that_are_given_stay_and_joints_follow():
     assert not any("coupler.q" in name for name, _, _ in start.moved)
 
 
-@pytest.mark.parametrize("values", [[1.0, 2.0], 1.0, [1.0, 2.0, np.nan], [[1.0, 2.0, 3.0]]])
+@pytest.mark.parametrize("values", [[1.0, 2.0], 1.0, "abc", [1.0, 2.0, np.nan], [[1.0, 2.0, 3.0]]])
 @pytest.mark.parametrize("what", ["q", "q_rate"])
 def test_modal_coordinates_of_another_shape_are_refused(what, values):
     body = fm.FlexibleBody(particle_body(5, modes=3).record)

@@ -111,3 +111,17 @@ def test_an_impact_that_leaves_no_speed_stops_the_run():
         scene.simulate(3.0, events=[bounce])
     assert caught.value.trajectory.t[-1] == pytest.approx(np.sqrt(2.0 / G), abs=1e-9)
     assert caught.value.trajectory.beta(fall).min() > -1e-9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"max_step": "a"}, "max_step = a s must be positive"),
+        ({"checkpoints": 0.5}, r"checkpoints must be a list of times \(s\), got 0.5"),
+        ({"checkpoints": [[0.5]]}, "checkpoints must be a list of times"),
+    ],
+)
+def test_what_is_no_time_is_refused(arguments, told):
+    scene, _, _ = pendulum()
+    with pytest.raises(SceneError, match=told):
+        scene.simulate(1.0, **arguments)
