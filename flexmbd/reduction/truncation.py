@@ -152,31 +152,22 @@ def fixed_interface_modes(
             to `MOST` is enough.
         ConvergenceError: on all ranks: the eigensolver did not converge.
     """
-    provenance: dict[str, str] = {}
     if truncation.modes is not None:
-        count = truncation.modes
-        _check_number(statics, count)
-        if count == 0:
-            return FoundModes(0, eigen.Modes(np.zeros(0), np.zeros((len(start), 0))), provenance)
-        process = _process(statics, start, eigensolver, limit=10 * (count + _GUARD) + 100)
-    elif truncation.tol is None:
-        process = _process(statics, start, eigensolver)
-        count, provenance = _count_below(process, truncation), {"modes below": f"{truncation.below_hz:g} Hz"}
-    else:
-        process = _process(statics, start, eigensolver)
-        count, error = _count_for_tolerance(statics, process, truncation, tol=truncation.tol)
-        provenance = {
-            "tolerance of eigenvalues": f"{truncation.tol:g} of {truncation.range}",
-            "estimated error of eigenvalues": f"{error:.2e}",
-        }
-    guard = _GUARD
+        _check_number(statics, truncation.modes)
+        if truncation.modes == 0:
+            return FoundModes(0, eigen.Modes(np.zeros(0), np.zeros((len(start), 0))), {})
+    limit = _LIMIT if truncation.modes is None else 10 * (truncation.modes + _GUARD) + 100
+    process = _process(statics, start, eigensolver, limit=limit)
     while True:
-        process.find(min(count + guard, statics.size))
-        whole = _whole_clusters(process.eigenvalues, count)
-        if whole < len(process.eigenvalues) or len(process.eigenvalues) == statics.size:
+        count, provenance = _count(statics, process, truncation)
+        whole = _find_whole_clusters(process, count, size=statics.size)
+        if not complete:
+            provenance["completeness"] = "not counted"
             break
-        guard *= 2
-    provenance["completeness"] = confirmed(statics, process, whole) if complete else "not counted"
+        before = process.eigenvalues[:whole].copy()
+        provenance["completeness"] = confirmed(statics, process, whole)
+        if np.array_equal(process.eigenvalues[:whole], before):
+            break  # else a mode was missing, and with it the number below a frequency or the end of a cluster changes
     found = process.modes(min(whole + _GUARD, len(process.eigenvalues)))
     return FoundModes(whole, found, {**provenance, **_note_of_added(statics, found.eigenvalues, count, whole)})
 
@@ -247,6 +238,33 @@ class _Wanted:
         """The largest of the errors with so many modes."""
         numbers = {held: self.number(known, held=held) for held in self.supports}
         return max(float(known.errors(modes, n, held=held).max(initial=0.0)) for held, n in numbers.items())
+
+
+def _count(statics: Statics, process: ModeSearch, truncation: Truncation) -> tuple[int, dict[str, str]]:
+    """How many modes were asked for, by what is known of the spectrum, and what the provenance says. Collective."""
+    if truncation.modes is not None:
+        return truncation.modes, {}
+    if truncation.tol is None:
+        return _count_below(process, truncation), {"modes below": f"{truncation.below_hz:g} Hz"}
+    count, error = _count_for_tolerance(statics, process, truncation, tol=truncation.tol)
+    return count, {
+        "tolerance of eigenvalues": f"{truncation.tol:g} of {truncation.range}",
+        "estimated error of eigenvalues": f"{error:.2e}",
+    }
+
+
+def _find_whole_clusters(process: ModeSearch, count: int, *, size: int) -> int:
+    """Find modes until the cluster that a number ends in is seen to end; returns the number with all of it. Collective.
+
+    ``size``: dofs.
+    """
+    guard = _GUARD
+    while True:
+        process.find(min(count + guard, size))
+        whole = _whole_clusters(process.eigenvalues, count)
+        if whole < len(process.eigenvalues) or len(process.eigenvalues) == size:
+            return whole
+        guard *= 2
 
 
 def _whole_clusters(eigenvalues: FloatArray, count: int) -> int:

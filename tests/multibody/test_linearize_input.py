@@ -52,6 +52,7 @@ def test_what_is_not_in_balance_is_named_with_its_residual():
 
 def test_a_prescribed_acceleration_is_named():
     scene, _, hinge = pendulum()
+    hinge.position = 0.0
     hinge.prescribe(lambda t: (t**2, 2.0 * t, 2.0))
     said = refusal(scene.linearize)
     assert "acceleration of 2" in said

@@ -147,7 +147,8 @@ def test_a_mode_that_was_left_out_is_found(monkeypatch):
     # nothing else tells
     wrong = reduced(model, complete=False)
     assert wrong.provenance["completeness"] == "not counted"
-    assert abs(wrong.stiffness / exact.stiffness - 1.0).max() > 0.01
+    n = min(len(wrong.stiffness), len(exact.stiffness))  # clusters seem to be others
+    assert abs(wrong.stiffness[:n] / exact.stiffness[:n] - 1.0).max() > 0.01
 
 
 def test_a_mode_that_stays_away_is_told(monkeypatch):
