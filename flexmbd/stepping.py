@@ -76,7 +76,8 @@ class Integration:
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
         declared = scene.declared_breaks()
-        self._breaks = find_breaks(scene.time_rows, declared, rtol=float(self.state.numbers[st.TOLERANCE]))
+        rtol, fixed = float(self.state.numbers[st.TOLERANCE]), self.state.counts[st.FIXED_STEP] == 1
+        self._breaks = find_breaks(scene.time_rows, declared, rtol=rtol, fixed=fixed)
         self.state.counts[st.KNOT] = 0
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared

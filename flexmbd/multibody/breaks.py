@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 DEGREE = 5
+_PULSE = 0.05  # of all that the data span
 _PER_PIECE = 6  # points of a piece at which a polynomial is compared with it
 _ROUND_OFF = 1e-11  # of a polynomial's terms: more than what is left where splines change from one form to another
 
@@ -46,8 +47,12 @@ class Breaks:
         return float(self.jumps[k]) if k < len(self.jumps) else np.inf
 
 
-def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float) -> Breaks:
-    """The breaks of all functions of time, and those declared, for a simulation with rtol."""
+def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, fixed: bool) -> Breaks:
+    """The breaks of all functions of time, and those declared, for a simulation with rtol or with ``fixed`` steps.
+
+    The user who fixes the step says how finely smooth data are to be resolved, so that only what one polynomial misses
+    by `_PULSE` of its range, as it does a pulse, divides a fixed step.
+    """
     jumps, knots = [np.asarray(declared, dtype=np.float64)], []
     for row in rows:
         if row.kind == at.TIME_PIECEWISE and row.count > 1:
@@ -60,7 +65,10 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float) ->
                 parts = [(stretches(poly, rtol), 2)]
             for found, derivatives in parts:
                 jumps.append(found[_torn(poly, found, derivatives)])
-                knots.append(found)
+                if not fixed:
+                    knots.append(found)
+            if fixed:
+                knots.append(stretches(poly, _PULSE))
     sharp = _apart(np.unique(np.concatenate(jumps)))
     return Breaks(sharp, _apart(np.unique(np.concatenate([sharp, *knots]))))
 
