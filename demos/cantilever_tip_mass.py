@@ -59,7 +59,7 @@ def piece(length: float) -> fm.ReducedBody:
     )
 
 
-@fm.compiled
+@fm.compiled(breaks=(PULSE / 2, PULSE))
 def pulse(t):
     return PEAK * max(0.0, 1.0 - abs(t - PULSE / 2) / (PULSE / 2))
 

@@ -76,8 +76,11 @@ class Integration:
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
         declared = scene.declared_breaks()
-        rtol, fixed = float(self.state.numbers[st.TOLERANCE]), self.state.counts[st.FIXED_STEP] == 1
-        self._breaks = find_breaks(scene.time_rows, declared, rtol=rtol, fixed=fixed)
+        number = self.state.numbers
+        h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
+        if h is not None and scene.interiors is not None:
+            h = 0.0  # breaks alone divide steps: bodies with history carry theirs over to a much longer one badly
+        self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
         self.state.counts[st.KNOT] = 0
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared

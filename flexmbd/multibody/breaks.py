@@ -24,7 +24,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 DEGREE = 5
-_PULSE = 0.05  # of all that the data span
 _PER_PIECE = 6  # points of a piece at which a polynomial is compared with it
 _ROUND_OFF = 1e-11  # of a polynomial's terms: more than what is left where splines change from one form to another
 
@@ -47,11 +46,11 @@ class Breaks:
         return float(self.jumps[k]) if k < len(self.jumps) else np.inf
 
 
-def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, fixed: bool) -> Breaks:
-    """The breaks of all functions of time, and those declared, for a simulation with rtol or with ``fixed`` steps.
+def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h: float | None = None) -> Breaks:
+    """The breaks of all functions of time, and those declared, for a simulation with rtol or with fixed steps h (s).
 
-    The user who fixes the step says how finely smooth data are to be resolved, so that only what one polynomial misses
-    by `_PULSE` of its range, as it does a pulse, divides a fixed step.
+    The user who fixes the step says how finely data are to be resolved: only stretches too short to be sampled by such
+    steps, less than half of one, divide it.
     """
     jumps, knots = [np.asarray(declared, dtype=np.float64)], []
     for row in rows:
@@ -65,10 +64,7 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, fi
                 parts = [(stretches(poly, rtol), 2)]
             for found, derivatives in parts:
                 jumps.append(found[_torn(poly, found, derivatives)])
-                if not fixed:
-                    knots.append(found)
-            if fixed:
-                knots.append(stretches(poly, _PULSE))
+                knots.append(found if h is None else _of_short_stretches(poly, found, 0.5 * h))
     sharp = _apart(np.unique(np.concatenate(jumps)))
     return Breaks(sharp, _apart(np.unique(np.concatenate([sharp, *knots]))))
 
@@ -98,6 +94,12 @@ def stretches(poly: PPoly, share: float) -> FloatArray:
         bounds, settled = bounds[keep], settled[keep]
     found: FloatArray = poly.x[bounds[1:-1]]
     return found
+
+
+def _of_short_stretches(poly: PPoly, knots: FloatArray, length: float) -> FloatArray:
+    """Those of the knots between stretches beside which one is shorter than a length (s)."""
+    short = np.diff(np.concatenate([poly.x[:1], knots, poly.x[-1:]])) < length
+    return knots[short[1:] | short[:-1]]
 
 
 def _polynomial(row: TimeRow) -> PPoly:
