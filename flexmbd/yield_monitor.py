@@ -116,6 +116,11 @@ class YieldMonitor:
         # what cannot be told from yield is yield, as where the run was stopped by it
         largest[abs(largest - 1.0) <= noise] = 1.0
         peak[abs(peak - 1.0) <= noise[largest == 1.0].max(initial=0.0)] = 1.0
+        for passed in run.events:  # found to the method's own accuracy, which may end below
+            if isinstance(passed.event.function, _Excess) and passed.event.function.monitor is self:
+                here = np.flatnonzero(times == passed.t)
+                largest[here] = np.maximum(largest[here], passed.event.function.level)
+                peak[at[here]] = np.maximum(peak[at[here]], largest[here])
         return YieldHistory(
             body=self.body.name,
             record=self.body.record,
@@ -143,7 +148,7 @@ class YieldMonitor:
             action: as in `Event`.
         """
         return Event(
-            lambda moment: float(self.utilisation(moment.q(self.body))) - level,
+            _Excess(self, level),
             direction=Direction.RISING,
             stop=stop,
             action=action,
@@ -258,6 +263,17 @@ class YieldMonitor:
         if excess(before) >= 0.0 or excess(after) <= 0.0:
             return after
         return float(brentq(excess, before, after, xtol=1e-12 * max(abs(after), after - before)))
+
+
+@dataclass(frozen=True)
+class _Excess:
+    """By how much a monitor's utilisation is above a level at a moment: an event's function."""
+
+    monitor: YieldMonitor
+    level: float
+
+    def __call__(self, moment: Moment) -> float:
+        return float(self.monitor.utilisation(moment.q(self.monitor.body))) - self.level
 
 
 def _squares(rows: FloatArray, q: FloatArray) -> FloatArray:
