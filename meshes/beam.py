@@ -52,6 +52,8 @@ def beam(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length, width, height)
+    length, width, height, h = (x / unit for x in (length, width, height, h))
 
     def fill() -> None:
         if cell == "tetrahedron":
@@ -71,4 +73,4 @@ def beam(
         else:
             session.mesh_model(degree=degree)
 
-    return session.tagged_mesh(comm, fill)
+    return session.tagged_mesh(comm, fill, unit=unit)

@@ -63,6 +63,8 @@ def block(
         _check_layers(layers, divisions[2])
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length, width, height)
+    length, width, height = (x / unit for x in (length, width, height))
 
     def fill() -> None:
         fill_box(
@@ -75,7 +77,7 @@ def block(
             gmsh.model.addPhysicalGroup(2, tags, name=name)
         session.mesh_model(degree=degree)
 
-    return session.tagged_mesh(comm, fill)
+    return session.tagged_mesh(comm, fill, unit=unit)
 
 
 def fill_box(

@@ -106,6 +106,11 @@ def connecting_rod(
             )
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length)
+    length, h, big_bore, small_bore, big_wall = (x / unit for x in (length, h, big_bore, small_bore, big_wall))
+    small_wall, thickness, shank_thickness, shank_width_big, shank_width_small = (
+        x / unit for x in (small_wall, thickness, shank_thickness, shank_width_big, shank_width_small)
+    )
     big_radius, small_radius = big_bore / 2 + big_wall, small_bore / 2 + small_wall
     widths = (shank_width_big, shank_width_small)
 
@@ -158,8 +163,8 @@ def connecting_rod(
         )
 
     if cell == "tetrahedron":
-        return session.tagged_mesh(comm, fill)
-    return session.built_mesh(comm, build)
+        return session.tagged_mesh(comm, fill, unit=unit)
+    return session.built_mesh(comm, build, unit=unit)
 
 
 def _cylinder(x: float, radius: float, height: float) -> int:

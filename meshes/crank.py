@@ -90,6 +90,11 @@ def crank(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(throw, journal_length, pin_length)
+    throw, h, journal, pin, journal_wall = (x / unit for x in (throw, h, journal, pin, journal_wall))
+    pin_wall, journal_length, pin_length, web_thickness = (
+        x / unit for x in (pin_wall, journal_length, pin_length, web_thickness)
+    )
     eyes = (journal / 2 + journal_wall, pin / 2 + pin_wall)
     journal_top = pin_length / 2 + web_thickness
 
@@ -133,8 +138,8 @@ def crank(
         )
 
     if cell == "tetrahedron":
-        return session.tagged_mesh(comm, fill)
-    return session.built_mesh(comm, build)
+        return session.tagged_mesh(comm, fill, unit=unit)
+    return session.built_mesh(comm, build, unit=unit)
 
 
 def _web(throw: float, eyes: tuple[float, float], *, z: float) -> int:

@@ -44,6 +44,8 @@ def line(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length)
+    length /= unit
 
     def fill() -> None:
         ends = [gmsh.model.geo.addPoint(x, 0.0, 0.0) for x in (0.0, length)]
@@ -55,4 +57,4 @@ def line(
         gmsh.model.mesh.setTransfiniteCurve(axis, int(divisions) + 1)
         session.mesh_model(degree=degree, dim=1)
 
-    return session.tagged_mesh(comm, fill, dim=1)
+    return session.tagged_mesh(comm, fill, dim=1, unit=unit)

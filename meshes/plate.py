@@ -60,6 +60,8 @@ def plate(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length, width, thickness)
+    length, width, thickness, h = (x / unit for x in (length, width, thickness, h))
 
     def fill() -> None:
         fill_box(
@@ -72,4 +74,4 @@ def plate(
             gmsh.model.addPhysicalGroup(2, tags, name=name)
         session.mesh_model(degree=degree)
 
-    return session.tagged_mesh(comm, fill)
+    return session.tagged_mesh(comm, fill, unit=unit)

@@ -50,6 +50,8 @@ def quarter_ring(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(height, outer_radius)
+    height, outer_radius, inner_radius = (x / unit for x in (height, outer_radius, inner_radius))
 
     def build() -> MeshInput:
         curves = _sector((inner_radius, outer_radius), divisions[:2])
@@ -58,7 +60,7 @@ def quarter_ring(
         walls = [Wall(name, [curve], [0]) for name, curve in curves.items()]
         return extrude(profile, [slab], z=0.0, walls=walls, start="bottom", end="top", name="ring")
 
-    return session.built_mesh(comm, build)
+    return session.built_mesh(comm, build, unit=unit)
 
 
 def _sector(radii: tuple[float, float], divisions: tuple[int, ...]) -> dict[str, int]:

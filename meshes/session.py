@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -79,7 +81,18 @@ _ENTITIES = ("point", "curve", "surface", "volume")
 _DIMENSIONS = ("zero", "one", "two", "three")
 
 
-def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> TaggedMesh:
+def working_unit(*lengths: float) -> float:
+    """The unit, a power of two in m, in which the longest of some lengths is at least 1/4 and below 1/2.
+
+    Tolerances of gmsh (1e-8) and OpenCASCADE (1e-7) are absolute.  A part that is built in this unit gets the same
+    mesh whatever its size and the user's unit of length, and is scaled back without rounding.
+    """
+    return math.ldexp(1.0, math.frexp(max(lengths))[1] + 1)
+
+
+def tagged_mesh(
+    comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3, unit: float = 1.0
+) -> TaggedMesh:
     """Turn a meshed gmsh model into a mesh over all ranks. Collective.
 
     Row i of the mesh's input is gmsh's node i + 1, or the i-th lowest where its numbers have gaps.
@@ -91,6 +104,7 @@ def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> Ta
         fill: called on rank 0, in a gmsh session with an empty model of our own; leaves it meshed,
             with a named physical group of surfaces, curves or points.
         dim: dimension of the cells: 3 for a solid, 2 for a shell, 1 for a line.
+        unit: of the lengths in the model, m.
 
     Raises:
         MeshError: on all ranks; there are no cells of that dimension, or of several kinds, or bad
@@ -103,15 +117,18 @@ def tagged_mesh(comm: MPI.Comm, fill: Callable[[], None], *, dim: int = 3) -> Ta
         fill()
         return model_input(dim)
 
-    return built_mesh(comm, read)
+    return built_mesh(comm, read, unit=unit)
 
 
-def built_mesh(comm: MPI.Comm, build: Callable[[], MeshInput]) -> TaggedMesh:
+def built_mesh(
+    comm: MPI.Comm, build: Callable[[], MeshInput], *, unit: float = 1.0
+) -> TaggedMesh:
     """Spread an input that is built with gmsh over all ranks. Collective.
 
     Args:
         comm: the communicator of the mesh.
         build: called on rank 0, in a gmsh session with an empty model of our own.
+        unit: of the lengths in the input that is built, m.
 
     Raises:
         MeshError: on all ranks; as `flexmbd.continuum.tagged_mesh.spread`.
@@ -119,13 +136,14 @@ def built_mesh(comm: MPI.Comm, build: Callable[[], MeshInput]) -> TaggedMesh:
     """
     def run() -> MeshInput:
         with model():
-            return build()
+            built = build()
+        return replace(built, points=unit * built.points)
 
     return spread(comm, from_root(comm, run))
 
 
 def generate(*, h: float, degree: int, dim: int = 3) -> None:
-    """Mesh the current model with cells of size h (m) and geometry of the given degree; rank 0."""
+    """Mesh the current model with cells of size h, in its unit, and geometry of the given degree; rank 0."""
     gmsh.option.setNumber("Mesh.MeshSizeMin", h)
     gmsh.option.setNumber("Mesh.MeshSizeMax", h)
     mesh_model(degree=degree, dim=dim)
@@ -155,8 +173,8 @@ def lies_on_cylinder(surface: int, axis: tuple[float, float], radius: float) -> 
 
     Args:
         surface: gmsh's tag.
-        axis: x and y, m.
-        radius: m.
+        axis: x and y, in the unit of the model.
+        radius: in that unit.
     """
     low, high = gmsh.model.getParametrizationBounds(2, surface)
     grid = [low[i] + (high[i] - low[i]) * part for part in (0.1, 0.35, 0.8) for i in range(2)]

@@ -51,6 +51,8 @@ def sheet(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length, width)
+    length, width = (x / unit for x in (length, width))
 
     def fill() -> None:
         ends = {"x_min": 0.0, "x_max": length, "y_min": -width / 2, "y_max": width / 2}
@@ -70,4 +72,4 @@ def sheet(
             gmsh.model.mesh.setRecombine(2, face)
         session.mesh_model(degree=degree, dim=2)
 
-    return session.tagged_mesh(comm, fill, dim=2)
+    return session.tagged_mesh(comm, fill, dim=2, unit=unit)

@@ -66,6 +66,8 @@ def tube(
         require_degree(degree)
 
     check_arguments(comm, arguments, check)
+    unit = session.working_unit(length, outer_radius)
+    length, outer_radius, inner_radius, h = (x / unit for x in (length, outer_radius, inner_radius, h))
 
     def fill() -> None:
         whole, bore = (
@@ -97,8 +99,8 @@ def tube(
         return replace(upright, points=np.roll(upright.points, 1, axis=1))  # z becomes x
 
     if cell == "tetrahedron":
-        return session.tagged_mesh(comm, fill)
-    return session.built_mesh(comm, build)
+        return session.tagged_mesh(comm, fill, unit=unit)
+    return session.built_mesh(comm, build, unit=unit)
 
 
 def _faces(length: float, middle_radius: float) -> dict[str, int]:
