@@ -9,6 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.design_position import led_from_design
 from flexmbd.multibody.given_coordinates import Given, coordinates_given
 from flexmbd.multibody.independent_rows import independent_rows, look
 from flexmbd.multibody.interior_start import begin_interiors
@@ -97,7 +98,8 @@ def consistent_start(
         place_flying(scene, work, x, v)
     given = coordinates_given(scene)
     scene = _set_couplings(scene, work, x, held_x, given)
-    closing = close_loops(scene, work, x, held_x, given)
+    led = x if given.positions or memories is not None else led_from_design(scene, work, x, held_x)
+    closing = close_loops(scene, work, led, held_x, given)
     refuse_turned_over(scene, work, closing.x)
     reduced = scene.keep_rows(independent_rows(scene, work, closing.x))
     # without the redundant rows, which may stay open a little, the others close to round-off

@@ -9,19 +9,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.given_coordinates import NOTHING_GIVEN, Given, coordinate_names
-from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.least_change import least_change
+from flexmbd.multibody.loop_gaps import loop_gaps, loop_slopes
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.scene_matrices import (
     constraint_jacobian,
     constraint_values,
     coordinate_sizes,
+    mass_factor,
     modal_stiffness,
     row_sizes,
 )
@@ -65,14 +68,20 @@ class _Stage:
     deforms: bool
 
 
+def _rigid(scene: CompiledScene) -> Mask:
+    """(nv,) free coordinates of joints."""
+    rigid = np.zeros(scene.nv, bool)
+    rigid[scene.plan.free] = True
+    for slots in scene.modal_slots.values():
+        rigid[slots.v] = False
+    return rigid
+
+
 def _stages(scene: CompiledScene, held: Mask, modal_cost: FloatArray) -> list[_Stage]:
     """Least intrusive first."""
     movable = np.zeros(scene.nv, bool)
     movable[scene.plan.free] = True
-    modal = np.zeros(scene.nv, bool)
-    for slots in scene.modal_slots.values():
-        modal[slots.v] = True
-    rigid, unset = movable & ~modal, movable & ~held
+    rigid, unset = _rigid(scene), movable & ~held
     nothing, away = np.zeros(scene.nv), held / coordinate_sizes(scene)
     stages = [
         _Stage(rigid & unset, nothing, False),
@@ -135,6 +144,12 @@ def close_loops(
     return best
 
 
+def close_rigidly(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> FloatArray:
+    """The configuration (nx,) near x where the joints that are not held have closed the loops as far as they can."""
+    stage = _Stage(_rigid(scene) & ~held, np.zeros(scene.nv), False)
+    return _gauss_newton(scene, work, x, np.zeros(scene.nv), stage, NOTHING_GIVEN)[0]
+
+
 def _closes_rigidly(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> bool:
     return close_loops(scene, work, x, held).left_open <= CLOSED
 
@@ -167,16 +182,15 @@ def _refuse(what: str, names: list[str], gaps: FloatArray, unit: str) -> None:
 
 def _gaps(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
     """What is open, in shares of the machine's size: all rows, then the given coordinates."""
-    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / row_sizes(scene)
+    gaps = loop_gaps(scene, work, x)
     if not given.positions:
-        return phi
-    return np.concatenate([phi, given.position_gaps(scene, work, x) / given.position_sizes(scene)])
+        return gaps
+    return np.concatenate([gaps, given.position_gaps(scene, work, x) / given.position_sizes(scene)])
 
 
 def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
-    """Rates of ``_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
-    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
-    slopes[scene.plan.rows[:, at.ROW_LEVEL] != at.LEVEL_POSITION] = 0.0
+    """Rates of ``_gaps`` per unit of each velocity."""
+    slopes = loop_slopes(scene, work, x)
     if not given.positions:
         return slopes
     return np.vstack([slopes, given.position_slopes(scene, work, x) / given.position_sizes(scene)[:, None]])
@@ -237,7 +251,7 @@ def match_velocities(
         left = gap + slopes @ step
         if _largest(left) < _WORTH * _largest(gap):
             change, gap = change + step, left
-    if _largest(gap) <= CLOSED * rate:
+    if _largest(gap) <= CLOSED * rate or _largest(gap) <= _SAME_RATE * _own_rate(scene, work, x):
         return v + change
     if given.velocities:
         near = match_velocities(scene, work, x, v, held)
@@ -249,3 +263,18 @@ def match_velocities(
         f"{abs(gap[worst]) * row_sizes(scene)[worst]:.3e} (m/s or rad/s); check prescribed motions and joint "
         "velocities"
     )
+
+
+def _own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
+    """1/s: the rate that the machine's forces give it from rest within a coordinate's full size.
+
+    Beside it the rates of a machine at rest are round-off, whatever they are to each other.
+    """
+    free, rest = scene.plan.free, np.zeros(scene.nv)
+    if not len(free):
+        return 0.0
+    force = np.zeros(scene.nv)
+    residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
+    lower = mass_factor(scene, work, x)
+    pull = scipy.linalg.cho_solve((lower, True), force[free])
+    return float(np.sqrt(np.abs(pull / coordinate_sizes(scene)[free]).max()))

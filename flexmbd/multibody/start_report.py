@@ -75,7 +75,7 @@ def tell_moved(
     scene: CompiledScene, x: FloatArray, x_new: FloatArray, v: FloatArray, v_new: FloatArray, held: Mask
 ) -> tuple[tuple[str, float, float], ...]:
     """(coordinate, from, to) of positions, then of velocities; ``held`` (nv,): those set by the user."""
-    old, new = _values(scene, x), _values(scene, x_new)
+    old, new = coordinate_values(scene, x), coordinate_values(scene, x_new)
     size = coordinate_sizes(scene)
     enough = np.where(held, _SET, CLOSED) * size
     rate = float(np.abs(np.concatenate([v / size, v_new / size])).max(initial=0.0))
@@ -87,7 +87,7 @@ def tell_moved(
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
 
 
-def _values(scene: CompiledScene, x: FloatArray) -> FloatArray:
+def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:
     """(nv,) coordinates, of balls and free bodies rotation vectors (rad)."""
     values = np.zeros(scene.nv)
     for row in scene.plan.tree:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from particles import particle_body
 from scipy.optimize import fsolve, minimize
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, StartWarning
@@ -33,9 +34,9 @@ def assembled(a1):
     return np.array([a1, a2, a4])
 
 
-def four_bar(*, coupler, tip=None, out_of_plane=0.0):
+def four_bar(*, coupler, tip=None, out_of_plane=0.0, closing_rate=None, gravity=0.0):
     """Crank, coupler and rocker; the coupler ends at ``tip``, or as a rigid bar."""
-    scene = fm.System()
+    scene = fm.System(gravity=(0.0, -gravity, 0.0))
     turn = fm.joint.Revolute("z")
     crank = scene.add(fm.RigidBody(0.2, (1e-4, 2e-4, 2e-4), com=(0.05, 0, 0)), name="crank")
     bar = scene.add(coupler, name="coupler")
@@ -44,7 +45,9 @@ def four_bar(*, coupler, tip=None, out_of_plane=0.0):
     j2 = scene.connect(turn, crank.frame((CRANK, 0, 0)), bar.frame(), name="j2")
     j4 = scene.connect(turn, scene.ground.frame((BASE, 0, 0)), rocker.frame(), name="j4")
     end = bar.frame((COUPLER, 0, 0)) if tip is None else bar.frame(tip)
-    scene.connect(turn, end, rocker.frame((ROCKER, 0, out_of_plane)), name="j3")
+    j3 = scene.connect(turn, end, rocker.frame((ROCKER, 0, out_of_plane)), name="j3")
+    if closing_rate is not None:
+        j3.velocity = closing_rate
     return scene, (j1, j2, j4)
 
 
@@ -208,3 +211,68 @@ def test_rotations_are_told_as_rotation_vectors():
     names = [name for name in start.scene.velocity_names if name.startswith("ball")]
     assert [told[name][0] for name in names if name in told] == pytest.approx([0.3, 0.4])
     assert told[names[0]][1] == pytest.approx(0.0, abs=1e-12)
+
+
+def slider_crank(angle, *, beside=0.0):
+    """Crank 0.08 m, rod 0.3 m, guide along x through the crank's axle, or ``beside`` it (m)."""
+    scene, turn = fm.System(), fm.joint.Revolute("z")
+    crank, rod, piston = (scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3))) for _ in range(3))
+    joints = [
+        scene.connect(turn, scene.ground.frame(), crank.frame()),
+        scene.connect(turn, crank.frame((0.08, 0.0, 0.0)), rod.frame()),
+        scene.connect(turn, rod.frame((0.3, 0.0, 0.0)), piston.frame()),
+    ]
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame((0.0, beside, 0.0)), piston.frame())
+    joints[0].position = angle
+    return scene, joints
+
+
+@pytest.mark.parametrize("angle", [0.5, 1.6, -2.0, 3.0, np.pi, -np.pi, 3.3, 2.0 * np.pi, 41.0])
+def test_a_crank_turned_anywhere_has_its_slider_on_the_side_that_was_drawn(angle):
+    scene, joints = slider_crank(angle)
+    crank, rod, piston = angles_of(scene.start(), joints)
+    lean = -np.arcsin(0.08 * np.sin(angle) / 0.3)  # of the rod, against the guide
+    assert crank == angle
+    np.testing.assert_allclose([np.sin(angle + rod), np.cos(angle + rod)], [np.sin(lean), np.cos(lean)], atol=1e-13)
+    np.testing.assert_allclose(np.exp(1j * (angle + rod + piston)), 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [1.8, 2.5, np.pi])
+def test_what_the_drawing_does_not_say_is_closed_but_not_turned_over(angle):
+    """Here the loop is open where all joints are at zero, so that no way leads from there."""
+    scene, joints = slider_crank(angle, beside=0.05)
+    crank, rod, piston = angles_of(scene.start(), joints)
+    assert crank == angle
+    np.testing.assert_allclose(0.08 * np.sin(angle) + 0.3 * np.sin(angle + rod), 0.05, atol=1e-13)
+    np.testing.assert_allclose(np.exp(1j * (angle + rod + piston)), 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [2.0, 3.0, np.pi])
+def test_axes_are_aligned_and_not_opposed(angle):
+    scene = fm.System()
+    first, second = (scene.add(fm.RigidBody(1.0, (0.1, 0.2, 0.3)), name=name) for name in ("first", "second"))
+    tilt = scene.connect(fm.joint.Revolute("x"), scene.ground.frame((0.1, 0.0, 0.0)), first.frame((0.1, 0.0, 0.0)))
+    ball = scene.connect(fm.joint.Spherical(), first.frame(), second.frame(), way=fm.Way.COORDINATES)
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), second.frame())
+    tilt.position = angle
+    start = scene.start()
+    slots = start.scene.joint_slots
+    assert start.x[slots[id(tilt)].x] == [angle]
+    turned = Rotation.from_rotvec([angle, 0.0, 0.0]) * Rotation.from_quat(np.roll(start.x[slots[id(ball)].x], -1))
+    np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), [0.0, 0.0, 1.0], atol=1e-13)
+
+
+@pytest.mark.parametrize("gravity", [9.81, 1e-3])
+def test_rates_of_a_machine_at_rest_are_round_off(gravity):
+    """That two rates of a four-bar contradict each other by 1e-16 says nothing; by 1e-6 it does."""
+    for rate, agrees in ((1e-17, True), (1e-6, False)):
+        bar = fm.RigidBody(0.5, (1e-4, 7e-3, 7e-3), com=(0.2, 0, 0))
+        scene, joints = four_bar(coupler=bar, closing_rate=-2.0 * rate, gravity=gravity)
+        for joint, angle in zip(joints, assembled(ANGLE), strict=True):
+            joint.position = angle
+        joints[0].velocity, joints[1].velocity = rate, 3.0 * rate
+        if agrees:
+            assert np.abs(scene.start().v).max() <= 1e-16
+        else:
+            with pytest.raises(SceneError, match="contradict"):
+                scene.start()
