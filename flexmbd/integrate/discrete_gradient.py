@@ -27,10 +27,10 @@ STEP_FACTORED, ENERGY, WORK = range(st.METHOD, st.METHOD + 3)
 # Its entries of State.counts: whether the energy is kept; whether anything but what stores it acts; how many equal
 # steps it remembers; which way would have foretold the last of them best.
 KEEPS_ENERGY, SPLITS, KNOWN, WAY = range(st.METHOD_COUNT, st.METHOD_COUNT + 4)
-# Rows of State.memory after those of ``loop_dynamics``: momenta; accelerations at the step before; velocities and
-# multipliers of the last steps, the latest first.
+# Rows of State.memory after those of ``loop_dynamics``: momenta; accelerations at the step before; each coordinate's
+# own rate (1/s); velocities and multipliers of the last steps, the latest first.
 REMEMBERED = 3
-MOMENTUM, BEFORE, SPEED = range(loop_dynamics.N_MEMORY, loop_dynamics.N_MEMORY + 3)
+MOMENTUM, BEFORE, RATE, SPEED = range(loop_dynamics.N_MEMORY, loop_dynamics.N_MEMORY + 4)
 REACTION = SPEED + REMEMBERED
 N_MEMORY = REACTION + REMEMBERED
 
@@ -64,7 +64,8 @@ class Scratch(NamedTuple):
     full: (nv, nv) tangent, or the mass matrix.  mass: (free, free) its factors.  right: (1, free) and
     reach: (m, free) right-hand sides for it.  response: (m, nv) C M^-1.
     mixed, gained: (DEPTH, free + m) orthonormal changes of the corrections, and what they do to the unknowns.
-    bend: (2, nv) derivatives of a strain.  kernels: addresses.
+    bend: (2, nv) derivatives of a strain.  own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
+    kernels: addresses.
     """
 
     u: FloatArray
@@ -113,6 +114,7 @@ class Scratch(NamedTuple):
     scale_v: FloatArray
     error_x: FloatArray
     error_v: FloatArray
+    own: FloatArray
     driven: FloatArray
     pivot: NDArray[np.int32]
     mass_pivot: NDArray[np.int32]
@@ -178,6 +180,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray)
         scale_v=zeros(nv),
         error_x=zeros(nv),
         error_v=zeros(nv),
+        own=zeros(nv),
         driven=zeros((len(plan.driven), 3)),
         pivot=zeros(max(1, n), np.int32),
         mass_pivot=zeros(max(1, free), np.int32),

@@ -23,6 +23,7 @@ from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver
 from flexmbd.integrate.discrete_gradient import Scratch
 from flexmbd.integrate.discrete_newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_step import kinetic_energy
+from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import Loops, new_loops, note_scales, survey
 from flexmbd.integrate.momentum_end import accelerate_end
@@ -31,6 +32,7 @@ from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_en
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
+from flexmbd.multibody.kernels.native import solve
 from flexmbd.multibody.kernels.recursion import forward
 from flexmbd.multibody.kernels.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.time_functions import evaluate_times
@@ -97,7 +99,7 @@ class EnergyMomentum:
 
     @property
     def memory_rows(self) -> int:
-        """Scales of the loops; momenta; the accelerations at the step before; velocities and multipliers of steps."""
+        """Scales of loops; momenta; accelerations at the step before; own rates; velocities, multipliers of steps."""
         return step.N_MEMORY
 
     def check(self, scene: CompiledScene) -> None:
@@ -262,6 +264,21 @@ def _turned(move, before, after, a_before, a_after, o, h, error):
 
 
 @part_of_kernel
+def _filter(plan, s, error):
+    """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
+
+    That takes out what stiff parts make of it, and what rows forbid.  ``s.full`` must hold the mass matrix.
+    """
+    free = plan.free
+    for i in range(s.correction.shape[1]):
+        s.correction[0, i] = 0.0
+    for i in range(free.shape[0]):
+        for j in range(free.shape[0]):
+            s.correction[0, i] += s.full[free[i], free[j]] * error[free[j]]
+    solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
+
+
+@part_of_kernel
 def _local_error(plan, state, groups, s, a_end, h, rate):
     """The step's error over what is tolerated, against quadratures of the velocities and accelerations it leaves."""
     h1 = state.numbers[st.STEP_BEFORE]
@@ -276,12 +293,21 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
             curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
         mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
         s.error_v[k] = v_end[k] - state.v[k] - h * mean
+        s.own[k] = curve
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
         if row[at.JOINT] == at.SPHERICAL or row[at.JOINT] == at.FREE:
             o = row[at.JOINT_V] + (3 if row[at.JOINT] == at.FREE else 0)
             _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
-    return st.error_ratio(plan, state, groups, s.error_x, s.error_v, h, rate)
+    for j in range(plan.free.shape[0]):
+        s.error_x[j] = s.error_x[plan.free[j]]
+    _filter(plan, s, s.own)
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        s.own[k] = own_rate_by(groups, k, s.correction[0, j])
+    _filter(plan, s, s.error_v)
+    rates = state.memory[step.RATE]
+    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own, rates, h, rate)
 
 
 @part_of_kernel
@@ -291,6 +317,7 @@ def _accept(plan, loops, state, s, a_end, h):
     for k in range(state.v.shape[0]):
         state.memory[step.BEFORE, k] = state.a[k]
         state.memory[step.MOMENTUM, k] = s.p_end[k]
+        state.memory[step.RATE, k] = st.own_rate(s.own[k], state.memory[step.RATE, k], state.numbers[st.RATE])
         state.v[k] = s.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha_matrix import solve_factored
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
 from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.native import solve
 from flexmbd.multibody.kernels.residual import residual
@@ -32,8 +30,7 @@ def _difference(plan, state, groups, s, h):
         travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
         s.error_x[j] = (s.move[k] - h * state.v[k]) - travel
         s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
-        size = groups.acceleration[groups.of[k]]
-        s.own[k] = np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
+        s.own[k] = own_rate_by(groups, k, curve)
 
 
 @part_of_kernel
@@ -67,29 +64,9 @@ def _filter(plan, work, state, s):
 
 @part_of_kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
-    """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
-
-    A vibration faster than the machine is measured over its own radian, and its velocity by
-    what it displaces, for it swings and does not drift.
-    """
+    """Largest local error over what is tolerated, see ``filtered_ratio``."""
     _difference(plan, state, groups, s, h)
     if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
-    largest = 0.0
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        g = groups.of[k]
-        size = groups.position[g]
-        own = st.own_rate(s.own[k], state.memory[step.RATE, k], machine_rate)
-        share = min(1.0, h * max(machine_rate, own, s.own[k]))  # what changes within the step is one radian at least
-        limit = state.numbers[st.TOLERANCE] * share
-        speed = max(st.group_speed(groups, g, machine_rate), own * size)
-        # modes that hardly move are differences of the whole motion, with its round-off
-        least = st.ROUND_OFF * groups.full[g]
-        part = abs(s.error_v[0, j]) / max(limit * speed, least * machine_rate)
-        if groups.kind[g] != at.GROUP_MODAL:  # of a vibration the velocity's error tells enough
-            part = max(part, abs(s.error_x[j]) / max(limit * size, least))
-        if not part <= largest:
-            largest = part
-            state.counts[st.WORST] = k
-    return largest
+    rates = state.memory[step.RATE]
+    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own, rates, h, machine_rate)

@@ -154,8 +154,10 @@ def settle_momenta(plan, p, s, h):
     """Write joints' part of ``s.p_end`` from the momenta's balance, so that what no force acts on stays to round-off.
 
     Modes keep what their velocities say: no symmetry is theirs, and where a step does not resolve them their balance
-    makes much of what Newton's iteration leaves.
+    makes much of what Newton's iteration leaves.  What a projection onto loops took from either is given back.
     """
+    for k in range(p.shape[0]):
+        s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
         kind = row[at.JOINT]

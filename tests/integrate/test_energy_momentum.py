@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -280,6 +281,50 @@ def test_a_disc_rolls_without_losing_energy():
         ends = [getattr(run, part)[-1] for run in runs]
         ratio = np.abs(ends[0] - ends[1]).max() / np.abs(ends[1] - ends[2]).max()
         assert ratio == pytest.approx(4.0, abs=0.3), part
+
+
+def loaded_loop(*, stiff=1.0):
+    """A crank, driven by a torque, and a flexible coupler on a ball joint whose tip runs on a line.
+
+    Two of its modes are ``stiff`` times as fast as they are of themselves.
+    """
+    record = CLOUDS[1].record
+    record = dataclasses.replace(record, stiffness=record.stiffness * [1.0, 1.0, stiff**2, stiff**2])
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    crank = scene.add(fm.RigidBody(0.9, (4e-3, 6e-3, 8e-3), (0.02, 0.0, 0.0)), name="crank")
+    coupler = scene.add(fm.FlexibleBody(record), name="coupler")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), crank.frame())
+    scene.connect(fm.joint.Spherical(), crank.frame(p=(0.1, 0.0, 0.0)), coupler.frame("root"))
+    tip = record.interfaces[1]
+    line = scene.ground.frame(p=np.array([0.1, 0.0, 0.0]) + tip.p_BI_B)
+    scene.connect(fm.joint.PointOnLine("x"), line, coupler.frame("tip"))
+    scene.add_force(fm.force.JointTorque(hinge, 2.0))
+    hinge.velocity = 3.0
+    return scene, hinge
+
+
+def test_error_control_of_a_loop_with_stiff_modes():
+    """Against Radau IIA: within 10 rtol, in steps that do not follow vibrations of next to no size.
+
+    The energy is what the torque did.
+    """
+    scene, hinge = loaded_loop(stiff=1e4)
+    exact = scene.simulate(0.3, rtol=1e-9, integrator=fm.RadauIIA())
+    for rtol in (1e-3, 1e-4, 1e-5):
+        run = scene.simulate(0.3, rtol=rtol, integrator=METHOD)
+        assert run.stats.steps < 1000
+        assert np.abs(run.x[-1] - exact.x[-1]).max() < 10.0 * rtol
+        total, turn = run.energy().total, run.beta(hinge)
+        np.testing.assert_allclose(total - total[0], 2.0 * (turn - turn[0]), atol=1e-11)
+
+
+def test_velocities_of_a_loop_do_not_jump_in_short_steps():
+    """Each step's change of velocity is that of its acceleration, though gaps of round-off are closed in it."""
+    scene, _ = loaded_loop()
+    h = 1e-9
+    run = scene.simulate(20 * h, h=h, integrator=METHOD)
+    gaps = np.diff(run.v, axis=0) - 0.5 * h * (run.a[1:] + run.a[:-1])
+    assert np.abs(gaps).max() < 1e-3 * h * np.abs(run.a).max()
 
 
 @pytest.mark.parametrize("newton", [0.0, -1e-9, 0.1])

@@ -1,0 +1,45 @@
+"""A filtered local error over what rtol tolerates, for methods of order 2."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.compiling import part_of_kernel
+
+
+@part_of_kernel
+def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate):
+    """Largest local error (free,) over what is tolerated: rtol per radian of the motion that causes it.
+
+    A vibration faster than the machine is measured over its own radian, and its velocity by
+    what it displaces, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
+    rate (1/s) as the step shows it, and as the steps before did.
+    """
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        g = groups.of[k]
+        size = groups.position[g]
+        own = st.own_rate(own_rates[k], rates_before[k], machine_rate)
+        # what changes within the step is one radian at least
+        share = min(1.0, h * max(machine_rate, own, own_rates[k]))
+        limit = state.numbers[st.TOLERANCE] * share
+        speed = max(st.group_speed(groups, g, machine_rate), own * size)
+        # modes that hardly move are differences of the whole motion, with its round-off
+        least = st.ROUND_OFF * groups.full[g]
+        part = abs(error_v[j]) / max(limit * speed, least * machine_rate)
+        if groups.kind[g] != at.GROUP_MODAL:  # of a vibration the velocity's error tells enough
+            part = max(part, abs(error_x[j]) / max(limit * size, least))
+        if not part <= largest:
+            largest = part
+            state.counts[st.WORST] = k
+    return largest
+
+
+@part_of_kernel
+def own_rate_by(groups, k, curve):
+    """Coordinate k's own rate (1/s), a vibration's frequency, by half the second derivative of its acceleration."""
+    size = groups.acceleration[groups.of[k]]
+    return np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
