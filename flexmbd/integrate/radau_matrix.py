@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau_coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
-from flexmbd.integrate.radau_stages import END, STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
+from flexmbd.integrate.radau_stages import STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel
 from flexmbd.multibody.kernels.native import factor, solve
@@ -57,26 +57,6 @@ def take_tangent(plan, work, state, s, place):
             if not np.isfinite(s.stiffness[i, j] + s.damping[i, j] + s.mass[i, j]):
                 return False
     return True
-
-
-@kernel
-def factor_end(plan, work, state, s):
-    """Factor M and C of the step's end; False if singular."""
-    nu = plan.free.shape[0]
-    end = s.a.shape[0] - 1
-    evaluate_stage(plan, work, state, s, end)
-    derive(plan, work, s, end, 0.0, 0.0, 1.0)
-    state.counts[END] = 1
-    s.final[:, :] = 0.0
-    for i in range(nu):
-        for j in range(nu):
-            s.final[i, j] = s.full[plan.free[i], plan.free[j]]
-    for r in range(plan.rows.shape[0]):
-        for j in range(nu):
-            gain = s.tangent.jacobian[r, plan.free[j]]
-            s.final[nu + r, j] = gain
-            s.final[j, nu + r] = gain
-    return factor(plan.lapack, s.final, s.pivot_final, s.sizes) == 0
 
 
 @kernel

@@ -6,11 +6,11 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau_coefficients import STAGES
-from flexmbd.integrate.radau_matrix import correct_stages, factor_end, factor_step, take_tangent
+from flexmbd.integrate.radau_end import close_end
+from flexmbd.integrate.radau_matrix import correct_stages, factor_step, take_tangent
 from flexmbd.integrate.radau_singular import choose_place, even_stage
 from flexmbd.integrate.radau_stages import (
     CONTRACTION,
-    END,
     NEWTON,
     POLYNOMIAL,
     RENEWALS,
@@ -21,7 +21,6 @@ from flexmbd.integrate.radau_stages import (
     place_stages,
 )
 from flexmbd.multibody.kernels.compiling import kernel
-from flexmbd.multibody.kernels.native import solve
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
@@ -70,46 +69,6 @@ def _iterate(plan, work, state, s, h, tolerance):
 
 
 @kernel
-def _close_end(plan, work, state, s, h, tolerance):
-    """Accelerations and multipliers at the step's end from M a + C^T nu = f, C a = -gamma; whether they converged.
-
-    The stage's own multipliers would be of order 3.
-    """
-    nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
-    last = s.a.shape[0] - 1
-    before = 0.0
-    for _ in range(MAX_ITERATIONS):
-        if state.counts[END] == 0:
-            before = 0.0
-            if not factor_end(plan, work, state, s):
-                state.counts[st.OUTCOME] = st.RANK_LOST
-                return False
-        evaluate_stage(plan, work, state, s, last)
-        for j in range(nu):
-            s.rhs_final[0, j] = -s.equation[last, j]
-        for r in range(m):
-            s.rhs_final[0, nu + r] = -s.phi_rate2[r]
-        solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.rhs_final)
-        size = 0.0
-        for j in range(nu):
-            k = plan.free[j]
-            s.a[last, k] += s.rhs_final[0, j]
-            size = max(size, abs(s.rhs_final[0, j]) * h / s.scale_v[k])
-        for r in range(m):
-            s.multipliers[last, r] += s.rhs_final[0, nu + r]
-        if not np.isfinite(size):
-            return False
-        contraction = size / before if before > 0.0 else 0.1
-        if size * min(contraction, 1.0) <= tolerance or size <= _ROUND_OFF:
-            return True
-        if contraction > _RENEW:
-            state.counts[END] = 0
-        before = size
-    return False
-
-
-@kernel
 def solve_step(plan, work, state, s, h, tolerance):
     """Solve the stages with the old factors where they still serve, with new ones otherwise.
 
@@ -143,7 +102,7 @@ def solve_step(plan, work, state, s, h, tolerance):
             if attempt == 0:
                 state.numbers[RENEWALS] = _RENEWALS
             continue
-        if plan.rows.shape[0] > 0 and not _close_end(plan, work, state, s, h, tolerance):
+        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance):
             continue
         slow = state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
         if slow or attempt >= _EVEN:

@@ -54,7 +54,9 @@ class Scratch(NamedTuple):
     direction: (m, nu) D.  aim: (m, nu) B^-1 C^T, which it is but for rows that hold velocities alone.
     even: (3, m, m) what brings each stage's rows to those of the tangent; is_even: (1,) whether it is used.
     gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
-    real, complex: the iteration matrices; final: M and C, for the accelerations at the end.
+    real, complex: the iteration matrices.
+    final: (nu, nu) factors of M at a step's end; reach_end, response: (m, nu) C and C M^-1 there.  hold: (m, m) factors
+    of C M^-1 C^T, with hold_order, hold_norm (m,) and hold_rank (1,).  lacking, reaction, hold_scratch: (m,).
     own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
     kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
     """
@@ -86,6 +88,15 @@ class Scratch(NamedTuple):
     real: FloatArray
     complex: ComplexArray
     final: FloatArray
+    reach_end: FloatArray
+    response: FloatArray
+    hold: FloatArray
+    hold_order: IntArray
+    hold_norm: FloatArray
+    hold_rank: IntArray
+    hold_scratch: FloatArray
+    lacking: FloatArray
+    reaction: FloatArray
     block: FloatArray
     rhs_real: FloatArray
     rhs_complex: ComplexArray
@@ -151,11 +162,20 @@ def new_scratch(
         pivot_gain=zeros(max(1, m), np.int32),
         real=zeros((n, n)),
         complex=zeros((n, n), np.complex128),
-        final=zeros((nu + m, nu + m)),
+        final=zeros((nu, nu) if m else (0, 0)),
+        reach_end=zeros((m, nu)),
+        response=zeros((m, nu)),
+        hold=zeros((m, m)),
+        hold_order=zeros(m, np.int64),
+        hold_norm=zeros(m),
+        hold_rank=zeros(1, np.int64),
+        hold_scratch=zeros(m),
+        lacking=zeros(m),
+        reaction=zeros(m),
         block=zeros((nu, nu)),
         rhs_real=zeros((1, n)),
         rhs_complex=zeros((1, n), np.complex128),
-        rhs_final=zeros((1, nu + m)),
+        rhs_final=zeros((1, nu)),
         error_x=zeros(nu),
         error_v=zeros(nu),
         scale_x=zeros(nv),

@@ -1,7 +1,8 @@
 """Parallel cranks through flat positions, where the loops lose rank and other motions branch off.
 
 So do, of a plate on three cranks, the rows that are kept, though all of them together never do.  The reference is the
-pendulum that all cranks together are, by scipy: I angle'' = - g lever cos(angle).
+pendulum that all cranks together are, by scipy: I angle'' = - g lever cos(angle).  The reactions of each stored instant
+are compared with the laws of Newton and Euler of every body.
 """
 
 from __future__ import annotations
@@ -66,10 +67,45 @@ def test_kept_rows_lose_rank_and_get_it_back(way, seed):
     turn_over(way, *machine(3, seed, plate=True))
 
 
+def imbalance(run):
+    """(nt,) largest sum of forces and of moments on a body, inertia included, over weight and inertia of the machine.
+
+    And the largest moment that a joint passes on about its axis, where nothing drives it.  Moments about the z axis
+    through the centre of mass, over the largest distance of two centres.
+    """
+    bodies = {name: body for name, body in run.bodies.items() if name != "ground"}
+    places, forces, moments, weight = {}, {}, {}, np.zeros(len(run.t))
+    for name, body in bodies.items():
+        com = np.array(body.com)
+        a, beside = (run.acceleration(body.frame(tuple(com + step))) for step in (np.zeros(3), [1.0, 0.0, 0.0]))
+        arm = run.rotation(body.frame())[:, :, 0]
+        places[name] = run.position(body.frame(tuple(com)))
+        forces[name] = body.mass * ([0.0, -G, 0.0] - a)
+        moments[name] = -body.inertia[2] * np.cross(arm, beside - a)[:, 2]
+        weight += body.mass * (G + np.linalg.norm(a, axis=1))
+    size = max(np.linalg.norm(p - q, axis=1).max() for p in places.values() for q in places.values())
+    topology, driving = run.scene.topology, []
+    for joint in [*(branch.connection for branch in topology.branches), *topology.closures]:
+        turn, wrench = run.rotation(joint.child), run.reaction(joint)
+        force, moment = (np.einsum("tij,tj->ti", turn, part) for part in (wrench[:, :3], wrench[:, 3:]))
+        driving.append(np.abs(moment[:, 2]) / size)
+        for frame, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
+            name = frame.body.name
+            if name in bodies:
+                arm = run.position(joint.child) - places[name]
+                forces[name] = forces[name] + sign * force
+                moments[name] = moments[name] + sign * (moment + np.cross(arm, force))[:, 2]
+    parts = [np.linalg.norm(force, axis=1) for force in forces.values()]
+    parts += [np.abs(moment) / size for moment in moments.values()]
+    return np.max(parts + driving, axis=0) / weight
+
+
 def turn_over(way, scene, feet, inertia, lever):
-    """Run one of the ways and compare with the pendulum."""
+    """Run one of the ways, compare with the pendulum, and every body's forces with Newton's and Euler's laws."""
     options, tolerance = WAYS[way]
     run = scene.simulate(T_END, **options)
+    if way != "alpha":
+        assert imbalance(run).max() < 1e-8
     pull = -G * lever / inertia
     start = [run.beta(feet[0])[0], run.beta_rate(feet[0])[0]]
     exact = solve_ivp(
