@@ -69,6 +69,15 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
     return Breaks(sharp, _apart(np.unique(np.concatenate([sharp, *knots]))))
 
 
+def jumps_of_rate(row: TimeRow) -> FloatArray:
+    """Instants (s) at which data of a prescribed motion jump in value or rate."""
+    if not row.motion or row.kind != at.TIME_PIECEWISE or row.count == 1:
+        return np.zeros(0)
+    poly = _polynomial(row)
+    inside: FloatArray = poly.x[1:-1]
+    return inside[_torn(poly, inside, 2)]
+
+
 def _apart(instants: FloatArray) -> FloatArray:
     """Ascending instants without those that rounding alone tells from the one before."""
     return instants[np.diff(instants, prepend=-np.inf) > 32.0 * np.spacing(np.abs(instants))]

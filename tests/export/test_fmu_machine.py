@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported_bodies import soft_bar
+from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
+from scipy.interpolate import PPoly
 from units import Unit, library
 
 import flexmbd as fm
@@ -381,3 +383,58 @@ def test_bodies_with_history_stay(tmp_path, monkeypatch):
     scene.connect(fm.joint.Free(), scene.ground.frame(), lattice.frame("alone"))
     with pytest.raises(ExportError, match="lattice"):
         fm.export.fmu_machine(scene, tmp_path / "lattice.fmu", h=1e-3)
+
+
+class Slider:
+    """A mass on a spring, pushed by a force given as data, that carries a pendulum."""
+
+    def __init__(self, push):
+        scene = self.scene = fm.System(gravity=(0.0, -9.81, 0.0))
+        slider = scene.add(fm.RigidBody(2.0, (0.01, 0.01, 0.01)), name="slider")
+        bob = scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3), (0.0, -0.2, 0.0)), name="bob")
+        self.rail = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="rail")
+        self.pin = scene.connect(fm.joint.Revolute("z"), slider.frame(), bob.frame(), name="pin")
+        scene.add_force(fm.force.JointSpring(self.rail, 200.0))
+        scene.add_force(fm.force.JointForce(self.rail, push))
+
+
+#: A load that jumps within steps and at a communication point, and a pulse of a hundredth of a step.
+STEPS_UP = PPoly(np.array([[0.0, 30.0, -20.0, 5.0]]), [-1.0, 0.0137, 0.1, 0.15512, 1.0])
+PULSE = PPoly(np.array([[0.0, 4e6, 0.0]]), [-1.0, 0.03333, 0.0333301, 1.0])
+
+
+@pytest.mark.parametrize("integrator", [EXPLICIT, IMPLICIT])
+@pytest.mark.parametrize("push", [STEPS_UP, PULSE], ids=["steps", "pulse"])
+def test_steps_end_at_breaks_of_data(tmp_path, integrator, push):
+    """As in a run of ours to round-off, at steps much longer than the pulse."""
+    there, h = Slider(push), 1e-3
+    outputs = {"rail": fm.output.Position(there.rail), "pin": fm.output.Position(there.pin)}
+    fm.export.fmu_machine(there.scene, tmp_path / "slider.fmu", h=h, integrator=integrator, outputs=outputs)
+    run = there.scene.simulate(0.2, h=h, rtol=1e-9, integrator=integrator)
+    unit = Unit(tmp_path / "slider.fmu", tmp_path / "unzipped")
+    one = unit.instance()
+    found = [one.get(outputs_of(unit))]
+    for _ in range(20):
+        one.step(10 * h)
+        found.append(one.get(outputs_of(unit)))
+    one.free()
+    at = np.searchsorted(run.t, 10 * h * np.arange(21) - 1e-9)
+    expected = np.column_stack([run.beta(there.rail), run.beta(there.pin)])[at]
+    assert np.ptp(expected, axis=0).min() > 1e-3
+    assert np.abs(np.array(found) - expected).max() <= 1e-9 * np.abs(expected).max()
+
+
+def test_a_rate_that_jumps_stops_the_unit(tmp_path):
+    """No impulse is known there; up to then it moves."""
+    scene = fm.System()
+    arm = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.1, 0.0, 0.0)), name="arm")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame(), name="hinge")
+    hinge.prescribe(PPoly(np.array([[1.0, -1.0], [0.0, 0.05]]), [0.0, 0.05, 1.0]))
+    fm.export.fmu_machine(scene, tmp_path / "arm.fmu", h=1e-2, outputs=[fm.output.Position(hinge)])
+    unit = Unit(tmp_path / "arm.fmu", tmp_path / "unzipped")
+    one = unit.instance()
+    one.step(0.05)
+    assert one.get(outputs_of(unit)) == pytest.approx([0.05])
+    with pytest.raises(FMICallException, match="fmi3DoStep failed"):
+        one.step(0.01)
+    one.free()

@@ -1,4 +1,5 @@
-/* A whole machine: its kernels step it from one communication point to the next, with the inputs held. */
+/* A whole machine: its kernels step it from one communication point to the next, with the inputs held.
+ * Steps end at the breaks of its functions of time and begin anew there, as flexmbd's stepping.py does it. */
 #include "machine.h"
 
 #include <math.h>
@@ -20,6 +21,8 @@ int numba_attempt_nocopy_reshape(intptr_t nd, const intptr_t *shape, const intpt
     }
     return !fortran;
 }
+
+static const double sliver = 1e-6; /* of a step: what rounding of the time leaves, no step of its own */
 
 static double *numbers_of(void *memory) { return (double *)((unsigned char *)memory + machine_numbers); }
 static int64_t *counts_of(void *memory) { return (int64_t *)((unsigned char *)memory + machine_counts); }
@@ -45,7 +48,30 @@ static void prepare(void *memory, double t, double size) {
     counts_of(memory)[machine_stored] = 0;
 }
 
-/* After a jump of the inputs: accelerations and reactions anew, and a method that remembers nothing of before. */
+/* How far from a break at t is beside it: more than rounding of a product or a quotient there. */
+static double beside(double t) {
+    double size = fmax(fabs(t), 1.0);
+    return 8.0 * (nextafter(size, 2.0 * size) - size);
+}
+
+static double first_after(const double *times, size_t count, double t) {
+    size_t low = 0, high = count;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (times[middle] > t)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low < count ? times[low] : INFINITY;
+}
+
+/* The first break after t; infinite where there is none. */
+static double break_after(double t) {
+    return first_after(machine_break_times, machine_breaks, t);
+}
+
+/* After a jump of the inputs or a break: accelerations and reactions anew, by a method that remembers nothing. */
 static int restart(void *memory, double t, char *message) {
     unsigned char *bytes = memory;
     double *numbers = numbers_of(memory), kept_numbers[MOST_ENTRIES];
@@ -53,6 +79,7 @@ static int restart(void *memory, double t, char *message) {
     memcpy(kept_numbers, numbers, (size_t)machine_number_entries * sizeof *numbers);
     memcpy(kept_counts, counts, (size_t)machine_count_entries * sizeof *counts);
     prepare(memory, t, 1.0);
+    numbers[machine_latest] = INFINITY;
     int64_t code = machine_refresh(bytes);
     memcpy(numbers, kept_numbers, (size_t)machine_number_entries * sizeof *numbers);
     memcpy(counts, kept_counts, (size_t)machine_count_entries * sizeof *counts);
@@ -69,6 +96,43 @@ static int restart(void *memory, double t, char *message) {
     for (size_t k = 0; k < machine_history_rows; k++)
         memcpy(bytes + machine_history + k * row, bytes + machine_accelerations, row);
     return 0;
+}
+
+/* One step from a to b, or what functions of time divide it into; a break lies at neither's far side. */
+static int move(void *memory, double a, double b, double size, char *message) {
+    double *numbers = numbers_of(memory), ahead = break_after(a + sliver * size);
+    numbers[machine_latest] = ahead <= b + sliver * size ? ahead - beside(ahead) : INFINITY;
+    prepare(memory, a, fabs(b - a - size) <= 1e-9 * size ? size : b - a);
+    do {
+        counts_of(memory)[machine_stored] = 0;
+        int64_t code = machine_run(memory);
+        if (code != machine_full) {
+            snprintf(message, MESSAGE_SIZE, "the step at %g s failed (code %d): the machine cannot be there, or the "
+                     "integrator's step is too long for it", numbers[machine_time], (int)code);
+            return 1;
+        }
+    } while (numbers[machine_rest] > 0.0);
+    return 0;
+}
+
+/* Steps from a to b that end and begin at each break between them. */
+static int cross(void *memory, double a, double b, double size, char *message) {
+    for (double next = break_after(a - sliver * size); next < b - sliver * size; next = break_after(next)) {
+        if (next > a + sliver * size) {
+            if (move(memory, a, next, size, message) != 0)
+                return 1;
+            a = next;
+        }
+        double impulse = first_after(machine_impulse_times, machine_impulses, next - beside(next));
+        if (next > machine_start_time && impulse <= next) {
+            snprintf(message, MESSAGE_SIZE, "the rate of a prescribed motion jumps at %g s, and the impulse of that is "
+                     "not known here", next);
+            return 1;
+        }
+        if (restart(memory, next + beside(next), message) != 0)
+            return 1;
+    }
+    return move(memory, a, b, size, message);
 }
 
 int model_begin(void *memory, void *scratch, double t, const double *given, char *message) {
@@ -96,13 +160,8 @@ int model_advance(void *memory, void *scratch, double t, double h, const double 
     if (take(memory, given) && restart(memory, t, message) != 0)
         return 1;
     for (double k = 0.0; k < steps; k += 1.0) {
-        prepare(memory, t + k * size, size);
-        int64_t code = machine_run(memory);
-        if (code != machine_full) {
-            snprintf(message, MESSAGE_SIZE, "the step at %g s failed (code %d): the machine cannot be there, or the "
-                     "integrator's step is too long for it", t + k * size, (int)code);
+        if (cross(memory, t + k * size, t + (k + 1.0) * size, size, message) != 0)
             return 1;
-        }
     }
     return 0;
 }

@@ -9,6 +9,10 @@ extern const unsigned char machine_image[]; /* what an instance's memory is at t
 extern const double machine_start_time;     /* s */
 extern const int machine_follows_time;      /* whether anything but the inputs is a function of time */
 extern const double machine_step;           /* s, the longest step of the integrator */
+extern const size_t machine_breaks;         /* how many instants there are where functions of time jump or bend */
+extern const double machine_break_times[];  /* s, ascending */
+extern const size_t machine_impulses;       /* how many of them there are where a prescribed motion's rate jumps */
+extern const double machine_impulse_times[];
 
 /* Places in the memory: the integration's scalars, accelerations (n of them), and rows of n that remember them. */
 extern const size_t machine_numbers, machine_counts, machine_accelerations, machine_history;
@@ -19,7 +23,8 @@ extern const size_t machine_output_places[];
 /* Entries of numbers and counts: how many there are, the first of the method's own, and some. */
 enum { MOST_ENTRIES = 64 };
 extern const int machine_number_entries, machine_count_entries, machine_own_numbers, machine_own_counts;
-extern const int machine_time, machine_time_end, machine_step_size, machine_stored;
+extern const int machine_time, machine_time_end, machine_step_size, machine_stored, machine_latest,
+    machine_rest;
 extern const int machine_full; /* what the integrator returns with a full record */
 
 /* Puts addresses of this process into the memory. */

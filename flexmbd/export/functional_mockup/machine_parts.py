@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.integrate import alpha_layout, controller, explicit_runge_kutta, generalized_alpha
@@ -15,12 +16,15 @@ from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.loop_dynamics import N_MEMORY, survey
 from flexmbd.integrate.tableau import Tableau
 from flexmbd.multibody.body import Frame
+from flexmbd.multibody.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Plan, new_work
 from flexmbd.multibody.kernels.tangent import tangent_after_residual
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import evaluate_inputs, new_snapshot
+
+FloatArray = NDArray[np.float64]
 
 #: The integrators that machines leave with.
 Method = ExplicitRungeKutta | GeneralizedAlpha
@@ -59,6 +63,8 @@ class Parts:
         history_rows: rows of ``state.memory`` that begin as the accelerations.
         behind: kernels behind addresses: the array that holds one, and the call.
         frames: calls for outputs, which are added to.
+        breaks: instants (s) at which steps end and begin anew.
+        impulses: those at which the rate of a prescribed motion jumps.
     """
 
     run: Call
@@ -68,6 +74,8 @@ class Parts:
     history_rows: int = 0
     behind: tuple[tuple[np.ndarray, Call], ...] = ()
     frames: list[FrameCall] = field(default_factory=list)
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    impulses: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def refuse_functions(scene: CompiledScene) -> None:
@@ -97,12 +105,15 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     state, groups, work = snapshot.state, snapshot.groups, new_work(scene.plan)
     evaluate_inputs(scene, work, 0.0)
     plan = scene.plan._replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
+    breaks = find_breaks(scene.time_rows, scene.declared_breaks(), rtol=NEWTON, h=h)
+    impulses = np.unique(np.concatenate([np.zeros(0), *(jumps_of_rate(row) for row in scene.time_rows)]))
     record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
     explicit = method if isinstance(method, ExplicitRungeKutta) else ExplicitRungeKutta()
-    resting, behind = _explicit(scene, explicit, _STANDSTILL, (plan, work, state, groups, record))
+    shared = plan, work, state, groups, record
+    resting, behind = _explicit(scene, explicit, _STANDSTILL, controller.NO_KNOTS, shared)
     if isinstance(method, ExplicitRungeKutta):
-        run, beside = _explicit(scene, method, method.pair.tableau, (plan, work, state, groups, record))
-        return Parts(run, resting, state, plan, 0, (behind, beside))
+        run, beside = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
+        return Parts(run, resting, state, plan, 0, (behind, beside), [], breaks.jumps, impulses)
     state.counts[alpha_layout.INDEX] = method.index
     state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
     state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
@@ -112,25 +123,27 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     ))  # fmt: skip
     scratch.kernels[:] = 0
     one = generalized_alpha.Method(plan, work, scratch)
-    run, beside = _driven(generalized_alpha.attempt, one, generalized_alpha.RULE, state, groups, record)
-    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, (behind, beside, (scratch.kernels, tangent)))
+    run, beside = _driven(generalized_alpha.attempt, one, generalized_alpha.RULE, breaks.knots, state, groups, record)
+    behind_addresses = (behind, beside, (scratch.kernels, tangent))
+    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, behind_addresses, [], breaks.jumps, impulses)
 
 
 def _explicit(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, shared: tuple[Any, ...]
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, knots: FloatArray, shared: tuple[Any, ...]
 ) -> tuple[Call, tuple[np.ndarray, Call]]:
     """A call of the loop over steps with an explicit method, and what is behind an address in it."""
     plan, work, state, groups, record = shared
     own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
     survey(scene, own, work)
     method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
-    return _driven(explicit_runge_kutta.attempt, method, choice.rule, state, groups, record)
+    return _driven(explicit_runge_kutta.attempt, method, choice.rule, knots, state, groups, record)
 
 
 def _driven(
-    attempt: Any, method: Any, rule: controller.Rule, state: st.State, groups: st.Groups, record: st.Record
-) -> tuple[Call, tuple[np.ndarray, Call]]:
+    attempt: Any, method: Any, rule: controller.Rule, knots: FloatArray, state: st.State, groups: st.Groups,
+    record: st.Record,
+) -> tuple[Call, tuple[np.ndarray, Call]]:  # fmt: skip
     """A call of the loop over steps with a method, and its attempt behind an address."""
     address = np.zeros(1, np.int64)
-    run = Call(controller.advance, (address, method, rule, controller.NO_KNOTS, state, groups, record))
+    run = Call(controller.advance, (address, method, rule, knots, state, groups, record))
     return run, (address, Call(attempt, (method, state, groups, 1.0)))

@@ -49,7 +49,9 @@ def fmu_machine(
     """Write a whole machine as an FMU for co-simulation, whose host needs no Python. Not collective.
 
     It moves as ``scene.simulate(..., h=h, integrator=integrator)`` does, begun anew where inputs jump; they are held
-    from one communication point to the next. The machine's kernels are compiled for any processor of this architecture.
+    from one communication point to the next. Steps end at breaks of
+    tables as they do there; where the rate of a prescribed motion jumps the unit stops with an error, for its impulse
+    is not among the kernels. The machine's kernels are compiled for any processor of this architecture.
 
     Args:
         scene: bodies, joints and forces but for bodies with history and users' functions.
@@ -122,6 +124,8 @@ def _data(
 ) -> str:  # fmt: skip
     """The numbers of model.h and machine.h, and the calls of the kernels, as C."""
     plan, state = parts.plan, parts.state
+    breaks = ", ".join(repr(float(t)) for t in parts.breaks) or "0.0"
+    impulses = ", ".join(repr(float(t)) for t in parts.impulses) or "0.0"
     starts = ", ".join(repr(drive.variable.start) for drive in drives) or "0.0"
     places_in = ", ".join(str(memory.place(plan.time_data, drive.offset)) for drive in drives) or "0"
     places_out = ", ".join(str(memory.place(one.array, one.index)) for one in observed) or "0"
@@ -137,6 +141,8 @@ def _data(
         "machine_history": memory.place(state.memory),
         "machine_velocities": len(state.v),
         "machine_history_rows": parts.history_rows,
+        "machine_breaks": len(parts.breaks),
+        "machine_impulses": len(parts.impulses),
     }
     entries = {
         "machine_follows_time": int(_follows_time(plan, drives)),
@@ -148,6 +154,8 @@ def _data(
         "machine_time_end": st.TIME_END,
         "machine_step_size": st.STEP,
         "machine_stored": st.STORED,
+        "machine_latest": st.LATEST,
+        "machine_rest": st.REST,
         "machine_full": st.OUTPUT,
     }
     return (
@@ -158,6 +166,8 @@ def _data(
         + "".join(f"const int {name} = {value};\n" for name, value in entries.items())
         + f"const double model_start[] = {{{starts}}};\n"
         f"const double machine_start_time = 0.0;\nconst double machine_step = {float(h)!r};\n"
+        f"const double machine_break_times[] = {{{breaks}}};\n"
+        f"const double machine_impulse_times[] = {{{impulses}}};\n"
         f"const size_t machine_input_places[] = {{{places_in}}};\n"
         f"const size_t machine_output_places[] = {{{places_out}}};\n\n" + _calls(parts, memory, code)
     )
