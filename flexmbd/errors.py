@@ -63,6 +63,10 @@ class StartWarning(UserWarning):
     """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies."""
 
 
+class TableWarning(UserWarning):
+    """A table's cubics leave the range of its points by more than that range, as beside a jump."""
+
+
 class SimulationInterrupted(KeyboardInterrupt):
     """A simulation was interrupted, as by Ctrl-C; ``trajectory`` holds what was computed up to then.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -13,7 +14,7 @@ from numba import carray, cfunc, njit, types
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, TableWarning
 from flexmbd.given import numbers
 from flexmbd.multibody.fingerprint import fingerprint
 from flexmbd.multibody.kernels import layout as at
@@ -49,7 +50,8 @@ class Beyond(Enum):
 class Table:
     """A cubic spline through the points (t, y); t in s, ascending.
 
-    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over.
+    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over; a
+    ``TableWarning`` tells where it does so by more than the points' whole range.
 
     Attributes:
         t: (n,) s.
@@ -295,7 +297,13 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 
 def spline(table: Table, what: str) -> PPoly:
-    """A table as a piecewise cubic whose end pieces go on as the table is to; SceneError where there is none."""
+    """A table as a piecewise cubic whose end pieces go on as the table is to.
+
+    Warns with a TableWarning where the cubics leave the range of the points by more than that range.
+
+    Raises:
+        SceneError: the table is none.
+    """
     t, y = numbers(table.t), numbers(table.y)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
         raise SceneError(f"{what}: a table needs numbers t and y, of one length, at least 2")
@@ -306,6 +314,7 @@ def spline(table: Table, what: str) -> PPoly:
             f"{what}: a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTRAPOLATE, got {table.beyond!r}"
         )
     inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
+    _warn_of_swings(inner, t, y, what)
     if table.beyond is Beyond.EXTRAPOLATE:
         return inner
     # straight pieces at both ends, as wide as the table; the first begins where the line from its end is there
@@ -316,6 +325,24 @@ def spline(table: Table, what: str) -> PPoly:
     ends[-1] = y[[0, -1]] - ends[-2] * [width, 0.0]
     x = np.concatenate([[t[0] - width], t, [t[-1] + width]])
     return PPoly(np.column_stack([ends[:, 0], inner.c, ends[:, 1]]), x)
+
+
+def _warn_of_swings(inner: PPoly, t: FloatArray, y: FloatArray, what: str) -> None:
+    turns = inner.derivative().roots(discontinuity=False, extrapolate=False)
+    turns = turns[np.isfinite(turns)]  # a piece that is constant has them everywhere
+    if len(turns) == 0:
+        return
+    values = inner(turns)
+    low, high = y.min(), y.max()
+    beyond = np.maximum(values - high, low - values)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > high - low:
+        warnings.warn(
+            f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "
+            f"{values[worst]:.6g} at {turns[worst]:.6g}; fm.Table(t, y, monotone=True) stays between neighbours",
+            TableWarning,
+            stacklevel=2,
+        )
 
 
 def _piecewise(poly: PPoly, what: str) -> TimeRow:

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 import flexmbd as fm
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, TableWarning
 
 INERTIA = 0.25  # kg m^2
 
@@ -76,3 +76,29 @@ def test_what_does_not_go_on(function, fault):
     _, hinge = wheel()
     with pytest.raises(SceneError, match=fault):
         hinge.prescribe(function)
+
+
+def test_swings_beside_a_jump_are_told():
+    """A torque of 5 N m that becomes -20 within a microsecond swings to a quarter of a million."""
+    t, y = [0.0, 0.01, 0.010001, 0.03], [5.0, 5.0, -20.0, 30.0]
+    sampled = CubicSpline(t, y)(np.linspace(0.0, 0.03, 100_001))
+    scene, hinge = wheel()
+    scene.add_force(fm.force.JointTorque(hinge, fm.Table(t, y)))
+    with pytest.warns(TableWarning, match="between -20 and 30, swings to .*monotone=True") as told:
+        scene.simulate(1e-3, h=1e-3)
+    swing = float(str(told[0].message).split("swings to ")[1].split()[0])
+    assert abs(swing) == pytest.approx(abs(sampled).max(), rel=1e-5)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("monotone", [False, True])
+def test_points_of_a_smooth_function_and_monotone_tables_are_not_told(monotone, unit, recwarn):
+    t = np.linspace(0.0, 1.0, 9)
+    jump = [0.0, 1.0, 1.0 + 1e-6, 2.0]
+    tables = [fm.Table(t, unit * np.sin(9.0 * t), monotone=monotone), fm.Table(t, unit * np.ones(9), monotone=monotone)]
+    tables += [fm.Table(jump, unit * np.array([5.0, 5.0, -20.0, 30.0]), monotone=True)]
+    for table in tables:
+        scene, hinge = wheel()
+        scene.add_force(fm.force.JointTorque(hinge, table))
+        scene.compile()
+    assert not [told for told in recwarn if told.category is TableWarning]
