@@ -67,6 +67,24 @@ def test_entries_do_not_depend_on_the_number_of_ranks(cell, degree):
     assert abs(found - expected).max() < 1e-13 * expected.max()
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_linear_cells_of_any_shape_keep_the_centre_of_mass(cell):
+    """As row sums do, for x is the sum of its nodes' shape functions; the scaled diagonal of a tapered cell does not."""
+    mesh = bent(cell, 1)
+    points = mesh.mesh.geometry.x
+    points[:, 1:] *= np.stack([1 + 2 * points[:, 0], 1 + points[:, 0] + 3 * points[:, 1]], axis=1)
+    body = ContinuumModel(mesh, solid_linear, MATERIAL, degree=1)
+    lumped, domain = lumped_mass(body), body.mesh.mesh
+    x = ufl.SpatialCoordinate(domain)
+    nodes = body.space.tabulate_dof_coordinates()[: body.n_owned_nodes]
+    for component in range(3):
+        masses = lumped[body.displacement_dofs[: body.n_owned_nodes, component]]
+        for axis in range(3):
+            wanted = RHO * body.comm.allreduce(fem.assemble_scalar(fem.form(x[axis] * ufl.dx(degree=6))))
+            assert body.comm.allreduce(masses @ nodes[:, axis]) == pytest.approx(wanted, rel=1e-12)
+
+
 def row_sums(body):
     return np.asarray(gather(body.M).sum(axis=1)).ravel()
 
