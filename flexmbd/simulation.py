@@ -24,9 +24,12 @@ from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import Start
 from flexmbd.multibody.kernels.compiling import announce, mark_compiled
 from flexmbd.multibody.kernels.layout import Work, new_work
-from flexmbd.multibody.kernels.series import largest_residual
+from flexmbd.multibody.kernels.series import largest_residuals
+from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.multibody.loop_closing import CLOSED
 from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.redundancy import minimum_norm_multipliers
+from flexmbd.multibody.redundancy import forbidden_drives, minimum_norm_multipliers
+from flexmbd.multibody.scene_matrices import row_sizes
 from flexmbd.multibody.stretch_watch import StretchWatch
 from flexmbd.multibody.team import Team
 from flexmbd.stepping import Integration, Snapshot
@@ -34,6 +37,7 @@ from flexmbd.trajectory import Stats, Trajectory
 
 FloatArray = NDArray[np.float64]
 
+_TORN = 10.0 * CLOSED  # of a row's size: more than what meshes leave open of overconstrained loops, however these turn
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
@@ -99,6 +103,7 @@ def run(
     trajectory = replace(
         trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
     )
+    _refuse_forbidden_motion(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)
     budget.refuse_spent(trajectory)
@@ -286,7 +291,7 @@ def _finish(
         compile_seconds=compile_seconds,
         start_moved=start.moved,
         start_residual=start.residual,
-        constraint_residual=_largest_residual(start, x),
+        constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
         start_elastic=start.strain.energy,
     )
     scene = start.unreduced
@@ -298,15 +303,36 @@ def _finish(
     return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)
 
 
-def _largest_residual(start: Start, x: FloatArray) -> float:
-    """Largest residual (m or rad) of all rows, those left out as redundant included."""
-    full = start.unreduced
-    if len(full.plan.rows) == 0:
-        return 0.0
-    scratch = np.zeros((3, len(full.plan.rows)))
-    return float(
-        largest_residual(full.plan, new_work(full.plan), x, np.zeros(full.nv), scratch)
-    )
+def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:
+    """(rows,) m or rad: the largest residual of each row, those left out as redundant included."""
+    residuals = np.zeros(len(full.plan.rows))
+    if len(residuals):
+        scratch = np.zeros((3, len(residuals)))
+        largest_residuals(full.plan, new_work(full.plan), t, x, np.zeros(full.nv), scratch, residuals)
+    return residuals
+
+
+def _refuse_forbidden_motion(start: Start, trajectory: Trajectory) -> None:
+    """Raise where a prescribed motion tore loops open, with the rows before.
+
+    Their rows were left out, since nothing that is free could move them, and nothing that is driven did at first.
+    """
+    full, t, x = start.unreduced, trajectory.t, trajectory.x
+    if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * row_sizes(full).min():
+        return
+    work = new_work(full.plan)
+    evaluate_times(full.plan, t[0], work.time)
+    drives = forbidden_drives(full, work, x[0])
+    for k in range(len(t) if drives else 0):
+        gaps = _largest_residuals(full, t[k : k + 1], x[k : k + 1])
+        torn = int(np.argmax(gaps / row_sizes(full)))
+        if gaps[torn] > _TORN * row_sizes(full)[torn]:
+            raise SimulationError(
+                f"the loops forbid the prescribed motion of {', '.join(map(repr, drives))}: at t = {t[k]:.6g} s it has "
+                f"torn them open, {full.row_names[torn]} by {gaps[torn]:.3e} (m or rad); leave out the motion, or a "
+                "joint that holds what it moves; what was computed before is in the error's trajectory",
+                _until(trajectory, k),
+            )
 
 
 #: What a step failed by, and what to look for.

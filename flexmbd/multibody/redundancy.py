@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.independent_rows import look
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.layout import Work
+from flexmbd.multibody.loop_closing import CLOSED
 from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.scene_matrices import constraint_jacobian
+from flexmbd.multibody.scene_matrices import constraint_jacobian, coordinate_sizes, row_sizes
 
 FloatArray = NDArray[np.float64]
 
@@ -44,3 +46,18 @@ def minimum_norm_multipliers(
         share = np.linalg.lstsq((jacobian / weight[:, None]).T, load, rcond=_RANK)[0]
         spread[k] = share / weight
     return spread
+
+
+def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str]:
+    """The driven coordinates whose rates open loops that nothing free can close again.
+
+    Args:
+        full: the scene with all its rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: (nx,) a regular configuration with closed loops.
+    """
+    place = look(full, work, x)
+    driven = np.setdiff1d(np.arange(full.nv), full.plan.free)
+    slopes = constraint_jacobian(full, work, x)[:, driven] * coordinate_sizes(full)[driven] / row_sizes(full)[:, None]
+    left_open = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)
+    return [full.velocity_names[k] for k in driven[left_open > CLOSED * np.abs(slopes).max(initial=0.0)]]

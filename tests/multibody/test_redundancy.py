@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import slider_crank
+from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, SimulationError
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.scene_matrices import constraint_jacobian
 
@@ -120,3 +121,46 @@ def test_a_loop_that_holds_nothing_leaves_all_free(tilt):
     along = R @ np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
     np.testing.assert_allclose(start.a, [along @ scene.gravity], atol=1e-12)
     assert scene.simulate(0.1).beta(slide)[-1] == pytest.approx(0.7 + 0.005 * along @ scene.gravity, abs=1e-9)
+
+
+def driven_plate(motion, *, second_pin):
+    """A plate on a hinge with a motion, a bob that swings on it, and a second hinge beside it that would hold it."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    plate = scene.add(fm.RigidBody(2.0, (0.1, 0.1, 0.2)), name="plate")
+    joint = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), plate.frame(), name="driven")
+    joint.prescribe(motion)
+    bob = scene.add(fm.RigidBody(0.5, (0.01, 0.01, 0.01), com=(0.2, 0.0, 0.0)), name="bob")
+    scene.connect(fm.joint.Revolute("z"), plate.frame((0.0, 0.3, 0.0)), bob.frame(), name="swing")
+    if second_pin:
+        apart = (PIN, 0.0, 0.0)
+        scene.connect(fm.joint.Revolute("z"), scene.ground.frame(apart), plate.frame(apart), name="second")
+    return scene
+
+
+PIN, BEGIN = 0.5, 0.125
+
+
+METHODS = [fm.ExplicitRungeKutta(), fm.RadauIIA(), fm.GeneralizedAlpha()]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+def test_a_motion_that_the_loops_forbid_tears_them_and_is_told(method):
+    """At rest the second hinge says nothing; as soon as the plate moves, it leaves it by 2 L sin(angle / 2)."""
+    motion = PPoly([[0.0, 3.0], [0.0, 0.0], [0.0, 0.0]], [-1.0, BEGIN, 2.0])
+    assert driven_plate(motion, second_pin=False).simulate(0.5, rtol=1e-6).stats.constraint_residual < 1e-12
+    with pytest.raises(SimulationError, match=r"forbid .*'driven.angle'.*second") as told:
+        driven_plate(motion, second_pin=True).simulate(0.5, rtol=1e-6, integrator=method)
+    t = told.value.trajectory.t
+    assert BEGIN <= t[-1] < 0.5
+    assert 2.0 * PIN * np.sin(0.5 * 3.0 * max(t[-1] - BEGIN, 0.0) ** 2) <= 1e-6 * 2.0 * PIN
+
+
+def test_what_a_motion_by_constraints_leaves_open_is_told_in_the_stats():
+    scene = fm.System()
+    cart = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), cart.frame(), way=fm.Way.CONSTRAINTS)
+    slide.prescribe(fm.Sine(0.3, 2.0, 0.0, 0.2))
+    run = scene.simulate(0.5, rtol=1e-6)
+    moved = run.position(cart.frame())[:, 0] - 0.2 - 0.3 * np.sin(2.0 * run.t)
+    assert run.stats.constraint_residual == pytest.approx(np.abs(moved).max(), abs=1e-14)
+    assert run.stats.constraint_residual < 1e-9

@@ -116,18 +116,22 @@ def force_series(plan, work, t, x, v, a, multipliers, out):
 
 
 @entry_kernel
-def largest_residual(plan, work, x, rest, scratch):
-    """Largest constraint residual (m or rad) over configurations x.
+def largest_residuals(plan, work, t, x, rest, scratch, out):
+    """out[i] (m or rad): largest residual of row i over configurations x (nt, nx) at t (nt,).
 
     ``rest`` is (nv,) zeros, ``scratch`` (3, rows).
     """
-    largest = 0.0
+    out[:] = 0.0
+    timed = False
+    for i in range(plan.rows.shape[0]):
+        timed = timed or plan.rows[i, at.ROW_TIME] >= 0
     for k in range(x.shape[0]):
+        if timed:
+            evaluate_times(plan, t[k], work.time)
         forward(plan, work, x[k], rest, rest)
         constraints(plan, work, scratch[0], scratch[1], scratch[2])
         for i in range(scratch.shape[1]):
-            largest = max(largest, abs(scratch[0, i]))
-    return largest
+            out[i] = max(out[i], abs(scratch[0, i]))
 
 
 @entry_kernel
