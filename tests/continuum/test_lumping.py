@@ -70,7 +70,7 @@ def test_entries_do_not_depend_on_the_number_of_ranks(cell, degree):
 @pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_linear_cells_of_any_shape_keep_the_centre_of_mass(cell):
-    """As row sums do, for x is the sum of its nodes' shape functions; the scaled diagonal of a tapered cell does not."""
+    """As row sums do, for x is the sum of its nodes' shape functions; a scaled diagonal of tapered cells does not."""
     mesh = bent(cell, 1)
     points = mesh.mesh.geometry.x
     points[:, 1:] *= np.stack([1 + 2 * points[:, 0], 1 + points[:, 0] + 3 * points[:, 1]], axis=1)
