@@ -73,7 +73,7 @@ def write(source: str, modes: int, stem: str) -> None:
 
     from flexmbd import meshes
     from flexmbd.continuum import ContinuumModel, Interface
-    from flexmbd.continuum.tagged_mesh import from_arrays
+    from flexmbd.continuum.grid.tagged_mesh import from_arrays
     from flexmbd.forms import solid_linear
     from flexmbd.reduction import craig_bampton
 

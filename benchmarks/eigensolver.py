@@ -22,7 +22,8 @@ import numpy as np
 import reduction_case as case
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, eigen
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.matrices import eigen
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import KrylovSchur, SpectrumSlicing
 from flexmbd.reduction.signs import asymmetric_fields

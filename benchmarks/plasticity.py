@@ -30,14 +30,14 @@ import plasticity_peers as case
 from dolfinx import fem
 
 from flexmbd import meshes
-from flexmbd.continuum.loads import Pressure, load_vectors
-from flexmbd.continuum.newton import Newton
-from flexmbd.continuum.nodal_motion import NodalMotion
-from flexmbd.continuum.static_path import PathError, StaticPath, follow, held_dofs
-from flexmbd.continuum.tangent_solver import TangentSolver
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.newton import Newton
+from flexmbd.continuum.history.static_path import PathError, StaticPath, follow, held_dofs
+from flexmbd.continuum.history.tangent_solver import TangentSolver
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import solid_linear
+from flexmbd.reduction.unit_loads import Pressure, load_vectors
 
 FULL, SMALL, COARSE = (40, 50, 10), (10, 12, 3), (8, 12, 1)
 HELD = {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"}

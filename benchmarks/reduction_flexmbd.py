@@ -16,7 +16,7 @@ import numpy as np
 import reduction_case as case
 
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.tagged_mesh import TaggedMesh, from_arrays
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Solver, craig_bampton
 

@@ -20,7 +20,8 @@ from scipy.integrate import quad
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, MpiTeam, formulation, parallel
+from flexmbd.continuum import ContinuumModel, Interface, MpiTeam, parallel
+from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite import check_form
 from flexmbd.reduction import ModalDamping, craig_bampton
 

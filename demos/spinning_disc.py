@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import flexmbd as fm
 from flexmbd import forms
 from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 
 WIDTH, HEIGHT, COLUMNS, ROWS = 24.0, 8.0, 12, 4
 FOOT, ARM, RADIUS = 4.0, 12.0, 7.5  # half the foot's width; length of the arm; of the disc

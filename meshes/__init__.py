@@ -1,6 +1,6 @@
 """Parametrised parts, one geometry a file, and meshes read from files; all lengths in m.
 
-Every function returns a `flexmbd.continuum.tagged_mesh.TaggedMesh`, is collective over `comm`, builds
+Every function returns a `flexmbd.continuum.grid.tagged_mesh.TaggedMesh`, is collective over `comm`, builds
 the part on rank 0, most by gmsh, and raises `flexmbd.errors.MeshError` on all ranks.
 """
 

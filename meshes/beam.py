@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import gmsh
 
-from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.meshes import session
 from flexmbd.meshes.block import faces, fill_box
 from flexmbd.meshes.dimension import (

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 
-from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (

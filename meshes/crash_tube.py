@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.tagged_mesh import TaggedMesh, from_arrays
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.meshes.dimension import check_arguments, require_counts, require_positive
 

@@ -14,9 +14,9 @@ import gmsh
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.continuum.cell_shape import cell_quality
-from flexmbd.continuum.mesh_input import MeshInput
-from flexmbd.continuum.tagged_mesh import NodeOrder, node_permutation
+from flexmbd.continuum.grid.cell_shape import cell_quality
+from flexmbd.continuum.grid.mesh_input import MeshInput
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder, node_permutation
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 

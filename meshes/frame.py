@@ -9,8 +9,8 @@ from mpi4py import MPI
 import numpy as np
 
 from flexmbd.beams.layout import Beam, Layout, Point, lay_out
-from flexmbd.continuum.mesh_input import MeshInput, from_root
-from flexmbd.continuum.tagged_mesh import TaggedMesh, spread
+from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.meshes.dimension import check_arguments, require_degree
 
 

@@ -34,11 +34,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.compat import geometry_degree
-from flexmbd.continuum.mesh_blocks import BELOW, mesh_blocks, numbered
-from flexmbd.continuum.mesh_input import MeshInput
+from flexmbd.continuum.grid.mesh_blocks import BELOW, mesh_blocks, numbered
+from flexmbd.continuum.grid.mesh_input import MeshInput
+from flexmbd.continuum.grid.row_exchange import blocks_on_root, share_of
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.parallel import raise_collectively
-from flexmbd.continuum.row_exchange import blocks_on_root, share_of
-from flexmbd.continuum.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes.dimension import check_arguments
 from flexmbd.meshes.group_choice import chosen

@@ -15,8 +15,8 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.continuum.mesh_input import MeshInput
-from flexmbd.continuum.tagged_mesh import NodeOrder, node_permutation
+from flexmbd.continuum.grid.mesh_input import MeshInput
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder, node_permutation
 from flexmbd.errors import MeshError
 from flexmbd.meshes.group_choice import chosen
 from flexmbd.meshes.serendipity import complete

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from flexmbd.continuum.mesh_input import MeshInput, from_root
+from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.continuum.parallel import on_root
-from flexmbd.continuum.tagged_mesh import TaggedMesh, spread
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus

@@ -14,8 +14,8 @@ import gmsh
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.continuum.mesh_input import MeshInput, from_root
-from flexmbd.continuum.tagged_mesh import NodeOrder, TaggedMesh, node_permutation, spread
+from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder, TaggedMesh, node_permutation, spread
 from flexmbd.errors import MeshError
 from flexmbd.meshes.group_choice import chosen
 
@@ -131,7 +131,7 @@ def built_mesh(
         unit: of the lengths in the input that is built, m.
 
     Raises:
-        MeshError: on all ranks; as `flexmbd.continuum.tagged_mesh.spread`.
+        MeshError: on all ranks; as `flexmbd.continuum.grid.tagged_mesh.spread`.
         Exception: whatever `build` raised, on all ranks.
     """
     def run() -> MeshInput:

@@ -10,8 +10,8 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 
-from flexmbd.continuum.mesh_input import MeshInput
-from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.grid.mesh_input import MeshInput
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (

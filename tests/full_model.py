@@ -11,7 +11,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from flexmbd.continuum import ContinuumModel
-from flexmbd.continuum.nodes import node_numbers
+from flexmbd.continuum.finite_elements.nodes import node_numbers
 
 
 def gather(matrix):

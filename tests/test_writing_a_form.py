@@ -7,7 +7,10 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.cli import main
-from flexmbd.continuum import ContinuumModel, contract, contract_results, formulation
+from flexmbd.continuum import ContinuumModel
+from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract import results as contract_results
+from flexmbd.continuum.contract import violations as contract
 from flexmbd.continuum.contract_suite.checks import CHECKS
 
 ROOT = Path(__file__).parents[1]

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from flexmbd.errors import MeshError
 
 if TYPE_CHECKING:
-    from flexmbd.continuum.tagged_mesh import TaggedMesh
+    from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
     from flexmbd.meshes.bores import Bore
     from flexmbd.meshes.step_file import StepFace, StepPart, Tag
 

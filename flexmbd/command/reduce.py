@@ -130,7 +130,7 @@ def reduce(arguments: argparse.Namespace) -> int:
 
     from flexmbd.command.part_file import list_part, mesh_part
     from flexmbd.continuum import ContinuumModel, parallel
-    from flexmbd.continuum.formulation import load
+    from flexmbd.continuum.contract.formulation import load
     from flexmbd.reduction import craig_bampton
     from flexmbd.reduction.truncation import chosen_truncation
 

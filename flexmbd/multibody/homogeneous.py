@@ -128,7 +128,7 @@ class CompiledEnergy:
 
     The function is void f(double *out, const double *w, const double *F, const double *x, const int *e, const uint8_t
     *p, void *c), of which out and F are used: F (3, 3) row by row; out gets W (J/m^3), dW/dF (9) and its derivative
-    (81), Pa, added to zeros.  ``flexmbd.continuum.homogeneous_energy`` makes one of UFL.
+    (81), Pa, added to zeros.  ``flexmbd.continuum.finite_elements.homogeneous_energy`` makes one of UFL.
 
     Attributes:
         address: of the function.

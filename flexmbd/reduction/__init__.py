@@ -1,8 +1,5 @@
 """Reductions: from a continuum model to a `flexmbd.reduced.ReducedBody`."""
 
-from flexmbd.continuum.loads import BodyForce as BodyForce
-from flexmbd.continuum.loads import Pressure as Pressure
-from flexmbd.continuum.loads import Traction as Traction
 from flexmbd.reduction.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.condensation import static_condensation as static_condensation
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton
@@ -17,3 +14,6 @@ from flexmbd.reduction.interior import Solver as Solver
 from flexmbd.reduction.prestress import prestressed as prestressed
 from flexmbd.reduction.truncation import TruncationErrors as TruncationErrors
 from flexmbd.reduction.truncation import truncation_errors as truncation_errors
+from flexmbd.reduction.unit_loads import BodyForce as BodyForce
+from flexmbd.reduction.unit_loads import Pressure as Pressure
+from flexmbd.reduction.unit_loads import Traction as Traction

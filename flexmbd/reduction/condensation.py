@@ -10,9 +10,9 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.nodes import node_numbers
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction import interior
 from flexmbd.reduction.support import is_held

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, multiply, total
+from flexmbd.continuum.matrices.blocks import FloatArray, multiply, total
 from flexmbd.errors import ConvergenceError
 from flexmbd.reduction.multigrid import Multigrid, multigrid
 from flexmbd.reduction.round_off import MARGIN, round_off

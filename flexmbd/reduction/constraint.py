@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner, symmetric
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.factor import SINGULAR
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexmbd.continuum import eigen, parallel
-from flexmbd.continuum.blocks import FloatArray, inner, multiply
-from flexmbd.continuum.interface import AveragedInterface
-from flexmbd.continuum.loads import Load, listed
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.interface import AveragedInterface
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices import eigen
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
@@ -23,6 +23,7 @@ from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stretch_modes import stretch_modes
 from flexmbd.reduction.truncation import Truncation, chosen_truncation, fixed_interface_modes
+from flexmbd.reduction.unit_loads import Load, listed
 
 
 def craig_bampton(

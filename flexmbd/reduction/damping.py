@@ -15,10 +15,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from flexmbd.continuum import assembly
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
-from flexmbd.continuum.blocks import FloatArray
-from flexmbd.continuum.eigen import Modes
+from flexmbd.continuum.matrices.blocks import FloatArray
+from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
 
 
 @dataclass(frozen=True)
 class BlockMethod:
-    """Block Lanczos on the factor that the static shapes need anyway (`flexmbd.continuum.eigen`)."""
+    """Block Lanczos on the factor that the static shapes need anyway (`flexmbd.continuum.matrices.eigen`)."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from flexmbd.continuum.blocks import FloatArray, from_dense, to_dense
+from flexmbd.continuum.matrices.blocks import FloatArray, from_dense, to_dense
 from flexmbd.errors import ReductionError
 
 SINGULAR = (

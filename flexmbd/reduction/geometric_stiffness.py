@@ -4,7 +4,7 @@ A mode of small displacement theory keeps no length: without the stiffness that 
 spinning beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195).  K_l,ij is the integral of
 stress(u_l) : (grad phi_i^T grad phi_j) with u_l the static displacement of the whole model under the unit
 load l (Wallrapp & Schwertassek 1991, Representation of geometric stiffening in multibody system
-simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.continuum.stress_stiffness`.
+simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.reduction.stress_stiffness`.
 
 A machine that multiplies K_l by the loads of the moment takes the stress to follow them at once, and has no
 energy to keep.  With the stress of the membrane fields (`flexmbd.reduction.membrane`) in the place of the loads' the
@@ -21,14 +21,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply
-from flexmbd.continuum.gradient_parts import strain_over_rotation
-from flexmbd.continuum.interface import FoundInterface, RigidInterface
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.stress_stiffness import stress_stiffness
+from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.reduced import FRAME_DOFS, GeometricStiffness, ModalStretch
+from flexmbd.reduction.gradient_parts import strain_over_rotation
 from flexmbd.reduction.membrane import membrane_fields, stretching_fields
 from flexmbd.reduction.statics import Statics
+from flexmbd.reduction.stress_stiffness import stress_stiffness
 
 _AXES = ("x", "y", "z")
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

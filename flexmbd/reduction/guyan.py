@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexmbd.continuum.loads import Load
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.reduced import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.interior import Solver
+from flexmbd.reduction.unit_loads import Load
 
 
 def guyan(

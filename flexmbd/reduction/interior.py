@@ -17,8 +17,8 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, multiply
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.conjugate_gradients import conjugate_gradients
 from flexmbd.reduction.factor import SINGULAR, Factor, TooLargeError, memory_limit

@@ -9,8 +9,8 @@ from slepc4py import SLEPc
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply
-from flexmbd.continuum.eigen import TOLERANCE, Modes
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.matrices.eigen import TOLERANCE, Modes
 from flexmbd.errors import ConvergenceError
 
 Solve = Callable[[FloatArray], FloatArray]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner
-from flexmbd.continuum.loads import Load
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.reduced import DistributedLoads
+from flexmbd.reduction.unit_loads import Load
 
 
 def loads_group(

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, symmetric
+from flexmbd.continuum.matrices.blocks import FloatArray, symmetric
 
 # Relative to the largest: squares of what the static solutions leave.
 _ROUNDING = 1e-12

@@ -18,8 +18,8 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.linalg
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply
-from flexmbd.continuum.near_null_space import near_null_space
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.matrices.near_null_space import near_null_space
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.factor import Factor
 

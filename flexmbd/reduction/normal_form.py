@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from flexmbd.continuum.blocks import FloatArray
+from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 
 

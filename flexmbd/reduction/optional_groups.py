@@ -4,7 +4,7 @@ Which part of flexmbd needs a group:
 
 - geometric stiffness: the machine, for bodies that spin or carry axial loads; without it they are too soft.
 - loads: forces of a scene on this body by their names.
-- modes: fields on the mesh by a process that has not reduced the body (`flexmbd.continuum.recovery`),
+- modes: fields on the mesh by a process that has not reduced the body (`flexmbd.continuum.finite_elements.recovery`),
   and exporters that write nodes.
 - surface: pictures without DOLFINx.
 - stress: stress without DOLFINx.
@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.blocks import FloatArray
-from flexmbd.continuum.ghosts import with_ghosts
-from flexmbd.continuum.loads import Load, check_loads, load_vectors
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.nodes import boundary_triangles, node_numbers, sorted_triangles
-from flexmbd.continuum.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
@@ -31,6 +30,7 @@ from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening,
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.statics import Statics
 from flexmbd.reduction.stress_modes import stress_group
+from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
 
 _NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the strains of its sections"
 

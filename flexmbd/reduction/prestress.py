@@ -19,17 +19,18 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import ArrayLike
 
-from flexmbd.continuum import assembly, parallel
-from flexmbd.continuum.blocks import FloatArray, inner
-from flexmbd.continuum.ghosts import with_ghosts
-from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
-from flexmbd.continuum.loads import Load, check_loads, load_vectors
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.prestressed import PrestressedModel, StaticState, followed_average, turn_less_one
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, StaticState, followed_average, turn_less_one
+from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.reduction.geometric_stiffness import interface_loads
 from flexmbd.reduction.stability import is_stable
 from flexmbd.reduction.statics import body_statics
+from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
 
 # Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
 _STEP = 1e-6

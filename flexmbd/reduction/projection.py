@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.blocks import FloatArray, inner, symmetric
-from flexmbd.continuum.eigen import TOLERANCE
-from flexmbd.continuum.ghosts import with_ghosts
-from flexmbd.continuum.inertia import gram_matrix
-from flexmbd.continuum.interface import FoundInterface
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.interface import FoundInterface
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
+from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
 from flexmbd.reduced import InterfaceFrame, ReducedBody
 from flexmbd.reduction.normal_form import normal_form

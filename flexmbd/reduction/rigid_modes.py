@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 
 
 @dataclass(frozen=True, eq=False)

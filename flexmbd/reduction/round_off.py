@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, total
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
 
 #: Round-off is at most so many times its measure; healthy parts of all forms show up to twenty.
 MARGIN = 100.0

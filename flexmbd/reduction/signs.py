@@ -17,8 +17,8 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from flexmbd.continuum.blocks import FloatArray
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray
 
 #: Number of fields, and so the largest cluster whose rotation is determined.
 FIELDS = 8

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, multiply
+from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.eigensolver import KrylovSchur, ModeSearch, SpectrumSlicing
 from flexmbd.reduction.krylov_schur import KrylovSchurSearch, SlicingSearch

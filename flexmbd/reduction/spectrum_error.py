@@ -26,8 +26,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.eigen import TOLERANCE
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.reduction.eigensolver import ModeSearch
 from flexmbd.reduction.statics import Statics
 

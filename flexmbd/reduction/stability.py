@@ -7,7 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import inner, symmetric
+from flexmbd.continuum.matrices.blocks import inner, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.factor import Factor
 from flexmbd.reduction.statics import Statics

@@ -22,10 +22,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.interface import AveragedInterface, FoundInterface, RigidInterface
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
 from flexmbd.reduction.factor import SINGULAR, Factor

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.nodes import node_numbers
-from flexmbd.continuum.stress import StressRecovery
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.stress import StressRecovery
+from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
 from flexmbd.reduced import StressModes
 

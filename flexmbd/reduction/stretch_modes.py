@@ -15,15 +15,15 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.eigen import Modes
-from flexmbd.continuum.ghosts import with_ghosts
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.stress_stiffness import stress_stiffness
+from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.reduction.geometric_stiffness import UnitLoads
 from flexmbd.reduction.membrane import membrane_fields
 from flexmbd.reduction.signs import determined_rotation
 from flexmbd.reduction.statics import Statics
+from flexmbd.reduction.stress_stiffness import stress_stiffness
 
 # Of the largest effect of the loads on the stiffness what one of them may lack.
 _LACKING = 1e-3

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import inner, symmetric
+from flexmbd.continuum.matrices.blocks import inner, symmetric
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.reduction.eigensolver import ModeSearch
 from flexmbd.reduction.factor import Factor, TooLargeError, memory_limit

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.blocks import FloatArray, total
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.pieces import pieces
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.grid.pieces import pieces
+from flexmbd.continuum.matrices.blocks import FloatArray, total
 
 #: Relative size below which a rigid motion leaves dofs at rest; found from squares, whose rounding is that of 1e-8.
 AT_REST = 1e-6

@@ -14,9 +14,10 @@ from mpi4py import MPI
 
 import numpy as np
 
-from flexmbd.continuum import eigen, parallel
-from flexmbd.continuum.blocks import FloatArray
-from flexmbd.continuum.model import ContinuumModel
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices import eigen
+from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.signs import asymmetric_fields

@@ -8,9 +8,9 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
-from flexmbd.continuum.newton import Convergence
-from flexmbd.continuum.static_path import clamped_dofs, follow
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.static_path import clamped_dofs, follow
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import beam_exact
 
 # what rounds is the axial force, of a stiffness far above the loads

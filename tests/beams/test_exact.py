@@ -7,8 +7,8 @@ import pytest
 from cantilever import Cantilever
 from scipy.spatial.transform import Rotation
 
-from flexmbd.continuum.bonded_nodes import BondedNodes
-from flexmbd.continuum.nodal_motion import NodalMotion
+from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import ConvergenceError, FormulationError
 from flexmbd.forms import beam_exact
 

@@ -11,9 +11,9 @@ from mpi4py import MPI
 import numpy as np
 
 from flexmbd import meshes
-from flexmbd.continuum.loads import Traction, load_vectors
-from flexmbd.continuum.static_path import follow, held_dofs
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 
 def raised(

@@ -14,8 +14,8 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
 from flexmbd import meshes
-from flexmbd.continuum.static_path import held_dofs
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.static_path import held_dofs
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 
 LENGTH, E = 10.0, 1e6
 

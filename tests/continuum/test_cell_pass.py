@@ -11,8 +11,8 @@ import ufl
 from dolfinx import fem
 
 from flexmbd import meshes
-from flexmbd.continuum.shared_parts import share_parts
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.shared_parts import share_parts
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 

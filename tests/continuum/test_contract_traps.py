@@ -10,7 +10,7 @@ import micropolar
 import pytest
 import saddle_point
 
-from flexmbd.continuum import formulation
+from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite import check_form
 from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.outcome import Remark, Verdict, attempt, verdict

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.corotated_interior import CorotatedInterior
-from flexmbd.continuum.rotational_dofs import condensed_rotations, lumped_rotations
+from flexmbd.continuum.interior.corotated_interior import CorotatedInterior
+from flexmbd.continuum.interior.rotational_dofs import condensed_rotations, lumped_rotations
 from flexmbd.errors import ConvergenceError, InterfaceError
 from flexmbd.forms import beam_timoshenko as beam
 from flexmbd.forms import plate_mitc as plate

@@ -7,10 +7,12 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, cell_graph, cut_mesh
+from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.mesh_input import entity_vertices
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.finite_elements import cut_mesh
+from flexmbd.continuum.grid import cell_graph
+from flexmbd.continuum.grid.mesh_input import entity_vertices
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError, SceneError
 from flexmbd.forms import solid_linear
 

@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
-from flexmbd.continuum.eigen import BlockLanczos, lowest_modes
+from flexmbd.continuum.matrices.eigen import BlockLanczos, lowest_modes
 from flexmbd.errors import ConvergenceError
 
 

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from flexmbd import meshes
 from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
-from flexmbd.continuum.nodal_motion import NodalMotion
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 from flexmbd.forms.j2_plasticity import Linear, Table, Voce

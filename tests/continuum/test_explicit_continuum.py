@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam, RigidPlane, Support, UpdatedLagrangian
-from flexmbd.continuum.lumping import lumped_mass
+from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 from flexmbd.multibody.continuum_body import ExplicitInterior, FrameMotion

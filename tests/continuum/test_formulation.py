@@ -15,7 +15,8 @@ import ufl
 from dolfinx import fem
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, formulation
+from flexmbd.continuum import ContinuumModel
+from flexmbd.continuum.contract import formulation
 from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
 

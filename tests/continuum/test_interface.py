@@ -11,7 +11,7 @@ import pytest
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
 from flexmbd.forms import solid_linear

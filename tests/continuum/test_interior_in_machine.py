@@ -11,8 +11,8 @@ import pytest
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.continuum.corotated_interior import CorotatedInterior
-from flexmbd.continuum.rotational_dofs import condensed_rotations, lumped_rotations
+from flexmbd.continuum.interior.corotated_interior import CorotatedInterior
+from flexmbd.continuum.interior.rotational_dofs import condensed_rotations, lumped_rotations
 from flexmbd.forms import beam_timoshenko as beam
 from flexmbd.forms import plate_mitc as plate
 from flexmbd.reduction import craig_bampton

@@ -13,7 +13,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.continuum import ExplicitRun, RegularCheckpoints, RigidPlane
-from flexmbd.continuum.body_file import load_body, save_body
+from flexmbd.continuum.history.body_file import load_body, save_body
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.forms import hencky_plasticity
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum.static_path import PathError, follow, held_dofs
-from flexmbd.continuum.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
+from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.history.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
 HEIGHT, BORE, OUTER = 0.02, 0.1, 0.2  # m

@@ -18,8 +18,8 @@ from full_model import gather
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel
-from flexmbd.continuum.lumping import lumped_mass
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
 

@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, rigid_body_of, solid_of
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.forms import beam_timoshenko, solid_linear
 

@@ -10,8 +10,8 @@ import pytest
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.nodes import boundary_triangles, node_numbers
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
 
 MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)

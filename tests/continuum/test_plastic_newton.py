@@ -11,11 +11,11 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 
 from flexmbd import meshes
-from flexmbd.continuum import assembly
-from flexmbd.continuum.newton import Balance, Convergence, Newton
-from flexmbd.continuum.static_path import follow, held_dofs
-from flexmbd.continuum.tangent_solver import LinearSolver
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.history.newton import Balance, Convergence, Newton
+from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum.loads import Traction, load_vectors
-from flexmbd.continuum.newton import Convergence
-from flexmbd.continuum.static_path import follow, held_dofs
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import st_venant_kirchhoff as solid
+from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 LENGTH, HEIGHT, WIDTH = 0.508, 12.3777e-3, 3.2024e-3  # m, along x, y (stiff), z
 ALLOY = solid.Parameters(E=71.7e9, nu=0.31, rho=2800.0)

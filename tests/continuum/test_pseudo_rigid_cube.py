@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.continuum.loads import Traction, load_vectors
-from flexmbd.continuum.static_path import follow, held_dofs
-from flexmbd.continuum.tagged_mesh import from_arrays
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
+from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import st_venant_kirchhoff
+from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 HALF, E, NU, DENSITY = 0.1, 1.0e6, 0.3, 1000.0
 CELLS = 4  # along an edge of the eighth; two of them along the patch's

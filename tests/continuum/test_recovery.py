@@ -10,8 +10,8 @@ from full_model import FullModel
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.nodes import node_numbers
-from flexmbd.continuum.recovery import nodal_modes
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.errors import RecordError
 from flexmbd.forms import solid_linear
 from flexmbd.reduced import ReducedBody

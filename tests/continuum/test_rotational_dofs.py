@@ -11,9 +11,9 @@ from dof_keys import everywhere, keys, matrix
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.fastest_vibration import largest_eigenvalue
-from flexmbd.continuum.lumping import lumped_mass
-from flexmbd.continuum.rotational_dofs import condensed_rotations, lumped_rotations
+from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.interior.rotational_dofs import condensed_rotations, lumped_rotations
+from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FormulationError, InterfaceError
 from flexmbd.forms import beam_timoshenko as beam

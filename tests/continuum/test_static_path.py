@@ -7,15 +7,15 @@ import pytest
 from cooks_membrane import raised
 
 from flexmbd import meshes
-from flexmbd.continuum.loads import Pressure, load_vectors
-from flexmbd.continuum.static_path import PathError, follow, held_dofs
-from flexmbd.continuum.tangent_solver import LinearSolver, Preconditioner
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.history.tangent_solver import LinearSolver, Preconditioner
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import FormulationError, MeshError
 from flexmbd.forms import beam_exact
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated
+from flexmbd.reduction.unit_loads import Pressure, load_vectors
 
 COMM = MPI.COMM_WORLD
 

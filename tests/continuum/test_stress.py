@@ -9,7 +9,7 @@ from dolfinx import fem
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface, compat
-from flexmbd.continuum.recovery import nodal_modes
+from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.errors import RecordError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import craig_bampton

@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.tagged_mesh import NodeOrder, from_arrays
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays
 from flexmbd.errors import MeshError
 
 pytestmark = pytest.mark.mpi

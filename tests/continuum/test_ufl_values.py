@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import ufl
 
-from flexmbd.continuum.ufl_values import NoValueError, evaluate
+from flexmbd.continuum.contract.ufl_values import NoValueError, evaluate
 
 POINT = np.array([0.2, 0.3, 0.4])
 DOMAIN = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))

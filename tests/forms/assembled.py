@@ -15,8 +15,8 @@ import scipy.sparse
 import ufl
 from dolfinx import fem
 
-from flexmbd.continuum import formulation
 from flexmbd.continuum.compat import interpolation_points
+from flexmbd.continuum.contract import formulation
 
 
 def cube(cell: str, *, n: int, degree: int, amplitude: float) -> dolfinx.mesh.Mesh:

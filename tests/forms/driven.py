@@ -8,7 +8,7 @@ import numpy as np
 from assembled import cube
 
 from flexmbd.continuum.contract_suite.trial_mesh import tagged
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 
 
 class Driven:

@@ -8,7 +8,7 @@ from mpi4py import MPI
 import pytest
 
 import flexmbd.forms
-from flexmbd.continuum import formulation
+from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains

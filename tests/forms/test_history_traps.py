@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import pytest
 
-from flexmbd.continuum import formulation
+from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite import check_form
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import history_trials

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, formulation
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.contract import formulation
 from flexmbd.reduction import craig_bampton
 
 FILE = Path(__file__).parents[2] / "demos" / "own_formulation" / "wound_solid.py"

@@ -12,9 +12,9 @@ import pytest
 
 from flexmbd import forms, meshes
 from flexmbd.continuum import UpdatedLagrangian
+from flexmbd.continuum.contract.formulation import load
 from flexmbd.continuum.contract_suite.history_checks import unloading
 from flexmbd.continuum.contract_suite.history_trial import history_trials
-from flexmbd.continuum.formulation import load
 from flexmbd.errors import FormulationError
 
 J2 = forms.j2_plasticity

@@ -8,9 +8,9 @@ from assembled import cube
 from driven import Driven
 
 from flexmbd import meshes
-from flexmbd.continuum import formulation
+from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite.trial_mesh import tagged
-from flexmbd.continuum.updated_lagrangian import InvertedCellError, UpdatedLagrangian
+from flexmbd.continuum.history.updated_lagrangian import InvertedCellError, UpdatedLagrangian
 from flexmbd.errors import FormulationError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, neo_hookean, st_venant_kirchhoff, updated_lagrangian
 from flexmbd.forms.j2_plasticity import Linear, Table, Voce

@@ -8,8 +8,8 @@ import pytest
 from measures import area, extents, n_cells, n_owned, nodes_of, volume
 
 from flexmbd import meshes
-from flexmbd.continuum.cell_shape import cell_quality
 from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.grid.cell_shape import cell_quality
 from flexmbd.errors import MeshError
 
 pytestmark = pytest.mark.mpi

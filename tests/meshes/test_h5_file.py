@@ -10,10 +10,10 @@ from measures import area, n_owned, volume
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import geometry_degree
-from flexmbd.continuum.mesh_blocks import mesh_blocks
-from flexmbd.continuum.mesh_input import create_mesh, untagged
-from flexmbd.continuum.row_exchange import blocks_on_root, fetch, send, share_of
-from flexmbd.continuum.tagged_mesh import TaggedMesh, from_arrays
+from flexmbd.continuum.grid.mesh_blocks import mesh_blocks
+from flexmbd.continuum.grid.mesh_input import create_mesh, untagged
+from flexmbd.continuum.grid.row_exchange import blocks_on_root, fetch, send, share_of
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.coupling import Coupling
 from flexmbd.errors import MeshError
 from flexmbd.forms import solid_linear

@@ -10,8 +10,8 @@ from dolfinx import fem
 from measures import n_owned, nodes_of_entities
 
 from flexmbd import meshes
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.continuum.parallel import on_root
-from flexmbd.continuum.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 

@@ -6,7 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 

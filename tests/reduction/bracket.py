@@ -11,7 +11,7 @@ from full_model import FullModel
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
 
 ALUMINIUM = solid_linear.Parameters(E=7.0e10, nu=0.33, rho=2700.0)

@@ -5,10 +5,10 @@ from mpi4py import MPI
 import pytest
 from bracket import bracket
 
-from flexmbd.continuum.loads import BodyForce
 from flexmbd.errors import ReductionError
 from flexmbd.reduction import craig_bampton
 from flexmbd.reduction.damping import ModalDamping
+from flexmbd.reduction.unit_loads import BodyForce
 
 LAST = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 

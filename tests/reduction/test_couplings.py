@@ -19,8 +19,8 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.nodes import node_numbers
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import craig_bampton, guyan
 

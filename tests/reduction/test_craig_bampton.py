@@ -15,8 +15,10 @@ from full_model import FullModel
 from machine_side import dynamic_stiffness, motions, relative
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, eigen, tagged_mesh
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.grid import tagged_mesh
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
+from flexmbd.continuum.matrices import eigen
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear

@@ -12,8 +12,9 @@ import scipy.sparse
 from full_model import gather
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, formulation
-from flexmbd.continuum.eigen import BlockLanczos
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.matrices.eigen import BlockLanczos
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear

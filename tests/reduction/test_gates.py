@@ -18,7 +18,8 @@ from machine_side import dynamic_stiffness, relative
 
 import flexmbd.forms
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, formulation
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.contract import formulation
 from flexmbd.point_masses import point_masses
 from flexmbd.reduced import ReducedBody
 from flexmbd.reduction import craig_bampton

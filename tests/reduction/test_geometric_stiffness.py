@@ -15,11 +15,11 @@ from test_couplings import AVERAGED, RIGID, coupled
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.nodes import node_numbers
-from flexmbd.continuum.stress_stiffness import stress_stiffness
+from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.forms import solid_linear
 from flexmbd.reduced import FRAME_DOFS
 from flexmbd.reduction import craig_bampton, guyan
+from flexmbd.reduction.stress_stiffness import stress_stiffness
 
 LENGTH, WIDTH, HEIGHT = 1.0, 0.012, 0.02
 MATERIAL = solid_linear.Parameters(E=2.0e9, nu=0.0, rho=1000.0)

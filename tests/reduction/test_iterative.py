@@ -8,8 +8,9 @@ from bracket import INTERFACES, bracket
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, tagged_mesh
+from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.grid import tagged_mesh
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Solver, conjugate_gradients, craig_bampton, factor, guyan

@@ -14,14 +14,14 @@ from full_model import FullModel
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.blocks import inner
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.loads import load_vectors
-from flexmbd.continuum.nodes import node_numbers
-from flexmbd.continuum.tagged_mesh import NodeOrder, from_arrays, node_permutation
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays, node_permutation
+from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import MeshError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import BodyForce, Pressure, Traction, craig_bampton, guyan
+from flexmbd.reduction.unit_loads import load_vectors
 
 RADIUS = 0.03
 

@@ -12,7 +12,8 @@ import scipy.linalg
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, cut_mesh
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.finite_elements import cut_mesh
 from flexmbd.forms import solid_linear
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.kernels.residual import residual

@@ -17,7 +17,7 @@ from exact_beam import ExactBeam, hinged_tip
 
 import flexmbd as fm
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.tagged_mesh import from_arrays
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import craig_bampton
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
-from flexmbd.continuum.formulation import Formulation
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 
 # Strains up to which it is looked for; and what of a small step's forces is left where it was no elastic one.
 _SMALLEST, _LARGEST, _LEFT = 1e-5, 0.02, 0.05

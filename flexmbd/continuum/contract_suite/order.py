@@ -6,10 +6,10 @@ import numpy as np
 import scipy.sparse.linalg
 import ufl
 
+from flexmbd.continuum.contract.formulation import orders
 from flexmbd.continuum.contract_suite.outcome import Figure, Outcome
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.continuum.contract_suite.trial_mesh import even_mesh
-from flexmbd.continuum.formulation import orders
 
 # Coarse and fine, by the degree of the element and the dimension of the cells.
 _DIVISIONS = {(1, 3): (4, 8), (2, 3): (2, 4), (1, 2): (6, 12), (2, 2): (3, 6), (1, 1): (8, 16), (2, 1): (4, 8)}

@@ -12,14 +12,14 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
 from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
-from flexmbd.continuum.formulation import Formulation
-from flexmbd.continuum.model import ContinuumModel
-from flexmbd.continuum.tagged_mesh import TaggedMesh
-from flexmbd.continuum.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 
 _DIVISIONS = 3
 

@@ -11,6 +11,7 @@ from typing import TypeAlias, cast
 from mpi4py import MPI
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.formulation import Formulation, load, orders
 from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains
@@ -25,7 +26,6 @@ from flexmbd.continuum.contract_suite.outcome import (
 )
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.trial import Trial
-from flexmbd.continuum.formulation import Formulation, load, orders
 from flexmbd.errors import FormulationError
 
 Place: TypeAlias = tuple[str, int]
@@ -115,7 +115,7 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     All checks but the last run on rank 0; the last compares the ranks, and needs two.
 
     Args:
-        source: as `flexmbd.continuum.formulation.load` takes it.
+        source: as `flexmbd.continuum.contract.formulation.load` takes it.
         comm: the ranks.
 
     Raises:

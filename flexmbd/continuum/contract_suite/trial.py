@@ -19,9 +19,9 @@ import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.compat import interpolation_points
+from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.formulation import Formulation, Quadrature, internal_work, symbols
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh
-from flexmbd.continuum.dof_layout import DofLayout, dof_layout
-from flexmbd.continuum.formulation import Formulation, Quadrature, internal_work, symbols
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.tagged_mesh import TaggedMesh
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,0 +1,425 @@
+"""What the functions of a form file return for a cell and a degree, looked at without a mesh."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Callable, Collection, Iterator
+from types import ModuleType
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from flexmbd.continuum.compat import topological_dimension
+from flexmbd.continuum.contract.dof_layout import check_element
+from flexmbd.continuum.contract.ufl_values import NoValueError, Terminals, evaluate
+from flexmbd.errors import FormulationError
+
+_GDIM = 3
+_POINT = (0.2, 0.3, 0.4)
+
+_SIZES = (
+    ufl.classes.JacobianDeterminant,
+    ufl.classes.CellVolume,
+    ufl.classes.CellDiameter,
+    ufl.classes.Circumradius,
+    ufl.classes.MinCellEdgeLength,
+    ufl.classes.MaxCellEdgeLength,
+)
+
+_DERIVATIVES = ("value", "first derivative", "second derivative", "third derivative")
+
+_ONE_RULE = (
+    "two quadrature rules in one form give a silently wrong residual, so each term is "
+    "(integrand, Quadrature) and is assembled by itself"
+)
+
+_NOT_IN_CELLS = {
+    ufl.classes.CellAvg: (
+        "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is no plain UFL form; give the "
+        "volumetric part a term with a lower rule of its own, or make the pressure an unknown"
+    ),
+    ufl.classes.FacetAvg: "averages over a facet: the terms are integrals over cells",
+    ufl.classes.Restricted: "has sides of a facet, as jump and avg do: the terms are integrals over cells",
+}
+
+_ARITHMETIC = (
+    "the parameters may be symbols, whose values are not known yet: use them in UFL arithmetic only, not in `if`, "
+    "float(), min() and the like, and check their ranges in Parameters"
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class _Unknown:
+    """The symbols a form file's functions are called with, on one cell and degree."""
+
+    def __init__(self, module: ModuleType, cell: str, degree: int) -> None:
+        self.cell = cell
+        self.domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(_GDIM,)))
+        element = module.element(cell, _GDIM, degree)
+        if not isinstance(element, basix.ufl._ElementBase):
+            raise FormulationError(f"must return a basix.ufl element, got {type(element).__name__}")
+        check_element(element, name=module.__name__.rpartition(".")[2])
+        self.space = ufl.FunctionSpace(self.domain, element)
+        self.u = ufl.Coefficient(self.space)
+        self.v = ufl.TestFunction(self.space)
+        self.x = ufl.SpatialCoordinate(self.domain)
+
+        # a cell of unit size that lies askew
+        axes = np.linalg.qr(np.array([[2.0, 1, 1], [1, 2, 1], [1, 1, 2]]))[0]
+        dim = topological_dimension(self.domain)
+        constants = {
+            ufl.classes.SpatialCoordinate: np.array(_POINT),
+            ufl.classes.CellCoordinate: np.full(dim, 0.25),
+            ufl.classes.Jacobian: axes[:, :dim],
+            ufl.classes.JacobianInverse: axes[:, :dim].T,
+            ufl.classes.CellNormal: axes[:, -1],
+            **dict.fromkeys(_SIZES, np.array(1.0)),
+        }
+        self.geometry = {kind: _constant(value) for kind, value in constants.items()}
+
+        self.parameters, values = _symbols(module.reference().parameters, self.domain)
+        self.geometry.update({symbol: _constant(value) for symbol, value in values.items()})
+
+    def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
+        """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""
+        try:
+            return evaluate(expression, {**self.geometry, **fields})
+        except NoValueError:
+            return None
+
+
+def result_faults(
+    module: ModuleType, cell: str, degree: int, *, broken: Collection[str]
+) -> Iterator[str]:
+    """What is wrong with what the functions return; not collective.
+
+    Args:
+        module: a form file whose constants, `element` and `reference` are in order.
+        cell: one of its cells.
+        degree: one of its degrees on that cell.
+        broken: names that shall not be called.
+    """
+    try:
+        unknown = _Unknown(module, cell, degree)
+    except FormulationError as error:
+        yield f"element: {error}"
+        return
+    except Exception as error:
+        yield f"element: {type(error).__name__}: {error}"
+        return
+    optional: tuple[str, ...] = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
+    optional += ("raised_yield", "increment_size")
+    names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
+    for name in names:
+        if name in broken or not hasattr(module, name):
+            continue
+        try:
+            faults = list(_CHECKS[name](module, unknown))
+        except Exception as error:
+            faults = [f"{type(error).__name__}: {error}"]
+            if _runs_with_numbers(name, module, unknown):
+                faults = [f"{faults[0]}; {_ARITHMETIC}"]
+        yield from (f"{name}: {fault}" for fault in faults)
+
+
+def _runs_with_numbers(name: str, module: ModuleType, unknown: _Unknown) -> bool:
+    numbers = copy.copy(unknown)
+    numbers.parameters = module.reference().parameters
+    try:
+        list(_CHECKS[name](module, numbers))
+    except Exception:  # the first error stands
+        return False
+    return True
+
+
+def _strain_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.strain_energy(unknown.u, unknown.parameters)
+    # the second derivative is the stiffness, the third the geometric stiffness
+    yield from _term_faults(terms, unknown.cell, lambda integrand: _rest_faults(integrand, unknown, derivatives=3))
+
+
+def _kinetic_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.kinetic_energy(unknown.u, unknown.parameters)
+    yield from _term_faults(terms, unknown.cell, lambda integrand: _rest_faults(integrand, unknown, derivatives=2))
+
+
+def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    p = unknown.parameters
+    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p, **solved(module, p))
+
+    def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
+        try:
+            ufl.algorithms.compute_form_data(integrand * ufl.dx(domain=unknown.domain))
+            linear = unknown.v in ufl.algorithms.extract_arguments(integrand)
+        except ufl.algorithms.check_arities.ArityMismatch:
+            linear = False
+        if linear:
+            yield from _rest_faults(integrand, unknown, derivatives=2)
+        else:
+            yield "the integrand must be linear in v"
+
+    yield from _term_faults(terms, unknown.cell, look)
+
+
+def _rigid_motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    t, w = ufl.as_vector((1.0, 2.0, 3.0)), ufl.as_vector((-2.0, 5.0, 7.0))
+    motion = module.rigid_motion(unknown.x, t, w)
+    yield from _expression_faults(motion, unknown.u.ufl_shape, "the unknown's shape")
+    if getattr(motion, "ufl_shape", None) == unknown.u.ufl_shape:
+        exact = np.array([1.0, 2.0, 3.0]) + np.cross([-2.0, 5.0, 7.0], _POINT)
+        found = [unknown.evaluate(motion[i], {}) for i in range(_GDIM)]
+        if None not in found and not np.allclose(np.array(found, dtype=float), exact, rtol=1e-12):
+            yield "its first three components must be the displacement, translation + rotation x x"
+
+
+def _stress(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    p = unknown.parameters
+    stress = module.stress(unknown.u, _initial_state(module, unknown), p, **solved(module, p))
+    yield from _expression_faults(stress, None, "")
+
+
+def _reference(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    problem = module.reference()
+    for name in ("displacement", "body_force"):
+        value = getattr(problem, name)(unknown.x)
+        faults = list(_expression_faults(value, None, ""))
+        if not faults and value.ufl_shape not in ((_GDIM,), unknown.u.ufl_shape):
+            faults = [f"must have the shape (3,) or the unknown's {unknown.u.ufl_shape}, got {value.ufl_shape}"]
+        yield from (f"{name} {fault}" for fault in faults)
+
+
+def _motion(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    sections = _section_dimension(unknown)
+    if sections == 0:
+        yield "is for lines and surfaces: a solid has no section"
+        return
+    xi = ufl.as_vector([0.1, 0.2][:sections])
+    moved = module.motion(unknown.u, xi, unknown.parameters)
+    yield from _expression_faults(moved, (_GDIM,), "the shape of a displacement")
+
+
+def _section_inertia(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    inertia = ufl.as_matrix(module.section_inertia(unknown.parameters))
+    size = 1 + _section_dimension(unknown)
+    yield from _expression_faults(inertia, (size, size), "the shape of {1, xi} by {1, xi}")
+
+
+def _section_dimension(unknown: _Unknown) -> int:
+    return _GDIM - topological_dimension(unknown.domain)
+
+
+def _update(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    state = _initial_state(module, unknown)
+    if len(state.ufl_shape) != 1:
+        yield f"needs a state(p) that is a vector, of shape (n,), got {state.ufl_shape}"
+        return
+    new = module.update(unknown.u, state, unknown.parameters, **solved(module, unknown.parameters))
+    yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
+
+
+def _local_residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    p = unknown.parameters
+    begin = module.local_unknowns(p)
+    if begin is None:
+        return
+    z = ufl.as_ufl(begin)
+    result = module.local_residual(z, unknown.u, _initial_state(module, unknown), p)
+    yield from _expression_faults(result, z.ufl_shape, "the shape of local_unknowns(p)")
+
+
+def _cell_mean(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    mean = module.cell_mean(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _expression_faults(mean, (), "the shape of a scalar")
+
+
+def _energies(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    terms = module.energies(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _term_faults(terms.values(), unknown.cell, lambda integrand: iter(()))
+
+
+def _increment_size(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    size = module.increment_size(unknown.u, _initial_state(module, unknown), unknown.parameters)
+    yield from _expression_faults(size, (), "the shape of a scalar")
+
+
+def _raised_yield(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+    reference = module.reference()
+    for p in (reference.parameters, *getattr(reference, "yielding", ())):
+        raised = module.raised_yield(p, 2.0)
+        if not isinstance(raised, module.Parameters):
+            yield f"must return an instance of Parameters, got {type(raised).__name__}"
+        elif _shapes(raised, unknown) != _shapes(p, unknown):
+            yield "must return the same parameters with other numbers, and nothing else"
+
+
+def _shapes(parameters: Any, unknown: _Unknown) -> list[tuple[int, ...]]:
+    """Of the symbols that parameters become."""
+    return [value.shape for value in _symbols(parameters, unknown.domain)[1].values()]
+
+
+def solved(module: Any, p: Any) -> dict[str, Any]:
+    """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
+    begin = module.local_unknowns(p) if hasattr(module, "local_unknowns") else None
+    return {} if begin is None else {"z": ufl.as_ufl(begin)}
+
+
+_CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
+    "strain_energy": _strain_energy,
+    "residual": _residual,
+    "kinetic_energy": _kinetic_energy,
+    "rigid_motion": _rigid_motion,
+    "stress": _stress,
+    "reference": _reference,
+    "motion": _motion,
+    "section_inertia": _section_inertia,
+    "update": _update,
+    "local_residual": _local_residual,
+    "cell_mean": _cell_mean,
+    "energies": _energies,
+    "raised_yield": _raised_yield,
+    "increment_size": _increment_size,
+}
+
+
+class _Symbol(ufl.Constant):
+    """A parameter whose value is not known yet."""
+
+    def __float__(self) -> float:
+        # UFL's own looks for a value without end
+        raise TypeError("a symbol is no number")
+
+
+def _symbols(parameters: Any, domain: ufl.Mesh) -> tuple[Any, dict[Any, FloatArray]]:
+    """The parameters as `formulation.symbols` makes them in use, without a mesh; and the symbols' values."""
+    twin, values = object.__new__(type(parameters)), {}
+    for field in dataclasses.fields(parameters):
+        value = getattr(parameters, field.name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if numbers and all(isinstance(number, float) for number in numbers):
+            symbol = _Symbol(domain, shape=np.shape(value))
+            values[symbol], value = np.array(value), symbol
+        elif dataclasses.is_dataclass(value):
+            value, inner = _symbols(value, domain)
+            values.update(inner)
+        object.__setattr__(twin, field.name, value)
+    return twin, values
+
+
+def _initial_state(module: ModuleType, unknown: _Unknown) -> Any:
+    return ufl.as_ufl(module.state(unknown.parameters)) if hasattr(module, "state") else None
+
+
+def _expression_faults(value: Any, shape: tuple[int, ...] | None, what: str) -> Iterator[str]:
+    if not isinstance(value, ufl.core.expr.Expr):
+        yield f"must return a UFL expression, got {type(value).__name__}"
+    elif shape is not None and value.ufl_shape != shape:
+        yield f"must have {what} {shape}, got {value.ufl_shape}"
+
+
+def _term_faults(
+    terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
+) -> Iterator[str]:
+    """What is wrong with a list of terms; `look` goes into an integrand that is in order."""
+    if isinstance(terms, ufl.BaseForm):
+        yield f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
+        return
+    terms = list(terms)
+    if not terms:
+        yield "has no terms"
+    for number, term in enumerate(terms):
+        label = f"term {number}"
+        if isinstance(term, ufl.BaseForm):
+            yield f"{label} is a form with {_rules(term)}: {_ONE_RULE}"
+            continue
+        if not isinstance(term, tuple) or len(term) != 2:
+            yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
+            continue
+        integrand, rule = term
+        if not _is_rule(rule, cell):
+            wanted = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
+            yield f"{label} must state {wanted}, got {rule!r}"
+        if isinstance(integrand, ufl.BaseForm):
+            yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
+        elif not isinstance(integrand, ufl.core.expr.Expr):
+            yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
+        elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
+            yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
+        elif misplaced := _misplaced(integrand):
+            yield f"{label}: the integrand {misplaced}"
+        else:
+            yield from (f"{label}: {fault}" for fault in look(integrand))
+
+
+def _misplaced(integrand: ufl.core.expr.Expr) -> str | None:
+    """What the integrand has that no integral over cells can have."""
+    for part in ufl.corealg.traversal.unique_pre_traversal(integrand):
+        for kind, why in _NOT_IN_CELLS.items():
+            if isinstance(part, kind):
+                return why
+    return None
+
+
+def _is_rule(rule: Any, cell: str) -> bool:
+    degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
+    if type(degree) is not int or degree < 0 or not isinstance(scheme, str):
+        return False
+    try:
+        kind = basix.quadrature.string_to_type(scheme)
+    except (KeyError, ValueError):
+        return scheme == "vertex"  # the form compiler's own
+    try:
+        basix.make_quadrature(basix.CellType[cell], min(degree, 30), rule=kind)
+    except RuntimeError:  # a rule for other cells
+        return False
+    return True
+
+
+def _rules(form: ufl.BaseForm) -> str:
+    integrals = form.integrals() if isinstance(form, ufl.Form) else ()
+    count = len({repr(integral.metadata()) for integral in integrals})
+    return f"{count} rule{'' if count == 1 else 's'}"
+
+
+def _rest_faults(
+    integrand: ufl.core.expr.Expr, unknown: _Unknown, *, derivatives: int
+) -> Iterator[str]:
+    """Is the integrand finite at u = 0, with the derivatives the machinery takes?"""
+    u, space = unknown.u, unknown.space
+    size = u.ufl_shape
+    values = {u: _affine(size, seed=None), unknown.v: _affine(size, seed=10)}
+    for order in range(derivatives + 1):
+        if order > 0:
+            direction = ufl.Argument(space, order)
+            values[direction] = _affine(size, seed=order)
+            integrand = ufl.derivative(integrand, u, direction)
+        value = unknown.evaluate(integrand, values)
+        if value is None:
+            return
+        if not math.isfinite(value):
+            yield f"the {_DERIVATIVES[order]} at u = 0 is not finite"
+            return
+
+
+def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[[int], FloatArray]:
+    """A field affine in x, and its gradients; zero without a seed."""
+    gradient = np.zeros((*shape, _GDIM))
+    if seed is not None:
+        gradient = np.random.default_rng(seed).normal(size=gradient.shape)
+
+    def field(depth: int) -> FloatArray:
+        if depth == 0:
+            return np.asarray(gradient @ np.array(_POINT))
+        return gradient if depth == 1 else np.zeros((*gradient.shape, *(_GDIM,) * (depth - 1)))
+
+    return field
+
+
+def _constant(value: FloatArray) -> Callable[[int], FloatArray]:
+    return lambda depth: value

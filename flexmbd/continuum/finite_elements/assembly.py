@@ -1,0 +1,212 @@
+"""Internal forces and kinetic energy of a body as forms, and their derivatives as PETSc matrices.
+
+Each term of each cell group is a form of its own, with its own quadrature rule: DOLFINx may evaluate
+a form of several rules wrongly.  The matrices follow by `ufl.derivative`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx.mesh
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract.formulation import Term
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.errors import FormulationError
+
+
+def internal_work(
+    groups: Sequence[CellGroup], u: fem.Function, v: ufl.core.expr.Expr
+) -> list[ufl.Form]:
+    """Virtual work, J, of the internal forces at u on v, term by term and group by group.
+
+    Not collective. Linear in v; the derivative of the strain energy where there is one.
+    """
+    mesh = u.function_space.mesh
+    return [
+        integral(term, group, mesh)
+        for group in groups
+        for term in formulation.internal_work(group.formulation, u, v, p=group.symbols)
+    ]
+
+
+def kinetic_energy(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.Form]:
+    """Kinetic energy of the velocity v, J, term by term and group by group; not collective."""
+    mesh = v.function_space.mesh
+    return [
+        integral(term, group, mesh)
+        for group in groups
+        for term in group.formulation.kinetic_energy(v, group.symbols)
+    ]
+
+
+def integral(term: Term, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
+    """A term integrated over the cells of its group by its own rule; not collective."""
+    density, rule = term
+    metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
+    if group.name is None:
+        return density * ufl.dx(domain=mesh, metadata=metadata)
+    # the number is the same for every group, and so is the compiled code
+    cells = ufl.Measure("dx", domain=mesh, subdomain_data=[(1, group.cells)], metadata=metadata)
+    return density * cells(1)
+
+
+def derivatives(terms: Iterable[ufl.Form], u: fem.Function) -> list[fem.Form]:
+    """Derivatives of linear forms by u, for the values u has when they are assembled. Collective."""
+    return _compiled(_derivative(term, u) for term in terms)
+
+
+def derivatives_at_rest(terms: Iterable[ufl.Form], u: fem.Function) -> list[fem.Form]:
+    """Derivatives of linear forms by u at u = 0. Collective."""
+    # u = 0 as a symbol, so that what vanishes at rest is not computed
+    zero = {u: ufl.zero(u.ufl_shape)}
+    return _compiled(ufl.replace(_derivative(term, u), zero) for term in terms)
+
+
+def assemble(
+    wanted: Mapping[str, Sequence[fem.Form]], groups: Sequence[CellGroup], space: fem.FunctionSpace
+) -> list[PETSc.Mat]:
+    """Sums of bilinear forms as matrices. Collective.
+
+    They are assembled one after the other in one DOLFINx matrix, which takes half the time of
+    assembling in PETSc matrices, where every entry's place is looked up.
+
+    Args:
+        wanted: for each matrix its forms, by what a message calls it.
+        groups: of the model that the forms are of.
+        space: of the unknown.
+
+    Returns:
+        AIJ matrices over all dofs, spread by rows, the block size that of the space; symmetric.
+
+    Raises:
+        FormulationError: on all ranks: a matrix has entries that are not finite.
+    """
+    blocks = empty_matrix([form for forms in wanted.values() for form in forms], groups, space)
+    matrices = []
+    for name, forms in wanted.items():
+        blocks.set_value(0.0)
+        for form in forms:
+            fem.assemble_matrix(blocks, form)
+        blocks.scatter_reverse()
+        _check_finite(blocks, groups, name=name, comm=space.mesh.comm)
+        matrices.append(_to_petsc(space.mesh.comm, blocks))
+    return matrices
+
+
+def _derivative(term: ufl.Form, u: fem.Function) -> ufl.Form:
+    along = ufl.TrialFunction(u.function_space)
+    return ufl.algorithms.expand_derivatives(ufl.derivative(term, u, along))
+
+
+def _compiled(forms: Iterable[ufl.Form]) -> list[fem.Form]:
+    """Without those that vanish, of which DOLFINx makes None."""
+    return [form for form in map(fem.form, forms) if form is not None]
+
+
+def empty_matrix(
+    forms: Sequence[fem.Form], groups: Sequence[CellGroup], space: fem.FunctionSpace
+) -> la.MatrixCSR:
+    """A matrix whose pattern has the entries of all cells. Collective."""
+    if len(groups) == 1 and forms:
+        return fem.create_matrix(forms[0])
+    # the first group's first term on every cell, for its pattern alone
+    topology = space.mesh.topology
+    every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+    u = fem.Function(space)
+    work = internal_work([replace(groups[0], cells=every)], u, ufl.TestFunction(space))
+    return fem.create_matrix(fem.form(_derivative(work[0], u)))
+
+
+def _check_finite(
+    blocks: la.MatrixCSR, groups: Sequence[CellGroup], *, name: str, comm: MPI.Comm
+) -> None:
+    """Refuse entries that are not finite. Collective."""
+    if comm.allreduce(bool(np.isfinite(blocks.data).all()), op=MPI.LAND):
+        return
+    forms = ", ".join(dict.fromkeys(group.form_name for group in groups))
+    raise FormulationError(
+        f"the {name} of {forms} has entries that are not finite: a parameter that does not fit the "
+        "cells, as a section's orientation along its beam, or a division by zero at rest"
+    )
+
+
+class PetscCopy:
+    """A block matrix that is filled again and again, as a PETSc AIJ matrix. Constructing one is collective.
+
+    The entries' places are found once; on one rank PETSc reads the very array that `refill` writes.
+    """
+
+    def __init__(self, comm: MPI.Comm, blocks: la.MatrixCSR) -> None:
+        """Look at the pattern; the values are taken by `refill`."""
+        places = _csr(blocks, np.arange(len(blocks.data), dtype=np.int64))
+        self._places = places.data
+        self._csr = places.indptr.astype(PETSc.IntType), places.indices.astype(PETSc.IntType)
+        self._values = np.zeros(len(self._places))
+        self._matrix = _petsc_matrix(comm, blocks, *self._csr, self._values)
+
+    def refill(self, blocks: la.MatrixCSR) -> PETSc.Mat:
+        """Take over the values of the finished matrix; always the same PETSc matrix. Collective."""
+        np.take(blocks.data, self._places, out=self._values)
+        if self._matrix.comm.size > 1:
+            self._matrix.setValuesCSR(*self._csr, self._values)
+        self._matrix.assemble()
+        self._matrix.stateIncrease()
+        return self._matrix
+
+
+def _to_petsc(comm: MPI.Comm, blocks: la.MatrixCSR) -> PETSc.Mat:
+    """A finished block matrix as a PETSc AIJ matrix. Collective.
+
+    On one rank PETSc takes the arrays over without a copy.
+    """
+    csr = _csr(blocks, blocks.data)
+    if 2 * np.count_nonzero(csr.data) < len(csr.data):
+        # a mass has nothing between the components, two thirds of the stiffness' pattern
+        csr.eliminate_zeros()
+    kind = PETSc.IntType
+    matrix = _petsc_matrix(comm, blocks, csr.indptr.astype(kind), csr.indices.astype(kind), csr.data)
+    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    return matrix
+
+
+def _csr(blocks: la.MatrixCSR, values: NDArray[Any]) -> scipy.sparse.csr_array:
+    """The rows this rank owns, columns numbered over all ranks and ascending, with `values` for the blocks' data."""
+    rows, columns = blocks.index_map(0), blocks.index_map(1)
+    bs = blocks.block_size[0]
+    n = rows.size_local
+    start = blocks.indptr[: n + 1]
+    local = blocks.indices[: start[-1]]
+    numbers = columns.local_to_global(
+        np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32)
+    )
+    data = values[: start[-1] * bs * bs].reshape(-1, bs, bs)
+    shape = (bs * n, bs * columns.size_global)
+    csr = scipy.sparse.bsr_array((data, numbers[local], start), shape=shape).tocsr()
+    csr.sort_indices()
+    return csr
+
+
+def _petsc_matrix(
+    comm: MPI.Comm, blocks: la.MatrixCSR, indptr: NDArray[Any], indices: NDArray[Any], data: NDArray[Any]
+) -> PETSc.Mat:
+    bs, rows, columns = blocks.block_size[0], blocks.index_map(0), blocks.index_map(1)
+    matrix = PETSc.Mat().createAIJWithArrays(
+        ((bs * rows.size_local, None), (bs * columns.size_local, None)),
+        (indptr, indices, data),
+        bsize=bs,
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix

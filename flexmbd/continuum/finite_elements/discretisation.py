@@ -1,0 +1,37 @@
+"""What a linear model and a body with history have in common, for whoever serves both."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from mpi4py import MPI
+
+from dolfinx import fem
+
+from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+
+
+class Discretisation(Protocol):
+    """Formulations on a mesh, and the space of their unknown (`ContinuumModel`, `UpdatedLagrangian`)."""
+
+    @property
+    def mesh(self) -> TaggedMesh:
+        """The undeformed mesh and its groups."""
+
+    @property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups, each with its formulation and parameters."""
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The unknown's function space."""
+
+    @property
+    def layout(self) -> DofLayout:
+        """Where the displacement, and what else the unknown holds, lies in it."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks it is spread over."""

@@ -1,0 +1,20 @@
+"""Blocks of owned dofs with the rows of ghosts."""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import fem
+
+from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.matrices.blocks import FloatArray
+
+
+def with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
+    """A block (owned dofs, k) with the rows of this rank's ghosts below its own. Collective."""
+    field = fem.Function(model.space)
+    whole = np.empty((len(field.x.array), block.shape[1]), order="F")
+    for i in range(block.shape[1]):
+        field.x.array[: model.n_owned] = block[:, i]
+        field.x.scatter_forward()
+        whole[:, i] = field.x.array
+    return whole

@@ -1,0 +1,127 @@
+"""Diagonal mass matrices with positive entries and the exact total mass.
+
+The sums of the mass matrix's rows are no rule for every element: those of a quadratic tetrahedron are
+negative at its vertices.  Elements of degree one take them, which on straight simplices is the rule
+with its points in the vertices; elements of higher degree take the diagonal, scaled in each cell so
+that its mass is kept (Hinton, Rock & Zienkiewicz 1976, doi:10.1002/eqe.4290040305).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.dof_layout import Field, shaped
+from flexmbd.continuum.contract.formulation import Quadrature
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.matrices.blocks import FloatArray
+from flexmbd.errors import FormulationError
+
+
+def lumped_mass(model: Discretisation) -> FloatArray:
+    """The diagonal of the lumped mass matrix. Collective, may compile.
+
+    Each component of the unknown is lumped by itself, with the density that the kinetic energy gives
+    it: the displacement's mass, and the inertia of rotations about the mesh's axes.
+
+    Returns:
+        (owned dofs,) kg, or kg m^2 for rotations; positive, but zero for unknowns without inertia,
+        such as pressures. Over the dofs of a component of the displacement they sum to the mass of
+        the body.
+
+    Raises:
+        FormulationError: on all ranks: an unknown with inertia is not one of continuous Lagrange
+            elements, or has a density that is not positive.
+    """
+    total = fem.Function(model.space).x
+    error: FormulationError | None = None
+    for group in model.groups:
+        terms = _terms(model, group)
+        for field in model.layout.fields:
+            entries = _lumped(field, group, terms)
+            if entries is None:
+                error = FormulationError(
+                    f"{group.form_name}: the mass cannot be lumped: unknowns {field.components.start} to "
+                    f"{field.components.stop - 1} have a density that is not positive, or no Lagrange element"
+                )
+                continue
+            size = field.space.dofmap.index_map_bs
+            blocks = field.space.dofmap.list[group.cells]
+            dofs = field.dofs[size * blocks[..., None] + np.arange(size)]
+            np.add.at(total.array, dofs, entries)
+    parallel.raise_collectively(model.comm, error)
+    total.scatter_reverse(la.InsertMode.add)
+    lumped: FloatArray = total.array[: model.layout.n_owned].copy()
+    return lumped
+
+
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """One term of the kinetic energy at the points of its rule.
+
+    Attributes:
+        points: (q, dimension of the cells) in the reference cell.
+        masses: (cells, q, components) density of each component of the unknown, times the weights and
+            the measure of the cells.
+    """
+
+    points: FloatArray
+    masses: FloatArray
+
+
+def _terms(model: Discretisation, group: CellGroup) -> list[_Term]:
+    """The terms of a group that have inertia. Collective, may compile."""
+    mesh, u = model.mesh.mesh, fem.Function(model.space)
+    measure = abs(ufl.JacobianDeterminant(mesh))
+    n = int(np.prod(u.ufl_shape))
+    found = []
+    for density, rule in group.formulation.kinetic_energy(u, group.symbols):
+        units = [shaped([float(i == k) for i in range(n)], u.ufl_shape) for k in range(n)]
+        # the energy of a unit velocity is half the density
+        values = ufl.as_vector([2 * measure * ufl.replace(density, {u: unit}) for unit in units])
+        values = ufl.algorithms.expand_derivatives(values)
+        if isinstance(values, ufl.classes.Zero):
+            continue
+        points, weights = _rule(mesh.topology.cell_name(), rule)
+        at = fem.Expression(values, points).eval(mesh, group.cells)
+        found.append(_Term(points, at.reshape(-1, len(points), n) * weights[:, None]))
+    return found
+
+
+def _lumped(field: Field, group: CellGroup, terms: list[_Term]) -> FloatArray | None:
+    """Entries (cells, nodes of a cell, components of the field); None where there is no lumping."""
+    element = field.space.element.basix_element
+    nodes = field.space.dofmap.list.shape[1]
+    size = field.components.stop - field.components.start
+    mass, entries = np.zeros((len(group.cells), 1, size)), np.zeros((len(group.cells), nodes, size))
+    for term in terms:
+        masses = term.masses[..., field.components]
+        if not masses.any():
+            continue
+        if element.family != basix.ElementFamily.P:
+            return None
+        shapes = element.tabulate(0, term.points)[0, :, :, 0]
+        mass += masses.sum(axis=1, keepdims=True)
+        entries += np.einsum("cqk,qn->cnk", masses, shapes if element.degree == 1 else shapes**2)
+    whole = entries.sum(axis=1, keepdims=True)
+    inert = mass == 0.0
+    if (mass < 0.0).any() or (entries <= 0.0)[np.broadcast_to(~inert, entries.shape)].any():
+        return None
+    lumped: FloatArray = entries * (mass / np.where(inert, 1.0, whole))
+    return lumped
+
+
+def _rule(cell: str, rule: Quadrature) -> tuple[FloatArray, FloatArray]:
+    """Points and weights of a term's rule on the reference cell."""
+    kind = basix.CellType[cell]
+    if rule.scheme == "vertex":
+        points = basix.geometry(kind)
+        return points, np.full(len(points), basix.cell.volume(kind) / len(points))
+    scheme = basix.quadrature.string_to_type(rule.scheme)
+    return basix.make_quadrature(kind, rule.degree, rule=scheme)

@@ -1,0 +1,189 @@
+"""Stress on the mesh of a reduced body, from its modal coordinates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+import ufl
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.continuum import compat
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.finite_elements.recovery import nodal_modes
+from flexmbd.errors import FormulationError, RecordError
+from flexmbd.reduced import ReducedBody
+from flexmbd.visual import StressPicture
+
+if TYPE_CHECKING:
+    from flexmbd.continuum.finite_elements.model import ContinuumModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class StressRecovery:
+    """Stress of the bodies reduced from one model. Constructing one is collective.
+
+    The formulation's stress of u = sum phi_i q_i is evaluated in every cell at the displacement's
+    nodes. On straight tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in
+    each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
+    """
+
+    def __init__(self, model: ContinuumModel, *, rest: FloatArray | None = None) -> None:
+        """Compile the stress.
+
+        Args:
+            model: the body.
+            rest: (local dofs including ghosts,) a displacement that is there at q = 0; its stress is added,
+                but the picture's displacement and places start from it.
+        """
+        self._model = model
+        self._rest = np.zeros(model.layout.n_local) if rest is None else rest
+        self._u = fem.Function(model.space)
+        points = compat.interpolation_points(model.layout.node_space)
+        self._sigma = [
+            (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
+        ]
+        self._nodes = _WholeMesh(model)
+
+    def picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
+        """Displacement and stress at modal coordinates. Collective.
+
+        Args:
+            body: reduced from this model, or from the same mesh with `keep_modes`.
+            q: (n,) modal coordinates, the same on every rank.
+
+        Returns:
+            The picture, in body axes, the same on every rank.
+
+        Raises:
+            RecordError: on all ranks: q does not fit, or the modes are not there (see
+                `flexmbd.continuum.finite_elements.recovery.nodal_modes`).
+        """
+        modal: FloatArray = np.asarray(q, dtype=np.float64)
+        if modal.shape != (body.n_modes,):
+            raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
+        nodes, model = self._nodes, self._model
+        displacement = nodal_modes(body, model) @ modal
+        self._u.x.array[:] = displacement + self._rest
+        sigma = self._stresses()
+        largest, at_largest = nodes.largest(_von_mises(sigma))
+        u = displacement[model.displacement_dofs[nodes.places]]
+        averaged = nodes.average(np.hstack([u, sigma]))
+        p, R = body.p_MB_M, body.R_MB
+        stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R
+        return StressPicture(
+            node=nodes.number,
+            x=(nodes.x - p) @ R,
+            triangle=nodes.triangle,
+            displacement=averaged[:, :3] @ R,
+            stress=stress,
+            von_mises=_von_mises(stress.reshape(-1, 9)),
+            max=largest,
+            max_x=(nodes.x[at_largest] - p) @ R,
+        )
+
+    @property
+    def node(self) -> IntArray:
+        """(k,) node numbers, ascending, the same on every rank."""
+        return self._nodes.number
+
+    @property
+    def x(self) -> FloatArray:
+        """(k, 3) m, their positions in the mesh's axes, the same on every rank."""
+        return self._nodes.x
+
+    def nodal(self, u: FloatArray) -> FloatArray:
+        """Stress of a displacement at the nodes, averaged over the cells, in the mesh's axes. Collective.
+
+        Args:
+            u: (local dofs including ghosts,).
+
+        Returns:
+            (k, 3, 3) Pa, in the order of `node`, the same on every rank.
+        """
+        self._u.x.array[:] = u
+        return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
+
+    def _stresses(self) -> FloatArray:
+        """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
+        sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))
+        for cells, expression in self._sigma:
+            values = expression.eval(self._model.mesh.mesh, cells)
+            sigma[cells] = values.reshape(-1, self._nodes.per_cell, 9)
+        return sigma.reshape(-1, 9)
+
+
+def _tensor(group: CellGroup, u: fem.Function) -> ufl.core.expr.Expr:
+    sigma = group.formulation.stress(u, None, group.symbols)
+    if sigma.ufl_shape != (3, 3):
+        raise FormulationError(
+            f"{group.form_name}: its stress has the shape {sigma.ufl_shape}, and a picture needs a tensor (3, 3)"
+        )
+    return sigma
+
+
+def _von_mises(sigma: FloatArray) -> FloatArray:
+    """(k,) von Mises stresses of tensors (k, 9)."""
+    deviator = sigma - sigma[:, [0, 4, 8]].mean(axis=1, keepdims=True) * np.eye(3).ravel()
+    return np.sqrt(1.5) * np.linalg.norm(deviator, axis=1)
+
+
+class _WholeMesh:
+    """The displacement nodes of all ranks, by `node_numbers`. Constructing one is collective.
+
+    Attributes:
+        n_cells: cells that this rank owns.
+        per_cell: nodes of a cell.
+        places: (n_cells * nodes of a cell,) local node of each node of these cells.
+        number: (k,) node numbers, ascending; this and the rest the same on every rank.
+        x: (k, 3) m, in the mesh's axes.
+        triangle: (t, 3) the boundary as rows of `x`.
+    """
+
+    def __init__(self, model: ContinuumModel) -> None:
+        self._comm = model.comm
+        topology = model.mesh.mesh.topology
+        self.n_cells = topology.index_map(topology.dim).size_local
+        cells = model.layout.node_space.dofmap.list[: self.n_cells]
+        self.per_cell = cells.shape[1]
+        self.places = cells.ravel()
+        numbers = node_numbers(model)
+        self.number = self._union(np.unique(numbers))
+        self._row = np.searchsorted(self.number, numbers[self.places])
+        ones, columns = np.ones(len(self._row)), np.arange(len(self._row))
+        shape = (len(self.number), len(self._row))
+        self._sum = scipy.sparse.csr_array((ones, (self._row, columns)), shape=shape)
+        self._count = self._total(self._sum.sum(axis=1))
+        self.x = self.average(model.node_x[self.places])
+        self.triangle = self._boundary(numbers[boundary_triangles(model)])
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Average over the cells at each node, (k, m), of values (len(places), m). Collective."""
+        return self._total(self._sum @ values) / self._count[:, None]
+
+    def largest(self, values: FloatArray) -> tuple[float, int]:
+        """The largest of values (len(places),) and the row of its node. Collective."""
+        k = int(values.argmax()) if len(values) else -1
+        mine = (float(values[k]), -int(self._row[k])) if len(values) else (-np.inf, 0)
+        value, row = max(self._comm.allgather(mine))
+        return value, -row
+
+    def _total(self, values: FloatArray) -> FloatArray:
+        """Sum over the ranks, made by one of them so that it is the same on all."""
+        if self._comm.size == 1:
+            return values
+        total = self._comm.reduce(values, root=0)
+        return np.asarray(self._comm.bcast(total, root=0))
+
+    def _union(self, numbers: IntArray) -> IntArray:
+        return np.unique(np.concatenate(self._comm.allgather(numbers)))
+
+    def _boundary(self, triangles: IntArray) -> IntArray:
+        """The boundary of all ranks, from this rank's triangles of node numbers."""
+        gathered = np.concatenate(self._comm.allgather(triangles))
+        return np.searchsorted(self.number, sorted_triangles(gathered))

@@ -1,0 +1,72 @@
+"""What a body with history remembers as arrays over the whole body, in an order that no partition changes."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.history.updated_lagrangian import Snapshot, UpdatedLagrangian
+
+FloatArray = NDArray[np.float64]
+
+
+class BodyMemory:
+    """Gathers and hands out a body's nodal and pointwise values. Constructing one is collective.
+
+    Nodes go by their numbers in the mesh's input (`node_numbers`), cells by their places there, points by their order
+    in the cell: so a body on other ranks, of the same mesh, can take over.
+
+    Attributes:
+        node_count: of nodes in the whole body.
+    """
+
+    def __init__(self, body: UpdatedLagrangian) -> None:
+        """Number nodes and cells."""
+        self._body, self._comm = body, body.comm
+        self._owned = body.layout.n_owned_nodes
+        self._node, self.node_count = _places(body.comm, node_numbers(body), self._owned)
+        topology = body.mesh.mesh.topology
+        cells = topology.index_map(topology.dim)
+        self._cells, self._all_cells = int(cells.size_local), int(cells.size_local + cells.num_ghosts)
+        self._cell, self._cell_count = _places(body.comm, topology.original_cell_index, self._cells)
+
+    def gather_nodes(self, values: FloatArray) -> FloatArray:
+        """Values (local nodes, m) as those of all nodes by number, the same on every rank. Collective."""
+        return self._gather(self._node[: self._owned], values[: self._owned], self.node_count)
+
+    def scatter_nodes(self, values: FloatArray) -> FloatArray:
+        """Back to (local nodes including ghosts, m)."""
+        return np.ascontiguousarray(values[self._node])
+
+    def gather(self, snapshot: Snapshot) -> dict[str, FloatArray]:
+        """A snapshot as arrays of the whole body. Collective."""
+        arrays = {"displacement": self.gather_nodes(snapshot.displacement.reshape(-1, 3))}
+        for k, history in enumerate(snapshot.history):
+            if self._comm.allreduce(history.size, op=MPI.MAX):
+                rows = history.reshape(self._all_cells, -1)[: self._cells]
+                arrays[f"history {k}"] = self._gather(self._cell[: self._cells], rows, self._cell_count)
+        return arrays
+
+    def scatter(self, arrays: dict[str, FloatArray]) -> Snapshot:
+        """This rank's part of a snapshot of the whole body."""
+        histories = []
+        for k, now in enumerate(self._body.snapshot().history):
+            if f"history {k}" in arrays:
+                now.reshape(self._all_cells, -1)[:] = arrays[f"history {k}"][self._cell]
+            histories.append(now)
+        return Snapshot(self.scatter_nodes(arrays["displacement"]).reshape(-1), tuple(histories))
+
+    def _gather(self, places: NDArray[np.int64], rows: FloatArray, count: int) -> FloatArray:
+        whole = np.empty((count, *rows.shape[1:]))
+        for part, values in self._comm.allgather((places, rows)):
+            whole[part] = values
+        return whole
+
+
+def _places(comm: MPI.Comm, numbers: NDArray[np.integer], owned: int) -> tuple[NDArray[np.int64], int]:
+    """Places of numbers, those of ghosts too, among all owned ones in ascending order; and their count. Collective."""
+    known = np.unique(np.concatenate(comm.allgather(numbers[:owned])))
+    return np.searchsorted(known, numbers), len(known)

@@ -1,0 +1,213 @@
+"""One pass over a group's cells: means, local unknowns, internal forces, and the history at the step's end.
+
+DOLFINx would take a pass for each, in which it collects the same values of the cell, and each kernel would find
+strain and stress again.  Here forces and history are the two parts of one form on a mixed space of test functions,
+the displacement's and one that has its values at the points of the rule: FFCx makes one kernel of it, that does for
+both what they have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from flexmbd.continuum import compat
+from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
+from flexmbd.continuum.history.shared_parts import share_parts
+from flexmbd.errors import ConvergenceError
+
+FloatArray = NDArray[np.float64]
+
+# Local Newton steps, and the change of the local unknowns at which they end.
+_SWEEPS = 30
+_LOCAL = 1e-13
+
+_NONE = np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The functions that a group's forms read; None for what the formulation does not have.
+
+    Attributes:
+        u: trial displacement.
+        state: history at the step's begin.
+        local: local unknowns.
+        mean: over the cells.
+    """
+
+    u: fem.Function
+    state: fem.Function | None
+    local: fem.Function | None
+    mean: fem.Function | None
+
+
+@dataclass(frozen=True, eq=False)
+class CellForms:
+    """What is evaluated in a cell; None for what the formulation does not have.
+
+    Attributes:
+        work: virtual work of a test function of the displacement, as terms of any rules; with history of one.
+        update: history at the step's end.
+        refined: the local unknowns after a Newton step.
+        averaged: what the means are of.
+    """
+
+    work: Callable[[Any], Sequence[Term]]
+    update: ufl.core.expr.Expr | None
+    refined: ufl.core.expr.Expr | None
+    averaged: ufl.core.expr.Expr | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Code:
+    """A kernel: its address, what is kept alive for it, its constants, and the functions it reads, in order."""
+
+    address: int
+    module: Any
+    constants: FloatArray
+    reads: list[fem.Function]
+
+
+class CellPass:
+    """The kernels of one group, ready to run. Constructing one is collective, and compiles."""
+
+    def __init__(
+        self, group: CellGroup, unknowns: Unknowns, forms: CellForms, *, rule: Quadrature, weights: FloatArray
+    ) -> None:
+        """Compile.
+
+        Args:
+            group: of cells.
+            unknowns: the functions of its forms.
+            forms: what is evaluated.
+            rule: at whose points history and local unknowns lie.
+            weights: of its points.
+        """
+        self._group, self._unknowns, self._rule = group, unknowns, rule
+        self._domain = unknowns.u.function_space.mesh
+        self._codes = [
+            self._mean(forms.averaged), self._local_step(forms.refined), *self._step(forms.work, forms.update)
+        ]
+        n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
+        none = np.zeros((n_cells, 0))
+        state, local = (
+            none if field is None else field.x.array.reshape(n_cells, -1) for field in (unknowns.state, unknowns.local)
+        )
+        mean = np.zeros(0) if unknowns.mean is None else unknowns.mean.x.array
+        #: (points of all cells of this rank, components) flat, history at the step's end
+        self.trial: FloatArray = state.flatten()
+        self._fields = Fields(unknowns.u.x.array, state, local, mean, self.trial.reshape(state.shape))
+        self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
+        self._kernels = self._tables(weights)
+        row = sum(self._sizes)
+        self._room = Room(np.zeros((compat.cell_nodes(self._domain).shape[1], 3)), *np.zeros((3, row + 1)))
+
+    def run(self, forces: FloatArray) -> None:
+        """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
+
+        Args:
+            forces: (local dofs including ghosts,) N, to which they are added.
+
+        Raises:
+            ConvergenceError: at a point Newton's method does not end.
+        """
+        change = self._pass(self._fields, self._kernels, forces)
+        if change != 0.0:
+            raise ConvergenceError(
+                f"{self._group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
+                f"(last change {change:.1e}); take a smaller step"
+            )
+
+    def average(self) -> None:
+        """Evaluate the means alone for the trial displacement; not collective."""
+        if self._unknowns.mean is not None:
+            fields = self._fields._replace(local=np.zeros((len(self._fields.local), 0)))
+            kernels = self._kernels._replace(addresses=self._kernels.addresses[:FORCES])
+            self._pass(fields, kernels, _NONE)
+
+    def _pass(self, fields: Fields, kernels: Kernels, forces: FloatArray) -> float:
+        dofmap = self._unknowns.u.function_space.dofmap
+        return float(pass_cells(
+            self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
+            fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
+        ))  # fmt: skip
+
+    def _mean(self, averaged: ufl.core.expr.Expr | None) -> _Code | None:
+        if averaged is None:
+            return None
+        w = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(2,)))
+        return self._compiled(averaged * w[0] + w[1], self._rule)
+
+    def _local_step(self, refined: ufl.core.expr.Expr | None) -> _Code | None:
+        if refined is None:
+            return None
+        (density,) = share_parts([self._at_points(refined, self._test_function(self._pointwise(refined)))])
+        return self._compiled(density, self._rule)
+
+    def _step(
+        self, work: Callable[[Any], Sequence[Term]], update: ufl.core.expr.Expr | None
+    ) -> Iterator[_Code | None]:
+        displaced = self._unknowns.u.function_space.ufl_element()
+        if update is None:
+            for density, rule in work(self._test_function(displaced)):
+                yield self._compiled(density, rule)
+            return
+        both = basix.ufl.mixed_element([displaced, self._pointwise(update)])
+        v, w = ufl.split(self._test_function(both))
+        densities = [density for density, _ in work(v)]
+        yield self._compiled(sum(share_parts([*densities, self._at_points(update, w)])), self._rule)
+
+    def _at_points(self, values: ufl.core.expr.Expr, w: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """A density whose integral has the values at the points times their weights."""
+        return ufl.inner(values, w) / abs(ufl.JacobianDeterminant(self._domain))
+
+    def _pointwise(self, values: ufl.core.expr.Expr) -> Any:
+        """The element with values of this shape at the points of the rule."""
+        return basix.ufl.quadrature_element(
+            self._domain.topology.cell_name(),
+            value_shape=values.ufl_shape,
+            scheme=self._rule.scheme,
+            degree=self._rule.degree,
+        )
+
+    def _test_function(self, element: Any) -> ufl.Argument:
+        return ufl.TestFunction(ufl.FunctionSpace(self._domain.ufl_domain(), element))
+
+    def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> _Code:
+        metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
+        form = density * ufl.dx(domain=self._domain, metadata=metadata)
+        address, positions, module = compat.cell_kernel(self._domain.comm, form)
+        numbers = [np.asarray(constant.value, dtype=float).ravel() for constant in form.constants()]
+        coefficients = form.coefficients()
+        reads = [coefficients[position] for position in positions]
+        return _Code(address, module, np.concatenate([np.zeros(0), *numbers]), reads)
+
+    def _tables(self, weights: FloatArray) -> Kernels:
+        known, count = self._unknowns, len(self._codes)
+        begins = np.cumsum([0, *self._sizes])
+        places = {
+            id(field): k for k, field in enumerate((known.u, known.state, known.local, known.mean)) if field is not None
+        }
+        addresses, constants = np.zeros((2, count), dtype=np.int64)
+        starts, lengths = np.zeros((2, count, len(self._sizes)), dtype=np.int64)
+        for i, code in enumerate(self._codes):
+            if code is None:
+                continue
+            addresses[i], constants[i] = code.address, code.constants.ctypes.data
+            last = -1
+            for k in (places[id(field)] for field in code.reads):
+                joined = last >= 0 and begins[k] == starts[i, last] + lengths[i, last]
+                last += not joined
+                starts[i, last] = starts[i, last] if joined else begins[k]
+                lengths[i, last] += self._sizes[k]
+        return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))

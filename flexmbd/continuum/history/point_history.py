@@ -1,0 +1,236 @@
+"""History at the quadrature points of one cell group: trial values, and those that are accepted.
+
+A group's forms see the accepted history, the trial displacement, the local unknowns z solved at each
+point for it, and the means over the cells; all of them live here, as functions that the compiled forms
+read.  What z is in the forms is the stored solution and one further Newton step from it, whose derivative
+by the displacement is, by the theorem on implicit functions, that of the exact solution.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.contract.results import solved
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.history.cell_pass import CellForms, CellPass, Unknowns
+from flexmbd.errors import FormulationError
+
+FloatArray = NDArray[np.float64]
+
+
+class History:
+    """History of one group of cells. Constructing one is collective, and may compile.
+
+    Attributes:
+        group: the cells, their formulation and parameters.
+        accepted: (points, components) on all cells of this rank; empty without history.
+        terms: the internal forces' virtual work as forms, linear in the test function.
+        mean: the function of cell means, or None.
+    """
+
+    def __init__(self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool) -> None:
+        """Not collective but for compilation.
+
+        Args:
+            group: of cells, with a checked formulation.
+            u: trial displacement, which the forms read.
+            v: test function on its space.
+            means: whether cell means are taken where the formulation has them.
+
+        Raises:
+            FormulationError: terms with history have rules of their own each.
+        """
+        self.group, self._u = group, u
+        self._mesh = u.function_space.mesh
+        form: Any = group.formulation
+        p = group.symbols
+        self._has_state = hasattr(form, "state")
+        self._rule = _rule_of_history(group, u, v)
+        self._points, self._weights = basix.make_quadrature(
+            basix.CellType[self._mesh.topology.cell_name()],
+            self._rule.degree,
+            rule=basix.quadrature.string_to_type(self._rule.scheme),
+        )
+        self._state: Any = None
+        if self._has_state:
+            self._state = self._function(int(form.state(p).ufl_shape[0]))
+        cell_mean = getattr(form, "cell_mean", None) if means else None
+        self.mean: Any = None
+        if cell_mean is not None:
+            self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
+            self._averaged = cell_mean(u, self._state, p)
+        self._z, refined = self._local_unknowns(u)
+        given = self._given(self._z)
+        update = None
+        if self._has_state:
+            self._initial = np.array([float(value) for value in form.state(group.parameters)])
+            self._state.x.array.reshape(-1, len(self._initial))[:] = self._initial
+            update = form.update(u, self._state, p, **given)
+
+        def work(v: Any) -> list[Term]:
+            if self._has_state:
+                return list(form.residual(u, v, self._state, p, **given))
+            return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
+
+        self._pass = CellPass(
+            group,
+            Unknowns(u, self._state, self._z, self.mean),
+            CellForms(work, update, refined, None if self.mean is None else self._averaged),
+            rule=self._rule,
+            weights=self._weights,
+        )
+        self.terms = [assembly.integral(term, group, self._mesh) for term in work(v)]
+        self._energies = self._energy_forms(u, p)
+        self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
+
+    @property
+    def accepted(self) -> FloatArray:
+        """(points of all cells of this rank, components) the accepted history."""
+        if self._state is None:
+            return np.zeros((0, 0))
+        return self._state.x.array.reshape(-1, len(self._initial))
+
+    def mean_forms(self) -> tuple[ufl.Form, ufl.Form]:
+        """What is averaged, and the measure of the cells, against test functions of the means."""
+        w = ufl.TestFunction(self.mean.function_space)
+        rule = self._rule
+        averaged = assembly.integral((self._averaged * w, rule), self.group, self._mesh)
+        return averaged, assembly.integral((ufl.as_ufl(1.0) * w, rule), self.group, self._mesh)
+
+    def run(self, forces: FloatArray) -> None:
+        """Means, local unknowns and history at the step's end, for the trial displacement; not collective.
+
+        Args:
+            forces: (local dofs including ghosts,) N, to which this rank's internal forces are added.
+
+        Raises:
+            ConvergenceError: at a point Newton's method does not end.
+        """
+        self._pass.run(forces)
+
+    def average(self) -> None:
+        """The means alone, for the trial displacement; not collective."""
+        self._pass.average()
+
+    @property
+    def trial_is_finite(self) -> bool:
+        """Whether the history at the step's end has values."""
+        return bool(np.isfinite(self._pass.trial).all())
+
+    def commit(self) -> None:
+        """Accept the history at the step's end."""
+        if self._state is not None:
+            self._state.x.array[:] = self._pass.trial
+        if self._z is not None:
+            self._z.x.array[:] = 0.0
+
+    def revert(self) -> None:
+        """Forget the trial."""
+        if self._state is not None:
+            self._pass.trial[:] = self._state.x.array
+        if self._z is not None:
+            self._z.x.array[:] = 0.0
+
+    def snapshot(self) -> FloatArray:
+        """A copy of the accepted history, flat."""
+        return np.zeros(0) if self._state is None else self._state.x.array.copy()
+
+    def restore(self, kept: FloatArray) -> None:
+        """Go back to a snapshot."""
+        if self._state is not None:
+            self._state.x.array[:] = kept
+        self.revert()
+
+    def energies(self) -> dict[str, float]:
+        """This rank's energies, J, of the accepted history at the present displacement, by name."""
+        return {name: float(fem.assemble_scalar(form)) for name, form in self._energies.items()}
+
+    def evaluate(self, expression: ufl.core.expr.Expr) -> FloatArray:
+        """Values of an expression at the points of the group's cells, (cells, points, ...)."""
+        if expression not in self._compiled:
+            self._compiled[expression] = fem.Expression(expression, self._points)
+        values: FloatArray = self._compiled[expression].eval(self._mesh, self.group.cells)
+        return values.reshape(len(self.group.cells), len(self._points), *expression.ufl_shape)
+
+    def increment_size(self) -> FloatArray:
+        """(cells, points) the trial step over the largest that the form takes; empty where it knows none."""
+        form: Any = self.group.formulation
+        if not hasattr(form, "increment_size"):
+            return np.zeros((0, 0))
+        return self.evaluate(form.increment_size(self._u, self._state, self.group.symbols))
+
+    def stress(self) -> FloatArray:
+        """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
+        form: Any = self.group.formulation
+        p = self.group.symbols
+        if not self._has_state:
+            return self.evaluate(form.stress(self._u, None, p))
+        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._z)))
+
+    def _given(self, z: Any) -> dict[str, Any]:
+        given = {} if z is None else {"z": z}
+        return given if self.mean is None else {**given, "mean": self.mean}
+
+    def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, Any]:
+        """The stored local unknowns, and one Newton step from them as an expression."""
+        form: Any = self.group.formulation
+        p = self.group.symbols
+        begin = solved(form, p).get("z")
+        if begin is None:
+            return None, None
+        z = self._function(begin.ufl_shape)
+        at = ufl.variable(z)
+        lack = form.local_residual(at, u, self._state, p, **self._given(None))
+        slope = ufl.diff(lack, at)
+        refined = z - (ufl.inv(slope) * lack if begin.ufl_shape else lack / slope)
+        return z, refined
+
+    def _function(self, shape: int | tuple[int, ...]) -> fem.Function:
+        """A function that has its values at the points of the rule."""
+        element = basix.ufl.quadrature_element(
+            self._mesh.topology.cell_name(),
+            value_shape=(shape,) if isinstance(shape, int) else shape,
+            scheme=self._rule.scheme,
+            degree=self._rule.degree,
+        )
+        return fem.Function(fem.functionspace(self._mesh, element))
+
+    def _energy_forms(self, u: fem.Function, p: Any) -> dict[str, fem.Form]:
+        form: Any = self.group.formulation
+        if not self._has_state:
+            terms = form.strain_energy(u, p)
+            parts = [assembly.integral(term, self.group, self._mesh) for term in terms]
+            return {f"elastic {k}" if k else "elastic": fem.form(part) for k, part in enumerate(parts)}
+        if not hasattr(form, "energies"):
+            return {}
+        given = {} if self.mean is None else {"mean": self.mean}
+        return {
+            name: fem.form(assembly.integral(term, self.group, self._mesh))
+            for name, term in form.energies(u, self._state, p, **given).items()
+        }
+
+
+def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -> Quadrature:
+    """The rule at whose points the history lies: that of all terms."""
+    form: Any = group.formulation
+    p = group.symbols
+    if not hasattr(form, "state"):
+        terms: list[Term] = list(form.strain_energy(u, p))
+        return terms[0][1]
+    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))
+    rules = {(rule.degree, rule.scheme) for _, rule in terms}
+    if len(rules) > 1:
+        raise FormulationError(
+            f"{group.form_name}: its terms have the rules {sorted(rules)}, and a history lies at the points of one; "
+            "give them the same rule"
+        )
+    return terms[0][1]

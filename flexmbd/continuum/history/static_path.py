@@ -1,0 +1,202 @@
+"""Slow loading of a body with history: a sequence of equilibria, with a step that follows Newton's success."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.newton import (
+    DEFAULT_CONVERGENCE,
+    Balance,
+    Convergence,
+    Newton,
+    Solution,
+)
+from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
+from flexmbd.continuum.history.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
+from flexmbd.errors import ConvergenceError, MeshError
+
+FloatArray = NDArray[np.float64]
+Values = Callable[[float], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An accepted step.
+
+    Attributes:
+        t: its load parameter.
+        residuals: of Newton's method, relative.
+        reactions: (held dofs of this rank,) N, with which the held dofs are held.
+    """
+
+    t: float
+    residuals: tuple[float, ...]
+    reactions: FloatArray
+
+
+@dataclass(eq=False)
+class StaticPath:
+    """What a slow loading has gone through.
+
+    Attributes:
+        steps: the accepted ones.
+        cuts: how often a step was halved.
+        factorisations: of tangents.
+        iterations: of Krylov's method.
+    """
+
+    steps: list[Equilibrium] = field(default_factory=list)
+    cuts: int = 0
+    factorisations: int = 0
+    iterations: int = 0
+
+
+class PathError(ConvergenceError):
+    """A loading that could not be followed to its end; the body stands at the last accepted step.
+
+    Attributes:
+        path: what was gone through.
+    """
+
+    def __init__(self, message: str, path: StaticPath | None = None) -> None:
+        super().__init__(message)
+        self.path = path
+
+
+def held_dofs(body: UpdatedLagrangian, groups: Mapping[str, str]) -> NDArray[np.int32]:
+    """Owned dofs of facet groups that are held. Collective.
+
+    Args:
+        body: the body.
+        groups: by the name of a facet group the axes along which it is held, as "x" or "xyz".
+
+    Raises:
+        MeshError: on all ranks: no such facet group, or other axes.
+    """
+    found = [np.empty(0, dtype=np.int32)]
+    for name, axes in groups.items():
+        wrong = set(axes) - set("xyz")
+        if wrong or not axes:
+            raise MeshError(f"facet group {name!r} is held along {axes!r}; give axes out of 'xyz'")
+        nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(name))
+        found += [body.displacement_dofs[nodes, "xyz".index(axis)] for axis in axes]
+    dofs = np.unique(np.concatenate(found)).astype(np.int32)
+    return dofs[dofs < body.n_owned]
+
+
+def clamped_dofs(body: UpdatedLagrangian, groups: Iterable[str]) -> NDArray[np.int32]:
+    """Owned dofs of facet groups that do not move at all, nor turn where there are rotations. Collective.
+
+    Raises:
+        MeshError: on all ranks: no such facet group.
+    """
+    found: list[NDArray[np.int32]] = [np.empty(0, dtype=np.int32)]
+    for name in groups:
+        found.append(body.layout.kinematic_dofs_on(body.mesh.dim - 1, body.mesh.facets(name)))
+    dofs = np.unique(np.concatenate(found)).astype(np.int32)
+    return dofs[dofs < body.n_owned]
+
+
+def follow(
+    body: UpdatedLagrangian,
+    times: Sequence[float],
+    *,
+    held: NDArray[np.int32],
+    displacement: Values | None = None,
+    load: Values | None = None,
+    solver: LinearSolver = DEFAULT_SOLVER,
+    convergence: Convergence = DEFAULT_CONVERGENCE,
+    smallest: float = 1e-4,
+    accepted: Callable[[float], None] | None = None,
+    reached: float = 0.0,
+) -> StaticPath:
+    """Load a body slowly. Collective; it starts from the last accepted step.
+
+    Args:
+        body: the body, which stands at the last of `times` afterwards.
+        times: ascending load parameters of the equilibria that are wanted; the first is a step of its own.
+        held: owned dofs whose displacement is given (`held_dofs`).
+        displacement: (held dofs,) m, from the undeformed body, at a load parameter; zero if None.
+        load: (owned dofs,) N, dead loads in body axes; none if None.
+        solver: of the linear systems.
+        convergence: of Newton's method.
+        smallest: the smallest part of a step between two of `times` that is tried.
+        accepted: is called after each of `times`.
+        reached: load parameter at which the body stands, as one that `load_body` has brought back.
+
+    Raises:
+        PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
+            it well; says where, and why. Or `times` do not ascend from above `reached`.
+    """
+    newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
+    before = 0.0
+    guess: FloatArray = np.zeros(body.layout.n_local)
+    if not all(np.diff([reached, *times]) > 0.0):
+        raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
+    for wanted in times:
+        whole = wanted - reached
+        step = most = whole
+        while reached < wanted:
+            t = wanted if step >= wanted - reached else reached + step
+            try:
+                start = guess * ((t - reached) / before) if before else guess
+                solution = _equilibrium(body, newton, t, start, displacement=displacement, load=load, held=held)
+                body.check_increment(solution.increment)
+                body.commit(solution.increment)
+            except ConvergenceError as reason:
+                body.revert()
+                newton.factorise_next()
+                path.cuts += 1
+                path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
+                guess = np.zeros_like(guess)
+                step = 0.5 * min(step, wanted - reached)
+                if isinstance(reason, LargeIncrementError):  # which does not pass, as a bad first guess does
+                    most = step
+                if step < smallest * whole:
+                    raise PathError(
+                        f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}, where the body stands: "
+                        f"{reason}",
+                        path,
+                    ) from reason
+                continue
+            before, reached = t - reached, t
+            guess = solution.increment
+            path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
+            if len(solution.residuals) < 6:
+                step = min(1.5 * step, most)
+            most = min(1.1 * most, whole)
+        if accepted is not None:
+            accepted(wanted)
+    path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
+    return path
+
+
+def _equilibrium(
+    body: UpdatedLagrangian,
+    newton: Newton,
+    t: float,
+    start: FloatArray,
+    *,
+    displacement: Values | None,
+    load: Values | None,
+    held: NDArray[np.int32],
+) -> Solution:
+    """Newton's solution of one step."""
+    external = np.zeros(body.n_owned) if load is None else load(t)
+    goal = np.zeros(len(held)) if displacement is None else displacement(t)
+
+    def forces(increment: FloatArray) -> Balance:
+        internal = body.force(increment)
+        if body.is_updated:
+            # a cell that is inside out may have finite forces
+            body.check_cells()
+        residual = internal - external
+        # reactions and loads are what balances; at rest nothing does
+        size = max(body.norm(external), body.norm(residual[held]))
+        return Balance(residual, size if size > 0.0 else body.norm(internal))
+
+    return newton.solve(start, goal - body.displacement[held], forces, body.tangent)

@@ -1,0 +1,485 @@
+"""A body with history, step by step: internal forces, tangent, and what a step leaves behind.
+
+Positions and displacements are in the axes of the body frame, which carries the gross rotation: the mesh,
+as it stands after the last accepted step, is the corotated ghost of the last known configuration (Ambrosio
+& Nikravesh 1992, section 2).  A formulation with `REFERENCE = "UPDATED"` refers to that configuration, and
+its unknown is the displacement since; one with `"INITIAL"` to the undeformed mesh, and its unknown is the
+whole displacement.  Both are driven by the increment since the last accepted step.
+
+The mesh itself is moved only while something is assembled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.formulation import set_symbols
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
+from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.continuum.history.mean_tangent import MeanTangent
+from flexmbd.continuum.history.moved_mesh import MovedMesh
+from flexmbd.continuum.history.point_history import History
+from flexmbd.errors import ConvergenceError, FormulationError, InterfaceError, MeshError
+
+FloatArray = NDArray[np.float64]
+
+
+class InvertedCellError(ConvergenceError):
+    """A trial displacement turns a cell inside out; a smaller step may not."""
+
+
+class LargeIncrementError(ConvergenceError):
+    """A step is larger than a formulation integrates well; a smaller one is not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What a body remembers after an accepted step: this rank's part.
+
+    Attributes:
+        displacement: (local dofs including ghosts,) m, from the undeformed mesh.
+        history: of each group, flat.
+    """
+
+    displacement: FloatArray
+    history: tuple[FloatArray, ...]
+
+
+class UpdatedLagrangian:
+    """A body of one or several formulations, with or without history. Constructing one is collective.
+
+    Attributes:
+        mesh: the undeformed mesh and its groups.
+        groups: the cell groups, each with its formulation and parameters.
+        degree: of the elements, and of the mesh's geometry where a formulation is an updated one.
+        space: the displacement's function space.
+        layout: where the displacement lies in it.
+        interfaces: the frames found on the mesh.
+        displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed
+            mesh. Not to be changed by hand.
+    """
+
+    def __init__(
+        self,
+        mesh: TaggedMesh,
+        formulation: Source | Pairs,
+        parameters: Any = None,
+        *,
+        degree: int,
+        interfaces: Sequence[Interface] = (),
+        cell_means: bool | None = None,
+    ) -> None:
+        """Check everything, then compile. Collective over the mesh's communicator.
+
+        Args:
+            mesh: lengths in m.
+            formulation: a module, the name of one in `flexmbd.forms`, or a form file's path; or
+                several as {cell group: (formulation, parameters)}, whose elements are the same.
+            parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
+            degree: of the elements, at least that of the mesh's geometry, and the same with a
+                formulation whose reference is the updated configuration.
+            interfaces: groups of the mesh that carry frames.
+            cell_means: whether formulations with `cell_mean` use it against volumetric locking; by default
+                with elements of degree 1. One mean a cell is too few for those of degree 2.
+
+        Raises:
+            FormulationError: a form file breaks its contract, or does not fit its parameters, the
+                cell or the degree; formulations of both references; of the updated one a degree unlike
+                the geometry's, or unknowns besides the displacement.
+            InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
+            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+        """
+        if not isinstance(mesh, TaggedMesh):
+            raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
+        self.mesh, self.degree = mesh, degree
+        PETSc.garbage_cleanup(mesh.comm)
+        self.groups: tuple[CellGroup, ...] = pair_cells(
+            mesh, formulation, parameters, degree=degree, with_history=True
+        )
+        form = self.groups[0].formulation
+        element = form.element(mesh.mesh.topology.cell_name(), 3, degree)
+        self.space: fem.FunctionSpace = fem.functionspace(mesh.mesh, element)
+        self.layout: DofLayout = dof_layout(self.space, form.rigid_motion)
+        self._check_references()
+        parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
+        self.interfaces: tuple[FoundInterface, ...] = tuple(
+            find_interfaces(interfaces, mesh=mesh, layout=self.layout)
+        )
+        self._u = fem.Function(self.space)
+        v = ufl.TestFunction(self.space)
+        means = degree == 1 if cell_means is None else cell_means
+        self._histories = [History(group, self._u, v, means=means) for group in self.groups]
+        self._moved = MovedMesh(self.space) if self.is_updated else None
+        self.displacement: FloatArray = np.zeros(self.layout.n_local)
+        self._sum = fem.Function(self.space).x
+        self.check_cells()
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator the body is spread over."""
+        return self.mesh.comm
+
+    @property
+    def n_owned(self) -> int:
+        """Number of dofs this rank owns, which stand before its ghosts."""
+        return self.layout.n_owned
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether the formulations refer to the updated configuration."""
+        return self.groups[0].formulation.REFERENCE == "UPDATED"
+
+    @property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, of the last accepted step, in body axes."""
+        x: FloatArray = self.layout.node_x + self.displacement[self.displacement_dofs]
+        return x
+
+    @property
+    def has_rotations(self) -> bool:
+        """Whether there are unknowns besides the displacement, as a beam's rotations."""
+        return self.layout.displacement_dofs.size != self.layout.n_local
+
+    def check_displacement_alone(self) -> None:
+        """Refuse unknowns besides the displacement, whose inertia is not a mass; the same on every rank.
+
+        Raises:
+            FormulationError: there are some.
+        """
+        if self.has_rotations:
+            raise FormulationError(
+                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body that moves by itself "
+                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.history.static_path"
+            )
+
+    @property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+        return self.layout.displacement_dofs
+
+    def vector(self) -> la.Vector:
+        """A vector of the space with its ghosts, for scattering; not collective."""
+        return fem.Function(self.space).x
+
+    def norm(self, values: FloatArray) -> float:
+        """2-norm of values at owned dofs, or at some of them, over all ranks. Collective."""
+        return float(np.sqrt(self.comm.allreduce(values @ values)))
+
+    def force(self, increment: FloatArray) -> FloatArray:
+        """Internal forces at a trial displacement. Collective.
+
+        Args:
+            increment: (local dofs including ghosts,) m, since the last accepted step; the ghosts' are
+                their owners'.
+
+        Returns:
+            (owned dofs,) N: what holds the body in that shape.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out (`InvertedCellError`, which
+                names one), or the equations at a point have no solution.
+        """
+        self._set_trial(increment)
+        with self.present_mesh():
+            self._run()
+        force = self._summed()
+        if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
+            self.check_cells()
+            self._refuse(force)
+        return force
+
+    def tangent(self, increment: FloatArray) -> PETSc.Mat:
+        """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
+
+        Compiles at the first call. The matrix is the body's own and is filled anew at each call.
+
+        Args:
+            increment: as for `force`.
+
+        Raises:
+            ConvergenceError: as `force`.
+        """
+        self._set_trial(increment)
+        with self.present_mesh():
+            self._run()
+            return self._tangent.assemble()
+
+    def unloading_tangent(self) -> PETSc.Mat:
+        """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
+
+        There the stress lies on the yield surface, and round-off would choose the side: with the yield limits of
+        ``raised_yield`` it lies inside, and nothing else changes.  As of `tangent`.
+
+        Raises:
+            FormulationError: on all ranks: a formulation keeps a history and does not say what its yield limit is.
+        """
+        limited = [group for group in self.groups if hasattr(group.formulation, "state")]
+        for group in limited:
+            if not hasattr(group.formulation, "raised_yield"):
+                raise FormulationError(
+                    f"{group.form_name} keeps a history and does not tell its yield limit, without which there is no "
+                    "tangent of unloading; give it raised_yield(p, factor), parameters with yield limits that are "
+                    "factor times as high, or p itself where nothing ever yields"
+                )
+        try:
+            for group in limited:
+                form: Any = group.formulation
+                set_symbols(group.symbols, form.raised_yield(group.parameters, 2.0))
+            return self.tangent(np.zeros(self.layout.n_local))
+        finally:
+            for group in limited:
+                set_symbols(group.symbols, group.parameters)
+
+    def mass(self) -> PETSc.Mat:
+        """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
+        zero = fem.Function(self.space)
+        momentum = [
+            ufl.derivative(term, zero, ufl.TestFunction(self.space))
+            for term in assembly.kinetic_energy(self.groups, zero)
+        ]
+        forms = {"mass": assembly.derivatives_at_rest(momentum, zero)}
+        return assembly.assemble(forms, self.groups, self.space)[0]
+
+    def commit(self, increment: FloatArray) -> None:
+        """Accept a displacement: history and configuration become those at its end. Collective.
+
+        Args:
+            increment: as for `force`, which was called with it before.
+
+        Raises:
+            ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
+        """
+        self._set_trial(increment)
+        with self.present_mesh():
+            self._run()
+        finite = all(history.trial_is_finite for history in self._histories)
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            self.revert()
+            raise ConvergenceError("the history at the step's end is not finite; take a smaller step")
+        self._accept(increment)
+
+    def step(self, increment: FloatArray) -> FloatArray:
+        """Internal forces at a displacement that is accepted at once, as explicit steps do. Collective.
+
+        The same as `force` and `commit`, in one pass.
+
+        Args:
+            increment: as for `force`.
+
+        Returns:
+            (owned dofs,) N.
+
+        Raises:
+            ConvergenceError: as `force` and `commit`; nothing is accepted.
+        """
+        self._set_trial(increment)
+        with self.present_mesh():
+            self._run()
+        force = self._summed()
+        finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            self.revert()
+            self.check_cells()
+            raise ConvergenceError("the internal forces are not finite; take a smaller step")
+        self._accept(increment)
+        return force
+
+    def revert(self) -> None:
+        """Forget every trial since the last accepted step."""
+        for history in self._histories:
+            history.revert()
+
+    def snapshot(self) -> Snapshot:
+        """Copy what the body remembers."""
+        return Snapshot(
+            self.displacement.copy(), tuple(history.snapshot() for history in self._histories)
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this body."""
+        self.displacement[:] = snapshot.displacement
+        for history, kept in zip(self._histories, snapshot.history, strict=True):
+            history.restore(kept)
+
+    def energies(self) -> dict[str, float]:
+        """Energies, J, of the last accepted step by name: "elastic", "plastic". Collective.
+
+        What the formulations tell; the same on every rank.
+        """
+        self._set_trial(np.zeros(self.layout.n_local))
+        totals: dict[str, float] = {}
+        with self.present_mesh():
+            for history in self._histories:
+                history.average()
+                for name, value in history.energies().items():
+                    totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
+        return {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
+
+    def stress(self) -> list[FloatArray]:
+        """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
+        self._set_trial(np.zeros(self.layout.n_local))
+        with self.present_mesh():
+            self._run()
+            return [history.stress() for history in self._histories]
+
+    def history(self) -> list[FloatArray]:
+        """For each group the accepted history, (points of all cells of this rank, components)."""
+        return [history.accepted for history in self._histories]
+
+    def volumes(self) -> FloatArray:
+        """(cells of this rank, points) measure of the cells' map at the points, of the last accepted step.
+
+        In the order of the groups; negative where a cell is inside out.
+        """
+        with self.present_mesh():
+            measure = ufl.JacobianDeterminant(self.mesh.mesh)
+            return np.concatenate([history.evaluate(measure) for history in self._histories])
+
+    def check_cells(self) -> None:
+        """Refuse a trial displacement that turns a cell inside out. Collective.
+
+        Raises:
+            InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
+        """
+        if self.has_rotations:  # a beam's sections, not its cells, have an outside
+            return
+        inverted: int | None = None
+        stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
+        with self.present_mesh():
+            for history in self._histories:
+                values = history.evaluate(stretch)
+                if values.size and not values.min() > 0.0:
+                    inverted = int(history.group.cells[values.min(axis=1).argmin()])
+        error = None
+        if inverted is not None:
+            error = InvertedCellError(
+                f"{self._told(inverted)}, is turned inside out; take a smaller step, or a finer mesh there"
+            )
+        parallel.raise_collectively(self.comm, error)
+
+    def check_increment(self, increment: FloatArray) -> None:
+        """Refuse a step that is larger than a formulation with `increment_size` integrates well. Collective.
+
+        Args:
+            increment: as for `force`.
+
+        Raises:
+            LargeIncrementError: on all ranks: names the cell by its place in the mesh file and its centre.
+        """
+        self._set_trial(increment)
+        largest, where = 1.0, None
+        with self.present_mesh():
+            for history in self._histories:
+                values = history.increment_size()
+                if values.size and not values.max() <= largest:
+                    largest = float(values.max())
+                    where = int(history.group.cells[values.max(axis=1).argmax()])
+        error = None
+        if where is not None:
+            error = LargeIncrementError(
+                f"the step is {largest:.3g} times as large as the formulation integrates well, in {self._told(where)}; "
+                "take a smaller step"
+            )
+        parallel.raise_collectively(self.comm, error)
+
+    def _told(self, cell: int) -> str:
+        """A cell of this rank, for messages."""
+        domain = self.mesh.mesh
+        x = domain.geometry.x[compat.cell_nodes(domain)[cell]].mean(axis=0)
+        return (
+            f"cell {domain.topology.original_cell_index[cell]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the "
+            "undeformed body"
+        )
+
+    def _refuse(self, force: FloatArray) -> None:
+        """Say where forces are not finite. Collective."""
+        bad = np.isin(self.displacement_dofs, np.flatnonzero(~np.isfinite(force))).any(axis=1)
+        error = None
+        if bad.any():
+            x = self.layout.node_x[bad][0]
+            error = ConvergenceError(
+                f"the internal forces at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body are not "
+                "finite; take a smaller step"
+            )
+        parallel.raise_collectively(self.comm, error)
+
+    def _run(self) -> None:
+        """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: the equations at a point have no solution.
+        """
+        self._sum.array[:] = 0.0
+        error: ConvergenceError | None = None
+        try:
+            for history in self._histories:
+                history.run(self._sum.array)
+        except ConvergenceError as caught:
+            error = caught
+        if any(group_has_local_unknowns(group) for group in self.groups):
+            parallel.raise_collectively(self.comm, error)
+
+    def _summed(self) -> FloatArray:
+        """(owned dofs,) N, the forces of all ranks. Collective."""
+        self._sum.scatter_reverse(la.InsertMode.add)
+        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        return force
+
+    def _accept(self, increment: FloatArray) -> None:
+        """Make history and configuration those at the step's end."""
+        for history in self._histories:
+            history.commit()
+        self.displacement += increment
+        self._set_trial(np.zeros_like(increment))
+
+    def _set_trial(self, increment: FloatArray) -> None:
+        self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
+
+    @cached_property
+    def _tangent(self) -> MeanTangent:
+        return MeanTangent(self._histories, self._u, self.groups)
+
+    def present_mesh(self) -> AbstractContextManager[None]:
+        """The mesh in the configuration that the formulations refer to, within a `with` block."""
+        return nullcontext() if self._moved is None else self._moved.at(self.displacement)
+
+    def _check_references(self) -> None:
+        """Refuse what cannot be stepped together; the same on every rank."""
+        references = {group.formulation.REFERENCE: group.form_name for group in self.groups}
+        if len(references) > 1:
+            raise FormulationError(
+                f"{references['INITIAL']} refers to the initial configuration and {references['UPDATED']} to the "
+                "updated one: give all cell groups formulations of one reference"
+            )
+        geometry = compat.geometry_degree(self.mesh.mesh)
+        if "UPDATED" in references and self.degree != geometry:
+            raise FormulationError(
+                f"{references['UPDATED']} moves the mesh with the body, so degree={self.degree} needs a mesh of "
+                f"degree {self.degree}, and this one has degree {geometry}"
+            )
+        if "UPDATED" in references and self.has_rotations:
+            raise FormulationError(
+                f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
+            )
+
+
+def group_has_local_unknowns(group: CellGroup) -> bool:
+    """Whether a group's parameters leave equations to be solved at the points."""
+    form = group.formulation
+    return hasattr(form, "local_unknowns") and form.local_unknowns(group.parameters) is not None

@@ -1,0 +1,152 @@
+"""Nodes on the interface frames of a body with history: where the frames carry them, and what they pass on.
+
+Ambrosio & Nikravesh 1992, eq. 47-53: the nodes on the boundary of a rigid part move with it, their lumped
+mass is part of it, and the forces that they are held with act on it.  The nodes of an averaged interface stay
+free; they lend the frame, which a machine gives a mass, a small part of theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.interface import AveragedInterface
+from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
+from flexmbd.errors import InterfaceError
+from flexmbd.multibody.body import RigidBody
+from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame
+
+FloatArray = NDArray[np.float64]
+
+#: What part of their lumped mass free nodes lend a frame: below the least share of it that any vibration of an
+#: element feels by the consistent mass (1/27 for linear bricks), so that what is left is positive.
+LENT = 0.01
+
+
+class BondedNodes:
+    """The nodes of all interfaces of a body. Constructing one is collective.
+
+    Attributes:
+        frames: one for each interface, in the order of `UpdatedLagrangian.interfaces`.
+        nodes: (n,) local nodes, ghosts included.
+        frame_of: (n,) the number of each node's frame.
+        own: (n,) whether this rank owns the node.
+        averaged: (n,) whether the frame moves as the mean of the nodes instead of holding them.
+        mass: (n,) kg, what moves with the frame: of bonded nodes the lumped mass, of averaged ones a part of it.
+        free_mass: kg, all other mass of nodes.
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        rigid_parts: Mapping[str, RigidBody] | None = None,
+        may_average: bool = False,
+    ) -> None:
+        """Collect nodes and inertia.
+
+        Args:
+            body: with one interface at least.
+            rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
+                interface's origin, in the interface's axes.
+            may_average: whether interfaces may be averaged.
+
+        Raises:
+            InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
+                with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
+                rigid part helps.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
+        """
+        body.check_displacement_alone()
+        parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
+        check_frames(body.interfaces, parts, may_average=may_average)
+        self._comm = body.comm
+        self.nodes = np.concatenate([found.nodes for found in body.interfaces])
+        self.frame_of = np.repeat(np.arange(len(names)), [len(found.nodes) for found in body.interfaces])
+        self.own = self.nodes < body.layout.n_owned_nodes
+        self._refuse_shared(names)
+        lumped = body.vector()
+        lumped.array[: body.n_owned] = lumped_mass(body)
+        lumped.scatter_forward()
+        mass: FloatArray = lumped.array.reshape(-1, 3)[:, 0]
+        kinds = [isinstance(found, AveragedInterface) for found in body.interfaces]
+        self.averaged = np.array(kinds)[self.frame_of]
+        self.mass = np.where(self.averaged, LENT, 1.0) * mass[self.nodes]
+        own = mass[: body.layout.n_owned_nodes].sum() - self.mass[self.own].sum()
+        self.free_mass = float(self.total(np.array(own)))
+        self._origins = np.array([found.p for found in body.interfaces])
+        self._axes = np.array([found.R for found in body.interfaces])
+        offsets = body.layout.node_x[self.nodes] - self._origins[self.frame_of]
+        self._arms = np.einsum("nba,nb->na", self._axes[self.frame_of], offsets)
+        self.frames = self._frames(body, parts)
+
+    def arms(self, motion: FrameMotion) -> FloatArray:
+        """(n, 3) m, from the frames' origins to their nodes, in inertial axes."""
+        return np.einsum("nab,nb->na", motion.R[self.frame_of], self._arms)
+
+    def positions(self, motion: FrameMotion) -> FloatArray:
+        """(n, 3) m, of the nodes, in inertial axes."""
+        return np.asarray(motion.p[self.frame_of] + self.arms(motion))
+
+    def velocities(self, motion: FrameMotion) -> FloatArray:
+        """(n, 3) m/s, of the nodes."""
+        k = self.frame_of
+        return np.asarray(motion.v[k] + np.cross(motion.w[k], self.arms(motion)))
+
+    def accelerations(self, motion: FrameMotion) -> FloatArray:
+        """(n, 3) m/s^2, of the nodes."""
+        k, arms = self.frame_of, self.arms(motion)
+        turning = np.cross(motion.w[k], np.cross(motion.w[k], arms))
+        return np.asarray(motion.a[k] + np.cross(motion.alpha[k], arms) + turning)
+
+    def wrenches(self, forces: FloatArray, arms: FloatArray) -> FloatArray:
+        """Forces (n, 3) N at arms (n, 3) m as (k, 6) forces and moments about the frames' origins. Collective."""
+        own, frame = self.own, self.frame_of
+        wrenches = np.zeros((len(self.frames), 6))
+        np.add.at(wrenches[:, :3], frame[own], forces[own])
+        np.add.at(wrenches[:, 3:], frame[own], np.cross(arms[own], forces[own]))
+        return self.total(wrenches)
+
+    def total(self, values: FloatArray) -> FloatArray:
+        """The sum over the ranks, made by one of them so that it is the same on all. Collective."""
+        if self._comm.size == 1:
+            return values
+        summed = self._comm.reduce(values, op=MPI.SUM, root=0)
+        return np.asarray(self._comm.bcast(summed, root=0))
+
+    def pose(self, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) and axes (3, 3) of the body frame that the first interface carries, in inertial axes."""
+        R = motion.R[0] @ self._axes[0].T
+        return motion.p[0] - R @ self._origins[0], R
+
+    def _refuse_shared(self, names: list[str]) -> None:
+        """An averaged face and another may not pull at one node: what each has of it would be open. Collective."""
+        _, first, count = np.unique(self.nodes, return_index=True, return_counts=True)
+        shared = self._comm.allreduce([names[k] for k in set(self.frame_of[first[count > 1]])])
+        error = None
+        if shared:
+            error = InterfaceError(
+                f"interface {shared[0]!r} and another have nodes in common: those of a body with history must not touch"
+            )
+        parallel.raise_collectively(self._comm, error)
+
+    def _frames(self, body: UpdatedLagrangian, parts: Mapping[str, RigidBody]) -> tuple[InterfaceFrame, ...]:
+        frames, error = [], None
+        for k, found in enumerate(body.interfaces):
+            mine = self.own & (self.frame_of == k)
+            mass = self.total(mass_of_points(self.mass[mine], self._arms[mine] @ found.R.T))
+            if found.name in parts:
+                mass = mass + mass_of_part(parts[found.name], found.R)
+            try:
+                frames.append(interface_frame(found, mass))
+            except InterfaceError as caught:
+                error = error or caught
+        parallel.raise_collectively(self._comm, error)
+        return tuple(frames)

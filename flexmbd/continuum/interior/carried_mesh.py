@@ -1,0 +1,101 @@
+"""The mesh of a body with history under nodes that move in inertial axes.
+
+Nodes have absolute positions and accelerations (Ambrosio & Nikravesh 1992, eq. 43-46), and the mesh lives in body
+axes.  Formulations of the updated configuration are objective step by step, so the axes in which the body began will
+do for ever.  Those of the initial configuration take small strains only, and the axes must turn with the body: they
+do so with the rotation R of
+
+    A = sum of m (x - x_c) (X - X_c)^T = R S,   S symmetric                                (polar decomposition)
+
+over the nodes.  What the energy U(R^T (x - x_c) - (X - X_c)) says of the forces on the nodes is more than R f, for R
+depends on x: the moment of f about x_c, carried by the masses, is taken off, and so no momentum is made.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+
+FloatArray = NDArray[np.float64]
+
+
+class CarriedMesh:
+    """The body's nodes, and the internal forces that their places call for.
+
+    Attributes:
+        body: with its history.
+        X: (owned nodes, 3) m, undeformed places in body axes.
+        masses: (owned nodes,) kg.
+        p, R: origin (m) and rotation of the body axes in inertial ones.
+    """
+
+    def __init__(self, body: UpdatedLagrangian, masses: FloatArray) -> None:
+        """Not collective.
+
+        Args:
+            body: at rest and undeformed.
+            masses: (owned nodes,) kg, lumped.
+        """
+        self.body, self.masses = body, masses
+        self.X: FloatArray = body.layout.node_x[: len(masses)].copy()
+        self.p: FloatArray = np.zeros(3)
+        self.R: FloatArray = np.eye(3)
+        self._rest = body.snapshot()
+        self._increment = fem.Function(body.space).x
+        self._mass = float(self.sum(masses.sum()))
+        self._centre = self.sum(masses @ self.X) / self._mass
+        self._arms = self.X - self._centre
+
+    def begin(self, p: FloatArray, R: FloatArray) -> FloatArray:
+        """Undeformed and unspoilt, with the body axes at p (m), turned by R. Not collective.
+
+        Returns:
+            (owned nodes, 3) m, places of the nodes in inertial axes.
+        """
+        self.body.restore(self._rest)
+        self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
+        return self.p + self.X @ self.R.T
+
+    def pull(self, x: FloatArray) -> FloatArray:
+        """Move to the nodes' places and accept what that does. Collective.
+
+        Args:
+            x: (owned nodes, 3) m, in inertial axes.
+
+        Returns:
+            (owned nodes, 3) N: what the deformed body exerts on its nodes, in inertial axes.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out, or the material has no answer.
+        """
+        if self.body.is_updated:
+            return -self._step((x - self.p) @ self.R - self.X) @ self.R.T
+        centre = np.asarray(self.sum(self.masses @ x) / self._mass, dtype=float)
+        left, s, right = np.linalg.svd(self.sum((self.masses[:, None] * (x - centre)).T @ self._arms))
+        proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        self.R = left @ proper @ right
+        self.p = centre - self.R @ self._centre
+        y = (x - centre) @ self.R
+        force = self._step(y - self._arms)
+        stretch = right.T @ (proper * s) @ right
+        moment = self.sum(np.cross(y, force).sum(axis=0))
+        turn = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, moment)
+        return -(force - self.masses[:, None] * np.cross(turn, self._arms)) @ self.R.T
+
+    def place(self, p: FloatArray, R: FloatArray) -> None:
+        """Set the body axes as they were at a snapshot. Not collective."""
+        self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
+
+    def sum(self, part: FloatArray) -> FloatArray:
+        """Sum over the ranks, in their order, so that it is the same on all. Collective."""
+        return np.asarray(sum(self.body.comm.allgather(np.asarray(part, dtype=float))))
+
+    def _step(self, u: FloatArray) -> FloatArray:
+        """Forces (owned nodes, 3) in body axes that hold the body at the whole displacement u."""
+        owned = self.body.n_owned
+        self._increment.array[:owned] = u.ravel() - self.body.displacement[:owned]
+        self._increment.scatter_forward()
+        return self.body.step(self._increment.array).reshape(-1, 3)

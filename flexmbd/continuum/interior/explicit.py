@@ -1,0 +1,114 @@
+"""A body with history between rigid frames, stepped by central differences: an `ExplicitInterior` of the machine.
+
+The nodes of an interface are bonded to its frame and move with it; the frame's constant mass matrix is that of its
+rigid part and of these nodes (Ambrosio & Nikravesh 1992, eq. 47-51, 56), which the machine knows as a rigid body with
+the gyroscopic terms s_omega.  What is left of the reaction (eq. 52-53) is the sum of the internal forces on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.machine_frames import path_of_frames
+from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
+from flexmbd.multibody.body import RigidBody
+from flexmbd.multibody.continuum_body import FrameMotion, Memory, Push
+
+FloatArray = NDArray[np.float64]
+
+# Steps after which the stable one is found anew.
+_RENEWAL = 5
+
+# A step that is the stable one but for the accuracy of the estimate is taken whole.
+_ESTIMATE = 1e-4
+
+
+class ExplicitContinuum:
+    """What lies between the frames of a body with history. Constructing one is collective.
+
+    Attributes:
+        motion: of the nodes.
+        frames: of the body's interfaces, with their rigid parts and bonded nodes.
+        mass: kg, of the nodes that are not bonded.
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        rigid_parts: Mapping[str, RigidBody] | None = None,
+        planes: Sequence[RigidPlane] = (),
+        supports: Sequence[Support] = (),
+        damping: float = 0.0,
+    ) -> None:
+        """Collect the frames and find the stable step.
+
+        Args:
+            body: at rest and undeformed, with at least one interface; all of them rigid.
+            rigid_parts: by interface, the rigid part bonded there: mass, inertia, and centre of mass from the
+                interface's origin, in the interface's axes.
+            planes: what the nodes that are not bonded may meet.
+            supports: components of nodes that are not bonded held at zero.
+            damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
+
+        Raises:
+            InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
+            FormulationError: the mass cannot be lumped.
+        """
+        self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
+        self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
+        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping, bonded=self._nodes)
+        self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
+        self._wrenches: FloatArray = np.zeros((len(self.frames), 6))
+        self._calls = 0
+
+    def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
+        """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
+        nodes = self.motion
+        nodes.begin(*self._bonds.pose(motion), gravity)
+        nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
+        nodes.v[self._nodes] = 0.0
+        self._wrenches[:] = 0.0
+        self._calls = 0
+        return self._wrenches.copy()
+
+    def stable_step(self) -> float:
+        """See `ExplicitInterior`. The frames, which bind nodes and add mass, only make it longer. Collective."""
+        return self.motion.renew_limit()
+
+    def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
+        """See `ExplicitInterior`. Collective."""
+        # a body that is crushed may need shorter steps before the machine asks again
+        limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
+        self._calls += 1
+        steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
+        mean = np.zeros_like(self._wrenches)
+        own = self._bonds.own
+        for frames in path_of_frames(start, end, h=h, steps=steps):
+            before = self._wrenches
+            self.motion.advance(h / steps, self._bonds.positions(frames)[own])
+            forces = np.zeros((len(own), 3))
+            forces[own] = self.motion.force[self._nodes]
+            self._wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
+            mean += (before + self._wrenches) / (2 * steps)
+        return Push(self._wrenches.copy(), mean)
+
+    def snapshot(self) -> Memory:
+        """See `Interior`. Of the whole body, whatever the ranks. Collective."""
+        return {**self.motion.snapshot(), "wrenches": self._wrenches.copy(), "calls": np.array(self._calls)}
+
+    def restore(self, memory: Memory) -> None:
+        """See `Interior`; on any number of ranks. Collective."""
+        self.motion.restore({name: np.asarray(part, dtype=float) for name, part in memory.items()})
+        self._wrenches = np.array(memory["wrenches"], dtype=float)
+        self._calls = int(memory["calls"])
+
+    def energies(self) -> Mapping[str, float]:
+        """Energies, J, of the nodes that are not bonded and of the deformation (`NodalMotion.energies`). Collective."""
+        return self.motion.energies()

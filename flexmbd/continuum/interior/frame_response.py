@@ -1,0 +1,189 @@
+"""What the frames of a body with history feel: wrenches, and their derivative with the other nodes condensed.
+
+The nodes between the frames follow a small motion of these in balance: of a step's end with their inertia, by the
+scheme, or at rest without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.newton import Newton
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.matrices.blocks import multiply
+from flexmbd.multibody.continuum_body import FrameMotion
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResponse:
+    """Of k frames.
+
+    Attributes:
+        wrenches: (k, 6) on them.
+        slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
+        fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
+        pushes: (interface nodes, 3) N, on the frames.
+    """
+
+    wrenches: FloatArray
+    slopes: FloatArray
+    fields: FloatArray
+    pushes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Condensation:
+    """The parts of a body that its frames' response is made of.
+
+    Attributes:
+        body: what is between the frames.
+        bonds: its nodes on them.
+        averages: of averaged interfaces.
+        newton: solves the linear systems.
+        mass: the mass matrix.
+    """
+
+    body: UpdatedLagrangian
+    bonds: BondedNodes
+    averages: FaceAverages
+    newton: Newton
+    mass: PETSc.Mat
+
+    def product(self, nodal: FloatArray) -> FloatArray:
+        """(owned dofs,) mass matrix times (local nodes, 3). Collective."""
+        right, left = self.mass.createVecRight(), self.mass.createVecLeft()
+        right.array[:] = np.ascontiguousarray(nodal).reshape(-1)[: self.body.n_owned]
+        self.mass.mult(right, left)
+        return np.asarray(left.array.copy())
+
+    def pushes(self, residual: FloatArray, felt: FloatArray) -> FloatArray:
+        """(interface nodes, 3) N, on the frames: what the nodes are held with, but for the bonded ones' lumped mass.
+
+        Args:
+            residual: (owned dofs,) N, in inertial axes.
+            felt: (local nodes, 3) m/s^2, accelerations less gravity.
+        """
+        bonds = self.bonds
+        forces = np.zeros((len(bonds.nodes), 3))
+        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
+        inertia = bonds.mass[:, None] * felt[bonds.nodes]
+        return np.where(bonds.averaged[:, None], forces, forces + inertia)
+
+    def respond(
+        self,
+        tangent: Callable[[], PETSc.Mat],
+        residual: FloatArray,
+        motion: FrameMotion,
+        *,
+        x: FloatArray,
+        felt: FloatArray,
+        slopes: tuple[float, float],
+    ) -> FrameResponse:
+        """Condense. Collective.
+
+        Args:
+            tangent: of the residual, in body axes; with the nodes' inertia by the scheme.
+            residual: (owned dofs,) N, of internal and inertia forces, in inertial axes.
+            motion: of the frames.
+            x: (local nodes, 3) m.
+            felt: (local nodes, 3) m/s^2, accelerations less gravity.
+            slopes: of ``Scheme.slopes``; (inf, 1) at rest.
+        """
+        body, bonds = self.body, self.bonds
+        R = bonds.pose(motion)[1]
+        nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
+        internal = residual - self.product(felt)
+        pushes = self.pushes(residual, felt)
+        matrix = tangent()
+        whole = matrix.copy()
+        columns = range(6 * len(bonds.frames))
+        arms = x[nodes] - motion.p[bonds.frame_of]
+        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
+        own, averaged = bonds.own, bonds.own & bonds.averaged
+        # of each column at owned nodes, in inertial axes
+        carried, against, accelerations, turned, kept = np.zeros((5, len(columns), n, 3))
+        for j, (dx, da, turn, shift) in enumerate(moves):
+            # what the nodes move against the body's axes, which the first frame carries
+            against[j, nodes[own]] = dx[own]
+            if j < 6:
+                carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
+                against[j] -= carried[j]
+                turned[j] = _crossed(turn, internal.reshape(-1, 3))
+            accelerations[j] = (-1.0 / per_x) * against[j]
+            accelerations[j, nodes[own]] += da[own]
+            # the forces that keep the averages turn with their frame
+            mine = averaged & (bonds.frame_of == j // 6)
+            kept[j, nodes[mine]] = _crossed(turn, pushes[mine])
+        left = multiply(whole, _columns(against @ R)) + multiply(self.mass, _columns(accelerations @ R))
+        left += _columns(turned @ R)
+        conditions = self.averages.conditions(motion, R)
+        moved = self.newton.solve_columns(matrix, -left - _columns(kept @ R), conditions)
+        changes = (left + multiply(whole, moved)).T.reshape(len(columns), n, 3) @ R.T
+        moved = moved.T.reshape(len(columns), n, 3) @ R.T
+        derivative = np.zeros((len(columns), len(columns)))
+        for j, (_, da, turn, _) in enumerate(moves):
+            forces = np.zeros((len(nodes), 3))
+            forces[own] = -changes[j, nodes[own]]
+            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
+            # the arms turn with their frame, and averaged nodes move
+            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            swung[averaged] += moved[j, nodes[averaged]]
+            wrench = bonds.wrenches(forces, arms)
+            wrench[:, 3:] += bonds.wrenches(pushes, swung)[:, 3:]
+            derivative[:, j] = wrench.reshape(-1)
+        whole.destroy()
+        return FrameResponse(bonds.wrenches(pushes, arms), derivative, carried + against + moved, pushes)
+
+
+def _columns(fields: FloatArray) -> FloatArray:
+    """(owned dofs, k) from k fields (k, owned nodes, 3)."""
+    return np.asarray(fields.reshape(len(fields), -1).T)
+
+
+def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:
+    """w x each of vectors (n, 3); numpy's own takes several times as long."""
+    return np.asarray(vectors @ np.array([[0.0, w[2], -w[1]], [-w[2], 0.0, w[0]], [w[1], -w[0], 0.0]]))
+
+
+def _unit_motion(
+    bonds: BondedNodes, arms: FloatArray, motion: FrameMotion, j: int, per_x: float, per_v: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What a unit displacement or rotation of a frame does to its nodes.
+
+    Returns:
+        (interface nodes, 3) their displacement and acceleration; (3,) the frame's rotation and shift.
+    """
+    k, axis = divmod(j, 6)
+    mine = bonds.frame_of == k
+    dx, da = np.zeros((2, len(arms), 3))
+    shift, turn = np.zeros((2, 3))
+    if axis < 3:
+        shift[axis] = 1.0
+        dx[mine], da[mine] = shift, shift / per_x
+        return dx, da, turn, shift
+    turn[axis - 3] = 1.0
+    arm, w, alpha = arms[mine], motion.w[k], motion.alpha[k]
+    moved, dw = _crossed(turn, arm), per_v / per_x * turn
+    dx[mine] = moved
+    if bonds.averaged[mine].any():
+        # they go by the scheme as all free nodes do
+        da[mine] = moved / per_x
+        return dx, da, turn, shift
+    da[mine] = (
+        moved / per_x
+        + _crossed(alpha, moved)
+        + _crossed(dw, _crossed(w, arm))
+        + _crossed(w, _crossed(dw, arm))
+        + _crossed(w, _crossed(w, moved))
+    )
+    return dx, da, turn, shift

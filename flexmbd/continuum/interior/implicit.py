@@ -1,0 +1,392 @@
+"""A body with history that solves for its own nodes at a step's end: generalized-alpha, with consistent mass.
+
+Nodes have absolute positions, velocities and accelerations in inertial axes, so that the mass matrix is constant and
+there are no gyroscopic terms (Ambrosio & Nikravesh 1992, eq. 43-46); internal forces are those of the body's
+axes, which the first interface frame carries.  Seen from the machine what is left of the body at a step's end is
+a wrench on each frame, and its derivative with all other nodes condensed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.finite_elements.interface import AveragedInterface
+from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.newton import Balance, Convergence, Newton, Solution
+from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.linear_interior import linear_equations
+from flexmbd.errors import SceneError
+from flexmbd.multibody.body import RigidBody
+from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
+from flexmbd.multibody.steady_interior import InteriorModes, LinearInterior
+
+FloatArray = NDArray[np.float64]
+
+#: Far below what a machine asks of its own iteration.
+_TIGHT = Convergence(tolerance=1e-11, round_off=1e-6)
+
+#: A tangent costs some ten times the forces, and a step of a motion is short.
+_SOLVER = LinearSolver(keeps_below=0.03)
+
+#: Of the scheme: nothing accelerates.
+_AT_REST = (np.inf, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Nodes at an instant: (local nodes including ghosts, 3) each, in inertial axes.
+
+    Attributes:
+        t: s.
+        x, v, a: m, m/s, m/s^2.
+        auxiliary: m/s^2, of the scheme.
+        h: s, of the step before; zero at the start.
+        a_before: m/s^2, at its begin.
+    """
+
+    t: float
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    auxiliary: FloatArray
+    h: float
+    a_before: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A step's end that was solved for."""
+
+    motion: _Motion
+    increment: FloatArray
+
+
+class ImplicitContinuum:
+    """An `ImplicitInterior` and `SteadyInterior` of the machine on a body with history.
+
+    Attributes:
+        body: what is between the frames.
+        frames: of its interfaces.
+        mass: kg, of the nodes that are not bonded (lumped).
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        rigid_parts: Mapping[str, RigidBody] | None = None,
+        solver: LinearSolver = _SOLVER,
+    ) -> None:
+        """Assemble the mass. Collective.
+
+        Args:
+            body: undeformed, with interfaces, not used elsewhere.
+            rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
+                interface's origin, in the interface's axes.
+            solver: of the linear systems.
+
+        Raises:
+            InterfaceError: on all ranks: as `BondedNodes`.
+        """
+        self.body = body
+        self._M = body.mass()
+        self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
+        self._averages = FaceAverages(body, bonds)
+        self._lend()
+        self.frames: tuple[InterfaceFrame, ...] = self._bonds.frames
+        self.mass = self._bonds.free_mass
+        self._bonded = bonds.nodes[~bonds.averaged]
+        dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
+        self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
+        self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
+        self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
+        self._memory = BodyMemory(body)
+        self._rest = body.snapshot()
+        # a residual of this size's `round_off` is rounding's, and good
+        self._least = self._round_off() / _TIGHT.round_off
+        self._gravity: FloatArray = np.zeros(3)
+        self._state: _Motion | None = None
+        self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
+        self._trial: _Trial | None = None
+
+    def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
+        """See `Interior.begin`. Collective."""
+        body, bonds = self.body, self._bonds
+        body.restore(self._rest)
+        self._newton.factorise_next()
+        self._gravity, self._pose, self._trial = np.asarray(gravity, dtype=float), bonds.pose(motion), None
+        p, R = self._pose
+        x: FloatArray = p + body.layout.node_x @ R.T
+        v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
+        v[bonds.nodes] = bonds.velocities(motion)
+        self._state = _Motion(t, x, v, v, v, 0.0, v)
+        return self._let_go(motion, np.zeros(body.n_owned))
+
+    def resume(self, t: float, motion: FrameMotion) -> FloatArray:
+        """See `SteadyInterior.resume`. Collective."""
+        now, internal = self._started(), self.body.force(np.zeros(self.body.layout.n_local))
+        v = now.v.copy()
+        v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
+        self._state = replace(now, t=t, v=v, h=0.0)
+        return self._let_go(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
+
+    def settle(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+        """See `SteadyInterior.settle`. Collective."""
+        self._refuse_loose()
+        body, bonds = self.body, self._bonds
+        pose, still = bonds.pose(motion), np.zeros_like(self._started().x)
+        weight = self._in_body(self._inertia(still), pose[1])
+
+        def forces(increment: FloatArray) -> Balance:
+            internal = body.force(increment)
+            if body.is_updated:
+                body.check_cells()
+            return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._least))
+
+        guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
+        solution = self._solve(guess, motion, forces, body.tangent)
+        x: FloatArray = self._places(solution.increment, pose)
+        v = still + motion.v[0]
+        self._trial = _Trial(_Motion(t, x, v, still, still, 0.0, still), solution.increment)
+        response = self._frames.respond(
+            lambda: body.tangent(solution.increment),
+            self._in_inertial(solution.balance.residual, pose[1]),
+            motion,
+            x=x,
+            felt=still - self._gravity,
+            slopes=_AT_REST,
+        )
+        return response.wrenches, response.slopes
+
+    def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
+        """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
+        self._refuse_loose()
+        body, now = self.body, self._started()
+        internal = body.force(np.zeros(body.layout.n_local))
+        felt = np.zeros_like(now.x) - self._gravity
+        found = linear_equations(
+            self._frames,
+            motion,
+            internal=self._in_inertial(internal, self._bonds.pose(motion)[1]),
+            x=now.x,
+            felt=felt,
+            modes=modes,
+            held=self._held,
+        )
+        self.revert()
+        return found
+
+    def trial(
+        self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `ImplicitInterior.trial`. Collective."""
+        now, body, bonds = self._started(), self.body, self._bonds
+        auxiliary = now.auxiliary
+        if now.h > 0.0:
+            auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
+        pose = bonds.pose(motion)
+        a_bonds = bonds.accelerations(motion)[~bonds.averaged]
+        per_x, _ = scheme.slopes(h)
+
+        def motion_of(increment: FloatArray) -> _Motion:
+            x = self._places(increment, pose)
+            a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
+            a[self._bonded] = a_bonds
+            return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
+
+        def forces(increment: FloatArray) -> Balance:
+            internal = body.force(increment)
+            inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
+            return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._least))
+
+        def tangent(increment: FloatArray) -> PETSc.Mat:
+            matrix = body.tangent(increment)
+            matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            return matrix
+
+        guess = self._guess(now, auxiliary, h, scheme, pose=pose)
+        solution = self._solve(guess, motion, forces, tangent)
+        body.check_increment(solution.increment)
+        end = motion_of(solution.increment)
+        _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
+        v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
+        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
+        response = self._frames.respond(
+            lambda: tangent(solution.increment),
+            self._in_inertial(solution.balance.residual, pose[1]),
+            motion,
+            x=end.x,
+            felt=end.a - self._gravity,
+            slopes=scheme.slopes(h),
+        )
+        return response.wrenches, response.slopes
+
+    def commit(self) -> None:
+        """See `ImplicitInterior.commit`. Collective."""
+        if self._trial is None:
+            raise SceneError("a continuum body is to accept a step that was not tried")
+        self.body.commit(self._trial.increment)
+        before, self._state = self._started(), self._trial.motion
+        self._state = replace(self._state, h=self._state.t - before.t)
+        self._trial = None
+
+    def revert(self) -> None:
+        """See `ImplicitInterior.revert`."""
+        self.body.revert()
+        self._trial = None
+        self._newton.factorise_next()
+
+    def snapshot(self) -> Memory:
+        """See `Interior.snapshot`. Collective."""
+        now, memory = self._started(), self._memory
+        arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
+        numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
+        return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
+
+    def restore(self, memory: Memory) -> None:
+        """See `Interior.restore`. Collective."""
+        arrays = {name: np.asarray(values, dtype=float) for name, values in memory.items()}
+        self.body.restore(self._memory.scatter(arrays))
+        nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
+        t, h = (float(value) for value in arrays["times"])
+        self._gravity = arrays["gravity"].copy()
+        self._state = _Motion(t=t, h=h, **nodal)
+        self._trial = None
+        self._newton.factorise_next()
+
+    def energies(self) -> Mapping[str, float]:
+        """See `Interior.energies`. Collective."""
+        now, bonds = self._started(), self._bonds
+        n = self.body.layout.n_owned_nodes
+        held = bonds.own & ~bonds.averaged
+        bonded, mass = bonds.nodes[held], bonds.mass[held]
+        momentum = self._frames.product(now.v).reshape(-1, 3)
+        kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
+        weight = self._frames.product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
+        potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
+        kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
+        return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
+
+    def _refuse_loose(self) -> None:
+        if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
+            raise SceneError(
+                "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
+                "found only where one interface is rigid (Coupling.RIGID)"
+            )
+
+    def _started(self) -> _Motion:
+        if self._state is None:
+            raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
+        return self._state
+
+    def _foretold(self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
+        """Positions at the step's end if no node had a true acceleration there."""
+        return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
+
+    def _guess(
+        self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
+        """Displacement in body axes to begin with: the last trial's, or with unchanged accelerations."""
+        if self._trial is not None:
+            return self._trial.increment
+        x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
+        return self._increment(x, np.arange(len(x)), pose).reshape(-1)
+
+    def _increment(
+        self, x: FloatArray, nodes: NDArray[np.integer], pose: tuple[FloatArray, FloatArray]
+    ) -> FloatArray:
+        """(n, 3) m, displacement in body axes since the last accepted step of nodes at inertial positions x."""
+        before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
+        return np.ascontiguousarray((x - pose[0]) @ pose[1] - before)
+
+    def _inertia(self, a: FloatArray) -> FloatArray:
+        """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
+        return self._frames.product(a - self._gravity)
+
+    def _solve(
+        self,
+        guess: FloatArray,
+        motion: FrameMotion,
+        forces: Callable[[FloatArray], Balance],
+        tangent: Callable[[FloatArray], PETSc.Mat],
+    ) -> Solution:
+        """Newton's solution with the frames as ``motion`` says. Collective."""
+        bonds, pose = self._bonds, self._bonds.pose(motion)
+        # the first step moves the bonded nodes, and the others with them
+        moved, steps = guess.reshape(-1, 3).copy(), self._increment(bonds.positions(motion), bonds.nodes, pose)
+        lacking = steps - moved[bonds.nodes]
+        moved[self._bonded] = steps[~bonds.averaged]
+        conditions = self._averages.conditions(motion, pose[1], lacking=lacking)
+        return self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent, conditions)
+
+    def _places(self, increment: FloatArray, pose: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """(local nodes, 3) m, of the nodes in inertial axes."""
+        shape = (self.body.layout.node_x.reshape(-1) + self.body.displacement + increment).reshape(-1, 3)
+        return np.asarray(pose[0] + shape @ pose[1].T)
+
+    def _in_inertial(self, forces: FloatArray, R: FloatArray) -> FloatArray:
+        return np.asarray((forces.reshape(-1, 3) @ R.T).reshape(-1))
+
+    def _in_body(self, forces: FloatArray, R: FloatArray) -> FloatArray:
+        return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
+
+    def _round_off(self) -> float:
+        """N, what rounding does to the internal forces. Collective."""
+        matrix = self.body.tangent(np.zeros(self.body.layout.n_local))
+        largest = abs(self.body.layout.node_x).max(initial=0.0)
+        extent = float(max(self.body.comm.allgather(largest)))
+        return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
+
+    def _let_go(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
+        """Accelerate from the state at hand with internal forces (owned dofs,) N, in inertial axes. Collective.
+
+        Returns:
+            (k, 6) wrenches on the frames.
+        """
+        now, bonds, body = self._started(), self._bonds, self.body
+        a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
+        a[self._bonded] = carried[~bonds.averaged]
+        conditions = self._averages.conditions(motion, np.eye(3), lacking=carried)
+        matrix = self._M.copy()
+        forces = -(internal + self._inertia(a)).reshape(-1, 1)
+        found = self._newton.solve_columns(matrix, forces, conditions)[:, 0]
+        self._newton.factorise_next()
+        matrix.destroy()
+        vector = body.vector()
+        vector.array[: body.n_owned] = found
+        vector.scatter_forward()
+        a = np.asarray(a + vector.array.reshape(-1, 3))
+        self._state = replace(now, a=a, auxiliary=a.copy(), a_before=a.copy())
+        pushes = self._frames.pushes(internal + self._inertia(a), a - self._gravity)
+        return bonds.wrenches(pushes, bonds.arms(motion))
+
+    def _lend(self) -> None:
+        """Take what the frames of averaged interfaces have of their nodes' mass out of the mass matrix. Collective."""
+        bonds = self._bonds
+        mine, diagonal = bonds.own & bonds.averaged, self._M.getDiagonal()
+        diagonal.array.reshape(-1, 3)[bonds.nodes[mine]] -= bonds.mass[mine, None]
+        self._M.setDiagonal(diagonal)
+
+    def _pushes(self, residual: FloatArray, a: FloatArray) -> FloatArray:
+        """(interface nodes, 3) N, on the frames, from the residual (owned dofs,) in inertial axes.
+
+        What the nodes are held with, but for the lumped mass of the bonded ones.
+        """
+        bonds = self._bonds
+        forces = np.zeros((len(bonds.nodes), 3))
+        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
+        inertia = bonds.mass[:, None] * (a[bonds.nodes] - self._gravity)
+        return np.where(bonds.averaged[:, None], forces, forces + inertia)
+
+
+_NODAL = ("x", "v", "a", "auxiliary", "a_before")

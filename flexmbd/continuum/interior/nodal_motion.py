@@ -1,0 +1,280 @@
+"""Nodes of a body with history, stepped by central differences (velocity Verlet), with nothing solved.
+
+    x_n+1 = x_n + h v_n + h^2/2 a_n,   m a_n+1 = f(x_n+1) + m g + contact,   v_n+1 = v_n + h/2 (a_n + a_n+1)
+
+(Ambrosio & Nikravesh 1992, eq. 46.)  Damping by - m c v takes part in the sum of the forces with the velocity v_n+1 of
+their instant, and so does not shorten the stable step:
+
+    a_n+1 = (f / m + g + contact / m - c (v_n + h/2 a_n)) / (1 + c h / 2)
+
+The account of energies takes m/2 (v^2 - (h a / 2)^2) for the kinetic energy,
+which is m/2 times the velocities half a step before and after: with it and the works of forces by the trapezoidal
+rule the balance of these formulas is exact, and what is left of it tells of the material alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.interior.carried_mesh import CarriedMesh
+from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.stable_step import StableStep
+from flexmbd.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+
+# What is remembered of each node.
+_NODAL = ("x", "v", "a", "force", "_met", "_rubbed", "_damped")
+
+# Forces whose works are summed up: of the deformation, of contact and friction, of damping.
+_WORKING = ("force", "_met", "_rubbed", "_damped")
+
+
+@dataclass(frozen=True)
+class Support:
+    """Nodes of a facet group whose velocity components are held at zero, as on a plane of symmetry.
+
+    Attributes:
+        group: of facets.
+        x, y, z: which components, in inertial axes, are held.
+
+    Raises:
+        SceneError: none is held.
+    """
+
+    group: str
+    x: bool = False
+    y: bool = False
+    z: bool = False
+
+    def __post_init__(self) -> None:
+        if not (self.x or self.y or self.z):
+            raise SceneError(f"support on {self.group!r} holds no component: say x=True, y=True or z=True")
+
+
+class NodalMotion:
+    """Places and velocities of a body's nodes. Constructing one is collective.
+
+    Attributes:
+        body: with its history.
+        memory: how nodal values are gathered.
+        mesh: the body under the nodes.
+        surroundings: supports and planes, by name, as they were given.
+        masses: (owned nodes,) kg.
+        x, v, a: (owned nodes, 3) m, m/s, m/s^2, inertial.
+        force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
+    """
+
+    def __init__(
+        self,
+        body: UpdatedLagrangian,
+        *,
+        supports: Sequence[Support] = (),
+        planes: Sequence[RigidPlane] = (),
+        damping: float = 0.0,
+        bonded: NDArray[np.int32] | None = None,
+    ) -> None:
+        """Find masses and the stable step.
+
+        Args:
+            body: at rest and undeformed.
+            supports: components held at zero.
+            planes: what nodes may meet.
+            damping: 1/s, force per mass and velocity, against inertial axes.
+            bonded: owned nodes that somebody else moves.
+
+        Raises:
+            MeshError: a support is on no facet group of the mesh.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
+            SceneError: the ranks were given different supports, planes or damping; damping is negative, or no number.
+        """
+        body.check_displacement_alone()
+        planes_told = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
+        if not 0.0 <= damping < float("inf"):
+            raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
+        self.surroundings: dict[str, object] = {
+            "supports": list(supports), "planes": planes_told, "damping": float(damping)
+        }  # fmt: skip
+        parallel.check_same(body.comm, SceneError, **self.surroundings)
+        self._damping = float(damping)
+        self.body, self.planes = body, tuple(planes)
+        masses = lumped_mass(body)
+        self.masses: FloatArray = masses[::3].copy()
+        self.mesh = CarriedMesh(body, self.masses)
+        n = len(self.masses)
+        self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
+        self._moves: FloatArray = np.ones((n, 3))
+        for support in supports:
+            nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(support.group))
+            held = np.array([support.x, support.y, support.z])
+            self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
+        self._moves[self.bonded] = 0.0
+        self._weights: FloatArray = self.masses.copy()
+        self._weights[self.bonded] = 0.0
+        self.memory = BodyMemory(body)
+        self._stable = StableStep(body, masses, self.memory)
+        self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
+        self._limit = self._with_contact(self._stable.at_rest)
+        self._fresh = self._stable.memory
+        self.x, self.v, self.a, self.force, self._met, self._rubbed, self._damped = np.zeros((7, n, 3))
+        self._g: FloatArray = np.zeros(3)
+        self._h = 0.0
+        self._works: FloatArray = np.zeros(len(_WORKING))
+        self._lost = 0.0
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg, of the nodes that are not bonded. Collective."""
+        return float(self.mesh.sum(self._weights.sum()))
+
+    @property
+    def limit(self) -> float:
+        """The longest stable step, s, as last found."""
+        return self._limit
+
+    def renew_limit(self) -> float:
+        """Find the longest stable step, s, of the present shape. Collective."""
+        self._limit = self._with_contact(self._stable.present())
+        return self._limit
+
+    def _with_contact(self, h: float) -> float:
+        """The longest stable step, s, where it is h without contact."""
+        return float(h / np.sqrt(1.0 + max(self._pushes, default=0.0) * h**2 / 4))
+
+    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray) -> None:
+        """Undeformed, at p (m) turned by R, at rest; the velocities are to be set, and `start` called. Collective.
+
+        Raises:
+            SceneError: the body begins behind a plane.
+        """
+        self.x = self.mesh.begin(p, R)
+        self.v, self.a, self.force, self._met, self._rubbed, self._damped = np.zeros((6, *self.x.shape))
+        self._g = np.array(gravity, dtype=float)
+        self._works[:] = 0.0
+        self._h = self._lost = 0.0
+        self._stable.memory = self._fresh
+        self._limit = self._with_contact(self._stable.at_rest)
+        for plane in self.planes:
+            told = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
+            size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
+            plane.check_start(max(told), size)
+
+    def start(self, h: float) -> None:
+        """Forces at the start, before a first step h (s). Not collective."""
+        self.v *= self._moves
+        self._h = h
+        free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
+        self._damped = self._drag()
+        self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
+
+    def advance(self, h: float, bonded: FloatArray | None = None) -> None:
+        """Step by h (s). Collective.
+
+        Args:
+            h: s.
+            bonded: (bonded nodes, 3) m, where they are at the end.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out.
+        """
+        if self._h == 0.0:
+            self.start(h)
+        move = h * self.v + h**2 / 2 * self.a
+        if bonded is not None:
+            move[self.bonded] = bonded - self.x[self.bonded]
+        before = [getattr(self, name) for name in _WORKING]
+        self.x += move
+        self.force = self.mesh.pull(self.x)
+        middle = self.v + h / 2 * self.a
+        self._h = h
+        self._accelerate(middle, h, h**2, answer=1.0 / (1.0 + self._damping * h / 2))
+        self.v = middle + h / 2 * self.a
+        self._damped = self._drag()
+        for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
+            self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
+
+    def energies(self) -> dict[str, float]:
+        """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
+
+        "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
+        impacts), "friction" and "damping" (lost), "gravitational".
+        """
+        told = self.body.energies()
+        square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
+        kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
+        _, contact, friction, damping = self._works
+        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping]))
+        return {
+            "kinetic": float(sums[0]),
+            "elastic": told.get("elastic", 0.0),
+            "plastic": told.get("plastic", 0.0),
+            "contact": float(sums[2]),
+            "friction": float(sums[3]),
+            "damping": float(sums[4]),
+            "gravitational": float(sums[1]),
+        }
+
+    def internal_work(self) -> float:
+        """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""
+        return -float(self.mesh.sum(self._works[:1])[0])
+
+    def momentum(self, about: FloatArray) -> FloatArray:
+        """(6,) linear momentum, N s, and angular momentum about a point (m), N m s. Collective."""
+        linear = self._weights[:, None] * self.v
+        return self.mesh.sum(np.append(linear.sum(axis=0), np.cross(self.x - about, linear).sum(axis=0)))
+
+    def snapshot(self) -> dict[str, FloatArray]:
+        """Copies of all that tells how it goes on, of the whole body. Collective."""
+        nodal = {name: self.memory.gather_nodes(getattr(self, name)) for name in _NODAL}
+        works = self.mesh.sum(np.array([*self._works, self._lost]))
+        own = [self._h, self._limit, *self._stable.memory]
+        axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])
+        return {**nodal, **self.memory.gather(self.body.snapshot()), "works": works, "axes": axes}
+
+    def restore(self, memory: dict[str, FloatArray]) -> None:
+        """Go back to a snapshot of this body, on any number of ranks. Collective."""
+        for name in _NODAL:
+            setattr(self, name, self.memory.scatter_nodes(memory[name])[: len(self.masses)])
+        self.body.restore(self.memory.scatter(memory))
+        # sums over the ranks, of which the first has the whole
+        *self._works[:], self._lost = memory["works"] * (self.body.comm.rank == 0)
+        axes = np.array(memory["axes"], dtype=float)
+        self.mesh.place(axes[:3], axes[3:12].reshape(3, 3))
+        self._g = axes[12:15]
+        self._h, self._limit = float(axes[15]), float(axes[16])
+        self._stable.memory = float(axes[17]), float(axes[18])
+
+    def _drag(self) -> FloatArray:
+        """(owned nodes, 3) N, of damping."""
+        if self._damping == 0.0:
+            return np.zeros_like(self.v)
+        return np.asarray(-self._damping * self._weights[:, None] * self.v)
+
+    def _accelerate(self, v: FloatArray, h: float, reach: float, *, answer: float) -> FloatArray:
+        """Set accelerations and contact forces; returns the accelerations without contact.
+
+        Args:
+            v: velocities with which the step is made before the accelerations act.
+            h: the step.
+            reach: what an acceleration adds to the places at its end.
+            answer: the accelerations that are left of forces per mass, as these add to damping.
+        """
+        pull = (self.force / self.masses[:, None] + self._g - self._damping * v) * self._moves
+        free = answer * pull
+        m = self._weights[:, None]
+        self._met, self._rubbed = np.zeros((2, *self.x.shape))
+        for plane, stiffness in zip(self.planes, self._pushes, strict=True):
+            met, rubbed = plane.push(self.x, v, pull, h=h, reach=answer * reach, stiffness=stiffness)
+            self._met += m * met
+            self._rubbed += m * rubbed
+            pull = pull + (met + rubbed) * self._moves
+        self.a = answer * pull
+        return free

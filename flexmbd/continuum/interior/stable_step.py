@@ -1,0 +1,112 @@
+"""The longest stable step of central differences on a body with history, as it deforms.
+
+At rest it is 2 / omega with the largest angular frequency omega of lumped masses and internal forces, whose
+derivatives along Lanczos' vectors are taken by differences.  Later the stiffness changes with the shape of the
+cells.  That change is seen on the operator of grad u : grad v, which knows of nothing but shapes: the step goes with
+the inverse root of its largest eigenvalue.  Between two such estimates it goes with the least size of a cell, the
+inverse norm of the inverse Jacobian.  Plastic flow only softens a body, and is left out on purpose.
+"""
+
+from __future__ import annotations
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
+
+FloatArray = NDArray[np.float64]
+
+# Strain, roughly, of a displacement along one of Lanczos' vectors.
+_SMALL = 1e-7
+
+# Relative change of the smallest cell's size after which the eigenvalue is found anew.
+_CHANGE = 0.08
+
+
+class StableStep:
+    """Estimates the stable step, and follows it."""
+
+    def __init__(self, body: UpdatedLagrangian, masses: FloatArray, memory: BodyMemory) -> None:
+        """Collective; compiles.
+
+        Args:
+            body: at rest and undeformed.
+            masses: (owned dofs,) kg, lumped.
+            memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
+        """
+        self._body, self._root = body, np.sqrt(masses)
+        begin = np.random.default_rng(0).standard_normal((memory.node_count, 3))
+        self._begin: FloatArray = memory.scatter_nodes(begin).reshape(-1)[: body.n_owned]
+        self._u = fem.Function(body.space)
+        self._sum = fem.Function(body.space).x
+        v = ufl.TestFunction(body.space)
+        rule = {"quadrature_degree": 2 * body.degree}
+        self._shapes = fem.form(ufl.inner(ufl.grad(self._u), ufl.grad(v)) * ufl.dx(metadata=rule))
+        domain = body.mesh.mesh
+        points, _ = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 2 * body.degree)
+        inverse = ufl.inv(ufl.Jacobian(domain))
+        self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
+        self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
+        self._first, self._size = self._of_shapes(), self._smallest()
+        squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned, begin=self._begin)
+        body.revert()
+        self._at_rest = self._found = 2.0 / float(np.sqrt(squared))
+
+    @property
+    def at_rest(self) -> float:
+        """Stable step, s, of the undeformed body."""
+        return self._at_rest
+
+    def present(self) -> float:
+        """Stable step, s, of the body as it is. Collective."""
+        if not self._body.is_updated:
+            return self._at_rest
+        size = self._smallest()
+        if abs(size / self._size - 1.0) > _CHANGE:
+            self._size = size
+            self._found = self._at_rest * float(np.sqrt(self._first / self._of_shapes()))
+        return self._found * min(1.0, size / self._size)
+
+    @property
+    def memory(self) -> tuple[float, float]:
+        """What `present` goes on from; to be set anew with the body's history."""
+        return self._size, self._found
+
+    @memory.setter
+    def memory(self, values: tuple[float, float]) -> None:
+        self._size, self._found = values
+
+    def _smallest(self) -> float:
+        """Size of the smallest cell, in some unit. Collective."""
+        with self._body.present_mesh():
+            most = float(self._inverse.eval(self._body.mesh.mesh, self._cells).max(initial=0.0))
+        return max(self._body.comm.allgather(most)) ** -0.5
+
+    def _of_shapes(self) -> float:
+        with self._body.present_mesh():
+            return largest_eigenvalue(self._body.comm, self._by_shapes, self._body.n_owned, begin=self._begin)
+
+    def _by_shapes(self, w: FloatArray) -> FloatArray:
+        owned = self._body.n_owned
+        self._u.x.array[:owned] = w / self._root
+        self._u.x.scatter_forward()
+        self._sum.array[:] = 0.0
+        fem.assemble_vector(self._sum.array, self._shapes)
+        self._sum.scatter_reverse(la.InsertMode.add)
+        image: FloatArray = self._sum.array[:owned] / self._root
+        return image
+
+    def _by_differences(self, w: FloatArray) -> FloatArray:
+        body, owned = self._body, self._body.n_owned
+        u = self._u.x
+        u.array[:owned] = w / self._root
+        u.scatter_forward()
+        size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
+        u.array[:] *= size
+        image: FloatArray = body.force(u.array) / (size * self._root)
+        return image

@@ -1,0 +1,344 @@
+"""What the stress of a static displacement adds to the modal stiffness.
+
+With E = sym H + H^T H / 2, H = grad u, the strain energy about rest is W = W2 + W3 + ..., where
+
+    W3(u) = 1/2 integral of stress(u) : (H^T H),    D^3 W(0)[a, b, c] = P(a; b, c) + P(b; c, a) + P(c; a, b),
+    P(a; b, c) = integral of stress(a) : (grad b^T grad c),
+
+and stress(a) is the small-strain stress. The geometric stiffness of a load with the displacement a is P(a; b, c), the
+part with the stress of the load. It is minus the load's work on the second-order displacement g(b, c) that makes up,
+at the least energy, for the second-order strain of the modes, K g = -P(.; b, c); with b + g(b, b) / 2 for b the cubic
+energy is zero. The other two parts turn the stresses of the modes by the rotation of a. They stand for no stiffness
+(a turned body is as stiff as before), and taken alone, without the fourth-order terms that complete the square, they
+have a slender body bent sideways lose its stiffness at a small angle.
+
+A formulation of a beam or shell, whose second-order strain is another one, marks its strain measures E by
+`ufl.variable`; then P(a; b, c) is the integral of dW/dE (a) times the second derivative of E along b and c. Without
+such marks it has no geometric stiffness.
+
+Nothing is assembled for each a where the energy density is a function of H alone, the same in all points of its cells:
+its second derivative is then one tensor of 9 x 9 numbers, made by UFL, and the sums over the points are dense products
+over chunks of cells that stay in the cache. Any other density is assembled, one matrix for each a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import basix
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from ufl.algorithms.transformer import strip_variables
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+from ufl.corealg.traversal import unique_pre_traversal
+
+from flexmbd.continuum import compat
+from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.finite_elements.assembly import integral
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+
+if TYPE_CHECKING:
+    from flexmbd.continuum.finite_elements.model import ContinuumModel
+
+FloatArray = NDArray[np.float64]
+
+# Numbers in the largest array of a chunk of cells: 1 MB, so that it stays in the second-level cache.
+_CHUNK = 2**17
+
+# What a density at a constant gradient may hold, if it is to be the same in every point.
+_CONSTANT = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.Constant, ufl.classes.Label)
+# What sees more of the displacement than its gradient in the point.
+_NOT_LOCAL = (ufl.classes.CellAvg, ufl.classes.FacetAvg, ufl.classes.Restricted)
+
+
+def stress_stiffness(model: ContinuumModel, fields: FloatArray, modes: FloatArray) -> FloatArray | None:
+    """P(u_l; phi_i, phi_j) for all fields and pairs of modes. Collective.
+
+    Args:
+        model: each term of its strain energy is integrated by its own rule, as the stiffness is.
+        fields: (local dofs including ghosts, l) u_l, m.
+        modes: (local dofs including ghosts, n) phi.
+
+    Returns:
+        (l, n, n) symmetric, N/m per unit of the fields, the same to the bit on every rank; None where nothing is
+        known of the second-order strain: all third derivatives of the energy vanish identically, or a beam or shell
+        does not mark its strains.
+    """
+    u = fem.Function(model.space)
+    total = np.zeros((fields.shape[1], modes.shape[1], modes.shape[1]))
+    if total.size == 0:
+        return total
+    known = False
+    for group in model.groups:
+        for term in group.formulation.strain_energy(u, group.symbols):
+            if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
+                continue
+            known = True
+            tensor = gradient_tensor(term, u)
+            if tensor is None:
+                form, field = _directional(term, group, u)
+                total += _assembled(form, field, fields=fields, modes=modes)
+            else:
+                points = _Points(model, group.cells, term[1])
+                total += _contracted(points, tensor, fields=fields, modes=modes)
+    if not known:
+        return None
+    # each rank has the sums over its own cells
+    everywhere = model.comm.reduce(total, root=0)
+    return np.ascontiguousarray(model.comm.bcast(everywhere, root=0))
+
+
+def gradient_tensor(term: Term, u: fem.Function) -> FloatArray | None:
+    """Second derivative at rest of an energy density with respect to the gradient of u. Collective.
+
+    Args:
+        term: density, as an expression in u, and its rule.
+        u: the displacement the density is written in.
+
+    Returns:
+        (9, 9) Pa, entries of grad u row by row; None where the density is not a function of grad u alone, or not the
+        same in every point, or where the fast contraction does not know the element or the rule.
+    """
+    density, rule = term
+    if rule.scheme != "default" or not _is_plain(u.function_space) or not _is_of_gradient(density, u):
+        return None
+    mesh = u.function_space.mesh
+    gradient, direction = (fem.Constant(mesh, np.zeros((3, 3))) for _ in range(2))
+    # a displacement of constant gradient; what is left of the position then comes from elsewhere
+    affine = ufl.dot(gradient, ufl.SpatialCoordinate(mesh))
+    local = ufl.algorithms.expand_derivatives(ufl.replace(density, {u: affine}))
+    if not all(isinstance(item, _CONSTANT) for item in unique_pre_traversal(local) if item._ufl_is_terminal_):
+        return None
+    variable = ufl.variable(gradient)
+    first = ufl.diff(ufl.replace(local, {gradient: variable}), variable)
+    second = ufl.diff(ufl.inner(first, direction), variable)
+    centre = basix.geometry(_cell_type(u.function_space)).mean(axis=0, keepdims=True)
+    # a variable's label differs from call to call, and would have the same code compiled again
+    expression = fem.Expression(strip_variables(ufl.algorithms.expand_derivatives(second)), centre)
+    tensor: FloatArray | None = None
+    if mesh.topology.index_map(3).size_local > 0:
+        tensor = np.empty((9, 9))
+        for i in range(9):
+            direction.value[:] = np.eye(9)[i].reshape(3, 3)
+            tensor[i] = expression.eval(mesh, np.zeros(1, dtype=np.int32)).reshape(9)
+    return next(found for found in mesh.comm.allgather(tensor) if found is not None)
+
+
+def _is_quadratic(term: Term, u: fem.Function) -> bool:
+    """Whether the third derivative of a term at rest vanishes identically."""
+    form = term[0] * ufl.dx(domain=u.function_space.mesh)
+    for _ in range(3):
+        form = ufl.derivative(form, u, fem.Function(u.function_space))
+    form = ufl.algorithms.expand_derivatives(form)
+    at_rest = ufl.replace(form, {u: ufl.zero(u.ufl_shape)})
+    return not ufl.algorithms.expand_derivatives(at_rest).integrals()
+
+
+def _is_plain(space: fem.FunctionSpace) -> bool:
+    """Whether the unknown is a Lagrange displacement, three components a node, whose dofs are its values."""
+    element = space.ufl_element()
+    parts = element.sub_elements
+    return (
+        len(parts) == 3
+        and element.reference_value_shape == (3,)
+        and space.dofmap.bs == 3
+        and all(part == parts[0] and part.reference_value_shape == () for part in parts)
+        and parts[0].map_type == basix.MapType.identity
+        and not space.element.needs_dof_transformations
+    )
+
+
+def _is_of_gradient(density: ufl.core.expr.Expr, u: fem.Function) -> bool:
+    """Whether no derivative but grad(u), and no average, occurs in a density."""
+    for item in unique_pre_traversal(ufl.algorithms.expand_derivatives(density)):
+        if isinstance(item, _NOT_LOCAL):
+            return False
+        if isinstance(item, ufl.differentiation.Derivative) and not (
+            isinstance(item, ufl.classes.Grad) and item.ufl_operands[0] == u
+        ):
+            return False
+    return True
+
+
+def _cell_type(space: fem.FunctionSpace) -> basix.CellType:
+    return basix.CellType[space.mesh.topology.cell_name()]
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """The points of a rule in some cells.
+
+    Attributes:
+        model: the body.
+        cells: (k,) cells that this rank owns.
+        rule: of the points.
+    """
+
+    model: ContinuumModel
+    cells: NDArray[np.int32]
+    rule: Quadrature
+
+
+def _contracted(
+    points: _Points, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
+) -> FloatArray:
+    """The sum over the cells, (l, n, n), by gradients in the points."""
+    # gradients come with the derivative's direction first
+    elastic = tensor.reshape((3,) * 4).transpose(1, 0, 3, 2).reshape(9, 9)
+    count, n = fields.shape[1], modes.shape[1]
+    of_fields, of_modes = _by_node(fields), _by_node(modes)
+    nodes = points.model.space.dofmap.list
+    total = np.zeros((count, n, n))
+    for cells, operator, weights in _gradients(points, chunk=_CHUNK // n**2):
+        size = weights.size
+        stress = elastic @ _apply(operator, of_fields, nodes[cells]) * weights.reshape(-1, 1, 1)
+        stress = stress.reshape(size, 3, 3, count)
+        slopes = _apply(operator, of_modes, nodes[cells]).reshape(size, 3, 3, n)
+        for a in range(3):
+            for b in range(a, 3):
+                # d_a phi_i . d_b phi_j in each point, for all pairs of modes
+                pairs = slopes[:, a].transpose(0, 2, 1) @ slopes[:, b]
+                # the sum over (a, b) and (b, a), once the result is made symmetric
+                share = stress[:, a, b] if a == b else stress[:, a, b] + stress[:, b, a]
+                total += (share.T @ pairs.reshape(size, n * n)).reshape(count, n, n)
+    return 0.5 * (total + total.transpose(0, 2, 1))
+
+
+def _by_node(block: FloatArray) -> FloatArray:
+    """(nodes, 3, k) of a block (dofs, k), its columns together in memory."""
+    return np.ascontiguousarray(block).reshape(len(block) // 3, 3, block.shape[1])
+
+
+def _apply(operator: FloatArray, field: FloatArray, nodes: NDArray[np.int32]) -> FloatArray:
+    """(points of all cells, 9, k) gradients, direction first, of fields (nodes, 3, k)."""
+    k = field.shape[2]
+    gradient = operator @ field[nodes].reshape(*nodes.shape, 3 * k)
+    return gradient.reshape(-1, 9, k)
+
+
+def _gradients(
+    points: _Points, *, chunk: int
+) -> Iterator[tuple[NDArray[np.int32], FloatArray, FloatArray]]:
+    """By chunks of the cells: from nodal values to gradients, and the points' weights.
+
+    Args:
+        points: of a rule in cells.
+        chunk: about how many points to take at a time.
+
+    Yields:
+        Some of the cells; (cells, points * 3, nodes of a cell) derivatives of the basis functions, direction last
+        among the rows; (cells, points) weights, m^3.
+    """
+    mesh, space = points.model.mesh.mesh, points.model.space
+    at, weights = basix.make_quadrature(_cell_type(space), points.rule.degree)
+    shapes = _scalar_derivatives(space.ufl_element(), at)
+    geometry = _scalar_derivatives(mesh.ufl_domain().ufl_coordinate_element(), at)
+    corners, x = compat.cell_nodes(mesh), mesh.geometry.x
+    step = max(1, chunk // len(weights))
+    for start in range(0, len(points.cells), step):
+        cells = points.cells[start : start + step]
+        # [c, q, r, k] = dx_k / dX_r, so that its inverse times d/dX is d/dx
+        jacobian = geometry @ x[corners[cells]][:, None]
+        operator = np.linalg.inv(jacobian) @ shapes
+        volume = np.abs(np.linalg.det(jacobian)) * weights
+        yield cells, operator.reshape(len(volume), -1, shapes.shape[2]), volume
+
+
+def _scalar_derivatives(element: basix.ufl._ElementBase, points: FloatArray) -> FloatArray:
+    """(points, 3, nodes) derivatives of the scalar basis functions on the reference cell."""
+    table: FloatArray = element.sub_elements[0].tabulate(1, points)[1:]
+    return np.ascontiguousarray(table.transpose(1, 0, 2))
+
+
+def _assembled(
+    form: fem.Form, direction: fem.Function, *, fields: FloatArray, modes: FloatArray
+) -> FloatArray:
+    """The sum over this rank's own cells, (l, n, n), by one matrix for each field. Collective."""
+    matrix = fem.create_matrix(form)
+    total = np.empty((fields.shape[1], modes.shape[1], modes.shape[1]))
+    for i, field in enumerate(fields.T):
+        direction.x.array[:] = field
+        matrix.set_value(0.0)
+        fem.assemble_matrix(matrix, form)
+        # rows of ghosts included and not added to their owners: the ranks' sums are added instead;
+        # after this rank's own columns come some that only the owners of its ghosts need
+        local = matrix.to_scipy(ghosted=True).tocsr()[:, : len(modes)]
+        whole = modes.T @ (local @ modes)
+        total[i] = 0.5 * (whole + whole.T)
+    return total
+
+
+def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.Form, fem.Function]:
+    """P(a; ., .) of one term as a bilinear form, and the field a. Collective."""
+    density, rule = term
+    a = fem.Function(u.function_space)
+    # a solid's variables are its own affair: F = variable(I + grad u), say, has no second-order part
+    strains = _strains(term) if group.has_sections else []
+    integrand = _by_strains(density, strains, u, a) if strains else _by_gradient(density, u, a)
+    return fem.form(integral((integrand, rule), group, u.function_space.mesh)), a
+
+
+def _strains(term: Term) -> list[ufl.core.expr.Expr]:
+    """The strain measures that a density marks."""
+    return [item for item in unique_pre_traversal(term[0]) if isinstance(item, ufl.classes.Variable)]
+
+
+def _by_strains(
+    density: ufl.core.expr.Expr, strains: list[ufl.core.expr.Expr], u: fem.Function, a: fem.Function
+) -> ufl.core.expr.Expr:
+    """The stress of a, dW/dE, times the second derivative of each strain E that the form marks as a variable."""
+    b, c = ufl.TestFunction(u.function_space), ufl.TrialFunction(u.function_space)
+    parts = []
+    for strain in strains:
+        stress = ufl.derivative(ufl.diff(density, strain), u, a)
+        second_order = ufl.derivative(ufl.derivative(strain, u, b), u, c)
+        parts.append(ufl.inner(stress, second_order))
+    whole = strip_variables(ufl.algorithms.expand_derivatives(sum(parts)))
+    return ufl.replace(whole, {u: ufl.zero(u.ufl_shape)})
+
+
+def _by_gradient(density: ufl.core.expr.Expr, u: fem.Function, a: fem.Function) -> ufl.core.expr.Expr:
+    """The second derivative at rest along a and along a field of which only a displacement gradient is not zero.
+
+    This gradient is grad b^T grad c; in a mixed unknown the displacement comes first.
+    """
+    space = u.function_space
+    arguments = ufl.TestFunction(space), ufl.TrialFunction(space)
+    b, c = (ufl.as_tensor([ufl.grad(field)[i, :] for i in range(3)]) for field in arguments)
+    second_order = ufl.transpose(b) * c
+    others = [ufl.zero(3) for _ in range(u.ufl_shape[0] - 3)]
+    gradient = ufl.as_tensor([*(second_order[i, :] for i in range(3)), *others])
+    small = [fem.Constant(space.mesh, 0.0) for _ in range(2)]
+    s, t = map(ufl.variable, small)
+    along = _Jet(u, s * a, s * ufl.grad(a) + t * gradient)
+    expression = map_expr_dag(along, ufl.algorithms.expand_derivatives(density))
+    expression = ufl.algorithms.expand_derivatives(ufl.diff(ufl.diff(expression, t), s))
+    return ufl.replace(strip_variables(expression), dict.fromkeys(small, ufl.zero()))
+
+
+class _Jet(MultiFunction):
+    """Puts other expressions for a function and its gradient, in an expression without other derivatives of it."""
+
+    def __init__(self, u: fem.Function, value: ufl.core.expr.Expr, gradient: ufl.core.expr.Expr) -> None:
+        super().__init__()
+        self._u, self._value, self._gradient = u, value, gradient
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def terminal(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """A terminal that is not the function."""
+        return o
+
+    def coefficient(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The function, or another one."""
+        return self._value if o == self._u else o
+
+    def grad(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The gradient of the function, or of another one."""
+        return self._gradient if o.ufl_operands[0] == self._u else o
