@@ -104,6 +104,15 @@ def set_out(rule, knots, state, groups):
     """The step to try; writes its end, WHOLE and RATE."""
     number = state.numbers
     count = state.counts
+    t = number[st.TIME]
+    i = count[st.KNOT]
+    while i < knots.shape[0] and knots[i] <= t:
+        i += 1
+    count[st.KNOT] = i
+    begins = i > 0 and knots[i - 1] == t
+    if begins:  # what a pulse of data made of it is no rate of the machine
+        for g in range(groups.acceleration.shape[0]):
+            groups.acceleration[g] = 0.0
     rate = st.machine_rate(state, groups)
     number[st.RATE] = rate
     fixed = count[st.FIXED_STEP] == 1
@@ -117,7 +126,6 @@ def set_out(rule, knots, state, groups):
         if number[st.PART] > 0.0:
             h = min(h, number[st.PART])
     number[st.WHOLE] = h
-    t = number[st.TIME]
     left = number[st.TIME_END] - t
     if left <= h * (1.0 + _SLIVER):
         h = left
@@ -126,13 +134,8 @@ def set_out(rule, knots, state, groups):
         if left < 2.0 * h and not fixed:
             h = 0.5 * left
         number[st.STEP_END] = t + h
-    i = count[st.KNOT]
-    while i < knots.shape[0] and knots[i] <= t:
-        i += 1
-    count[st.KNOT] = i
     end = number[st.STEP_END]
     if i < knots.shape[0] and knots[i] < end:
-        begins = i > 0 and knots[i - 1] == t
         if begins or (i + 1 < knots.shape[0] and knots[i + 1] <= end):  # there is a whole stretch in it
             h = knots[i] - t
             number[st.STEP_END] = knots[i]

@@ -163,6 +163,17 @@ def test_a_short_pulse_of_data_is_not_stepped_over(method, how, monotone):
     assert abs(run.beta(slide)[-1] - moment) < 0.02 * abs(moment)
 
 
+@pytest.mark.parametrize("method", ["radau", "alpha", "energy", "5", "8"])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6])
+def test_a_pulse_between_breaks_is_as_exact_as_what_follows(method, rtol):
+    """10 kN for 0.1 ms: accelerations of the pulse say nothing about the machine's own rate afterwards."""
+    begin, end = 0.5, 0.5001
+    load = PPoly([[0.0, 1e4, 0.0]], [0.0, begin, end, 10.0])
+    swing = np.cos(OMEGA * (END - end)) - np.cos(OMEGA * (END - begin))
+    error, _ = end_error(load, 1e4 / STIFFNESS * swing, METHODS[method], rtol=rtol)
+    assert error < 6.0 * rtol
+
+
 def test_dense_tables_force_no_steps():
     """A hundred thousand points of two sines take few more steps at a loose rtol than the sines; both end alike."""
     t = np.linspace(0.0, END, 100_001)
