@@ -19,7 +19,7 @@ import flexmbd as fm
 from flexmbd.multibody.kernels.articulated import forward_dynamics
 from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
 try:
     import exudyn

@@ -19,6 +19,9 @@ from flexmbd.integrate.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.integrate.radau_iia import RadauIIA as RadauIIA
 from flexmbd.integrate.tableau import Pair as Pair
+from flexmbd.monitors.yield_monitor import YieldMonitor as YieldMonitor
+from flexmbd.monitors.yielding_region import Slab as Slab
+from flexmbd.monitors.yielding_region import yielding_slabs as yielding_slabs
 from flexmbd.multibody import force as force
 from flexmbd.multibody import joint as joint
 from flexmbd.multibody import output as output
@@ -42,11 +45,8 @@ from flexmbd.multibody.time_function import Piecewise as Piecewise
 from flexmbd.multibody.time_function import Sine as Sine
 from flexmbd.multibody.time_function import Table as Table
 from flexmbd.multibody.time_function import compiled as compiled
-from flexmbd.reduced import ReducedBody as ReducedBody
+from flexmbd.record.reduced_body import ReducedBody as ReducedBody
 from flexmbd.system import System as System
 from flexmbd.trajectory import Trajectory as Trajectory
-from flexmbd.yield_monitor import YieldMonitor as YieldMonitor
-from flexmbd.yielding_region import Slab as Slab
-from flexmbd.yielding_region import yielding_slabs as yielding_slabs
 
 __version__ = "0.1.0"

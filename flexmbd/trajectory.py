@@ -28,7 +28,7 @@ from flexmbd.multibody.plan_numbering import Slots
 from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

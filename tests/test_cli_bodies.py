@@ -12,7 +12,7 @@ from test_reduced import two_crosses
 import flexmbd as fm
 from flexmbd.cli import SUBCOMMANDS, main
 from flexmbd.export import FORMATS
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_names_that_a_terminal_has_no_letters_for(record, name):
 @pytest.mark.parametrize("lines", [1, 100_000])
 def test_a_broken_pipe_is_silent(record, lines):
     """Nobody reads any more, whether the sheet is shorter than what is kept back for a while or longer."""
-    code = "import sys; from flexmbd.cli import main; from flexmbd.reduced import ReducedBody as R; "
+    code = "import sys; from flexmbd.cli import main; from flexmbd.record.reduced_body import ReducedBody as R; "
     code += f"R.inspect = lambda self: 'line\\n' * {lines}; sys.exit(main(['inspect', 'a.h5']))"
     reading, writing = os.pipe()
     os.close(reading)

@@ -8,7 +8,7 @@ import pytest
 from test_reduced import two_crosses
 
 from flexmbd.cli import main
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 STEEL = ("--parameter", "E=2.1e11", "--parameter", "nu=0.3", "--parameter", "rho = 7850")
 ENDS = ("--interface", "start", "--interface", "end:averaged")

@@ -14,7 +14,7 @@ gmsh = pytest.importorskip("gmsh")
 
 from flexmbd import meshes  # noqa: E402  (needs gmsh)
 from flexmbd.cli import main  # noqa: E402
-from flexmbd.reduced import ReducedBody  # noqa: E402
+from flexmbd.record.reduced_body import ReducedBody  # noqa: E402
 
 STEEL = """\
 form = "solid_linear"

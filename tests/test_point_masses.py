@@ -7,8 +7,8 @@ import pytest
 from test_reduced import two_crosses
 
 from flexmbd.errors import RecordError
-from flexmbd.point_masses import point_masses
-from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
 
 def body_of(points, masses, phi=None):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import RecordError
-from flexmbd.record_file import read_tree, write_tree
+from flexmbd.record.file import read_tree, write_tree
 
 TREE = {
     "gram": np.array([[1.0, np.pi, -0.0], [5e-324, np.inf, np.nan]]),
@@ -170,7 +170,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from flexmbd.errors import RecordError
-from flexmbd.record_file import write_tree
+from flexmbd.record.file import write_tree
 resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
 try:
     write_tree(Path(sys.argv[1]), {"a": np.ones(10000)})
@@ -211,7 +211,7 @@ def test_what_a_record_cannot_hold(tmp_path, tree, message):
 
 
 def test_h5py_loads_on_call_only():
-    code = "import sys, flexmbd.record_file, flexmbd.reduced; assert 'h5py' not in sys.modules"
+    code = "import sys, flexmbd.record.file, flexmbd.record.reduced_body; assert 'h5py' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import RecordError
-from flexmbd.record_file import FORMAT, VERSION, read_tree, write_tree
-from flexmbd.reduced import (
+from flexmbd.record.file import FORMAT, VERSION, read_tree, write_tree
+from flexmbd.record.reduced_body import (
     DistributedLoads,
     GeometricStiffness,
     InterfaceFrame,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_reduced import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_crosses, with_groups
 
-from flexmbd.reduced import (
+from flexmbd.record.reduced_body import (
     DistributedLoads,
     GeometricStiffness,
     InterfaceFrame,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import InterfaceError, RecordError
-from flexmbd.record_file import read_tree, write_tree
-from flexmbd.reduced import InterfaceFrame, NodalModes, ReducedBody, Surface
+from flexmbd.record.file import read_tree, write_tree
+from flexmbd.record.reduced_body import InterfaceFrame, NodalModes, ReducedBody, Surface
 
 # A rigid cross of four points at A = (0.1, 0.2, 0) and another at B, one metre on along x.  B moves
 # along x on a spring and turns about x on a torsion spring.

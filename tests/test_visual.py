@@ -9,7 +9,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import PictureError, SceneError
-from flexmbd.reduced import InterfaceFrame, Surface
+from flexmbd.record.reduced_body import InterfaceFrame, Surface
 from flexmbd.visual import StressPicture, camera, film, sketch, stage
 from flexmbd.visual.skin import DisplacementSkin, _rigid_motion, skins
 

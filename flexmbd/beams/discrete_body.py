@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.beams.discrete_frame import DiscreteFrame
 from flexmbd.beams.lumps import Lumping, gram
 from flexmbd.errors import SceneError
-from flexmbd.reduced import FRAME_DOFS, InterfaceFrame, ReducedBody
+from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 FloatArray = NDArray[np.float64]
 

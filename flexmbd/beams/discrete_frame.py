@@ -18,7 +18,7 @@ from flexmbd.beams.castigliano import Section, check_section, section_axes, stif
 from flexmbd.beams.layout import Beam, Layout, Point, lay_out
 from flexmbd.beams.lumps import Lumping, half, nodal_mass, point
 from flexmbd.errors import SceneError
-from flexmbd.reduced import FRAME_DOFS
+from flexmbd.record.reduced_body import FRAME_DOFS
 
 FloatArray = NDArray[np.float64]
 

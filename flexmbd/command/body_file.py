@@ -6,8 +6,8 @@ from pathlib import Path
 
 from flexmbd.errors import ExportError, FlexmbdError
 from flexmbd.export import FORMATS, Format, format_named
-from flexmbd.record_file import check_destination
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.file import check_destination
+from flexmbd.record.reduced_body import ReducedBody
 
 #: The name of flexmbd's own file format, beside those of `FORMATS`.
 RECORD = "record"

@@ -11,9 +11,9 @@ import numpy as np
 from flexmbd.command.body_file import read_body
 from flexmbd.command.terminal import add_json, say, say_json
 from flexmbd.errors import InterfaceError
-from flexmbd.record_file import VERSION
-from flexmbd.record_groups import FRAME_DOFS
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.file import VERSION
+from flexmbd.record.groups import FRAME_DOFS
+from flexmbd.record.reduced_body import ReducedBody
 
 _GROUPS = ("modes", "surface", "geometric", "stretch", "loads", "stress")
 _EXAMPLES = """\

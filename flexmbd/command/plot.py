@@ -18,7 +18,7 @@ from flexmbd.result_table import SUFFIXES, ResultTable, read_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from flexmbd.reduced import ReducedBody
+    from flexmbd.record.reduced_body import ReducedBody
 
 _KINDS = (".png", ".pdf", ".svg")
 _MOST_CURVES = 200

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from flexmbd.continuum import Interface
-    from flexmbd.reduced import ReducedBody
+    from flexmbd.record.reduced_body import ReducedBody
 
 _EXAMPLES = """\
 examples:

@@ -27,8 +27,8 @@ from flexmbd.export.superelement_frames import (
     commented_interfaces,
     position,
 )
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries(large_motion=False)
 

@@ -23,8 +23,8 @@ from flexmbd.export.superelement_frames import (
     comment,
     commented_interfaces,
 )
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries(interfaces=1, large_motion=False)
 

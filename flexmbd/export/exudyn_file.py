@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from flexmbd.errors import ExportError
 from flexmbd.export.archive import write_archive
 from flexmbd.export.loss import Carries, check_body, settle_losses
-from flexmbd.point_masses import point_masses
-from flexmbd.record_groups import FloatArray, InterfaceFrame
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray, InterfaceFrame
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries(damping=False, nodes=True)
 

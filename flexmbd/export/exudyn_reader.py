@@ -13,8 +13,8 @@ from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.archive import read_archive
 from flexmbd.export.files import finite
 from flexmbd.export.normal_modes import normal_modes
-from flexmbd.record_groups import FloatArray, InterfaceFrame, NodalModes, Surface
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes, Surface
+from flexmbd.record.reduced_body import ReducedBody
 
 _NEEDED = (
     "infoList", "modeBasis", "xRef", "trigList", "massMatrixReduced", "stiffnessMatrixReduced", "totalMass", "chiU",

@@ -18,7 +18,7 @@ from flexmbd.errors import ExportError
 from flexmbd.export.archive import write_archive
 from flexmbd.export.exudyn_file import exudyn_arrays
 from flexmbd.export.exudyn_reader import read_exudyn
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.record_file import replace_file
+from flexmbd.record.file import replace_file
 
 #: No file of a reduced body is larger (bytes); what claims more is refused before it is read.
 LARGEST = 2**31

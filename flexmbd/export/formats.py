@@ -35,7 +35,7 @@ from flexmbd.export.simscape_file import CARRIES as _SIMSCAPE
 from flexmbd.export.simscape_file import read_simscape, simscape
 from flexmbd.export.vtkhdf_file import CARRIES as _VTKHDF
 from flexmbd.export.vtkhdf_file import vtkhdf_modes
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 #: (body, path, lossy=...) -> what the file leaves out, a phrase each.
 Writer = Callable[..., tuple[str, ...]]

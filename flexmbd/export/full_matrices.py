@@ -19,8 +19,8 @@ from flexmbd.export.files import read_text
 from flexmbd.export.matrix_text import blocks, triplets
 from flexmbd.export.superelement import Superelement, rigid_motion
 from flexmbd.export.superelement_body import reduced_body, resistance
-from flexmbd.record_groups import FloatArray, NodalModes
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray, NodalModes
+from flexmbd.record.reduced_body import ReducedBody
 
 #: A scipy.sparse matrix; scipy comes without types.
 Sparse = Any

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record_groups import FloatArray
+from flexmbd.record.groups import FloatArray
 
 # Of what should be zero, or should not be negative, in a mass matrix that a program wrote with few digits.
 _TOLERANCE = 1e-5
@@ -29,7 +29,7 @@ def completed_gram(mass: FloatArray) -> FloatArray:
         mass: (6 + n, 6 + n) symmetric; translation (m) and rotation (rad) of B in B's axes, then q.
 
     Returns:
-        (4 + 3 n, 4 + 3 n), as in `flexmbd.reduced.ReducedBody`; positive semidefinite.
+        (4 + 3 n, 4 + 3 n), as in `flexmbd.record.reduced_body.ReducedBody`; positive semidefinite.
 
     Raises:
         ExportError: the mass matrix is not that of a mass distribution.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 
 @dataclass(frozen=True)

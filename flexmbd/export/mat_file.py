@@ -15,7 +15,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_file
-from flexmbd.record_groups import FloatArray
+from flexmbd.record.groups import FloatArray
 
 #: Bytes that the compressed variables of a file may come to.
 MOST_BYTES = 2**31

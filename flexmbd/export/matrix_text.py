@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.record_groups import FloatArray
+from flexmbd.record.groups import FloatArray
 
 #: (node, degree of freedom) of a row.
 Dof = tuple[int, int]

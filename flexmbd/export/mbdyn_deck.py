@@ -12,8 +12,8 @@ import numpy as np
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
 from flexmbd.export.mbdyn_file import check_label, check_modes, number, vector
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 
 #: Labels in the deck: the modal node, the modal joint and the hinge; interfaces' nodes follow on the modal node.
 MODAL_NODE, MODAL_JOINT, HINGE = 1, 10, 20

@@ -1,8 +1,8 @@
 """Reduced bodies for MBDyn: the data file (.fem) of its modal joint.
 
 MBDyn builds all inertia integrals of a moving body from nodes with masses, so the file holds the few fictitious
-points of `flexmbd.point_masses`: then the modal mass is that of the nodes to round-off.  Each interface frame is one
-more node, without mass, named as the frame is.  See docs/export/mbdyn.md.
+points of `flexmbd.record.point_masses`: then the modal mass is that of the nodes to round-off.  Each interface frame is
+one more node, without mass, named as the frame is.  See docs/export/mbdyn.md.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
 from flexmbd.export.loss import Carries, settle_losses
-from flexmbd.point_masses import point_masses
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries()
 

@@ -13,8 +13,8 @@ from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.files import finite, read_text
 from flexmbd.export.mbdyn_file import OURS
 from flexmbd.export.normal_modes import normal_modes
-from flexmbd.record_groups import FloatArray, InterfaceFrame, NodalModes
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes
+from flexmbd.record.reduced_body import ReducedBody
 
 _HEADING = re.compile(r"\*\* RECORD GROUP +(\d{1,9})")
 _NAMES = {

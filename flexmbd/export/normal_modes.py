@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record_groups import FloatArray
+from flexmbd.record.groups import FloatArray
 
 # Relative: what is no further from the normal form is left as it is.
 _NORMAL = 1e-9

@@ -24,8 +24,8 @@ from flexmbd.export.superelement_frames import (
     position,
     unit_quaternion,
 )
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
 
 CARRIES = Carries(large_motion=False)

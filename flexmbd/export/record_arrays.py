@@ -13,8 +13,8 @@ import numpy as np
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.archive import read_archive, write_archive
 from flexmbd.export.loss import Carries, check_body
-from flexmbd.record_file import Tree
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.file import Tree
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries(stiffening=True, nodes=True, stress=True)
 

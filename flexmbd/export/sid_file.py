@@ -24,8 +24,8 @@ from flexmbd.export.taylor_blocks import (
     stiffening_loads,
     taylor_blocks,
 )
-from flexmbd.record_groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
+from flexmbd.record.reduced_body import ReducedBody
 
 CARRIES = Carries(stiffening=True)
 

@@ -25,7 +25,7 @@ import numpy as np
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_text
 from flexmbd.export.taylor_blocks import BLOCKS, Taylor
-from flexmbd.record_groups import FloatArray
+from flexmbd.record.groups import FloatArray
 
 #: More modes or numbers than a reduced body has; a short file could claim any.
 MOST_MODES = 2000

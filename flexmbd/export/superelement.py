@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
 # Smallest singular value of the interfaces' relative motions, each row of unit length: a real part is far above it.
 _DEPENDENT = 1e-10

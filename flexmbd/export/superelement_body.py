@@ -12,8 +12,8 @@ import scipy.linalg
 from flexmbd.errors import ExportError
 from flexmbd.export.gram_completion import completed_gram, rigid_body
 from flexmbd.export.superelement import Superelement
-from flexmbd.record_groups import FRAME_DOFS, FloatArray
-from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.record.groups import FRAME_DOFS, FloatArray
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
 # Forces of a rigid motion, and asymmetry, relative to the matrix's own; programs write as few as six digits.
 _RIGID = 1e-5

@@ -19,8 +19,8 @@ from flexmbd.errors import ExportError
 from flexmbd.export.files import LARGEST
 from flexmbd.export.superelement import Superelement
 from flexmbd.export.superelement_body import reduced_body
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
 
 #: Rows of the matrices of a superelement that is read; 200 MB a matrix.

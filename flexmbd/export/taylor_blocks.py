@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record_groups import FloatArray, IntArray
-from flexmbd.reduced import GeometricStiffness, ReducedBody
+from flexmbd.record.groups import FloatArray, IntArray
+from flexmbd.record.reduced_body import GeometricStiffness, ReducedBody
 
 #: Blocks of a body in the order of a file.
 BLOCKS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.solid import Solid, principal_axes
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import check_rotation
 
 FloatArray = NDArray[np.float64]

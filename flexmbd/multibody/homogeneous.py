@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.solid import Solid
-from flexmbd.reduced import ModalStretch, ReducedBody
+from flexmbd.record.reduced_body import ModalStretch, ReducedBody
 
 FloatArray = NDArray[np.float64]
 

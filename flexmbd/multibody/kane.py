@@ -25,8 +25,8 @@ from flexmbd.multibody.kernels.layout import Plan, Work, new_work, without_force
 from flexmbd.multibody.kernels.recursion import backward, forward, frame_motion, load_frame
 from flexmbd.multibody.probe import with_probe
 from flexmbd.multibody.topology import Topology
-from flexmbd.point_masses import point_masses
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 A slender body that bends is stretched by the square of a Newton step, and with its membrane stiffness, larger than that
 of bending by the square of its slenderness, this is a force in which the body seems to buckle: Newton's method creeps.
-With the membrane forces N as unknowns of their own, e + s = N (`flexmbd.reduced.ModalStretch`), and eliminated from
+With the membrane forces N as unknowns of their own, e + s = N (`ModalStretch` of the record), and eliminated from
 the linear equations again, the tangent has N = (e + s) + (c + C q) dq from the step before in the place of the strains
 at hand; nothing else changes, and steps are as long as bending allows (Magisano, Leonetti & Garcea 2017, How to improve
 efficiency and robustness of the Newton method in geometrically non-linear structural problem discretized via

@@ -15,7 +15,7 @@ from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.time_function import Compiled, TimeRow
 from flexmbd.multibody.topology import Branch
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import z_onto
 
 FloatArray = NDArray[np.float64]

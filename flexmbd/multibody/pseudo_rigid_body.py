@@ -13,7 +13,7 @@ from flexmbd.given import is_number, numbers
 from flexmbd.multibody.body import Frame, marker, refuse_change
 from flexmbd.multibody.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.solid import Solid
-from flexmbd.reduced import ReducedBody, Surface
+from flexmbd.record.reduced_body import ReducedBody, Surface
 
 FloatArray = NDArray[np.float64]
 

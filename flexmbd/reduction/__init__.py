@@ -1,4 +1,4 @@
-"""Reductions: from a continuum model to a `flexmbd.reduced.ReducedBody`."""
+"""Reductions: from a continuum model to a `flexmbd.record.reduced_body.ReducedBody`."""
 
 from flexmbd.reduction.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.condensation import static_condensation as static_condensation

@@ -12,7 +12,7 @@ from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
-from flexmbd.reduced import FRAME_DOFS, ReducedBody
+from flexmbd.record.reduced_body import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.eigensolver import Eigensolver, chosen_eigensolver
 from flexmbd.reduction.geometric_stiffness import n_inertia_loads

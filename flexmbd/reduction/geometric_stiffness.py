@@ -24,7 +24,7 @@ import numpy as np
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
-from flexmbd.reduced import FRAME_DOFS, GeometricStiffness, ModalStretch
+from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStretch
 from flexmbd.reduction.gradient_parts import strain_over_rotation
 from flexmbd.reduction.membrane import membrane_fields, stretching_fields
 from flexmbd.reduction.statics import Statics

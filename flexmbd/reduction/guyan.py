@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.interior import Solver

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
-from flexmbd.reduced import DistributedLoads
+from flexmbd.record.reduced_body import DistributedLoads
 from flexmbd.reduction.unit_loads import Load
 
 

@@ -24,7 +24,7 @@ from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_num
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
-from flexmbd.reduced import NodalModes, Surface
+from flexmbd.record.reduced_body import NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
 from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.loads import loads_group, missing_energy

@@ -16,7 +16,7 @@ from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
-from flexmbd.reduced import InterfaceFrame, ReducedBody
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
 from flexmbd.reduction.round_off import MARGIN, WORTHLESS, round_off

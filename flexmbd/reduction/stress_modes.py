@@ -10,7 +10,7 @@ from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
-from flexmbd.reduced import StressModes
+from flexmbd.record.reduced_body import StressModes
 
 # Rows and columns of the components xx yy zz xy xz yz.
 _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]

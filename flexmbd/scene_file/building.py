@@ -10,7 +10,7 @@ from typing import Any
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.connection import Connection
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.scene_file.description import BodyName, FramePlace, JointName, RigidEntry, SceneFile
 from flexmbd.scene_file.kinds import COUPLINGS, FORCES, JOINTS
 from flexmbd.system import System

@@ -14,7 +14,7 @@ from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
 
 if TYPE_CHECKING:
     from flexmbd.multibody.body import Body, FlexibleBody
-    from flexmbd.reduced import ReducedBody, Surface
+    from flexmbd.record.reduced_body import ReducedBody, Surface
     from flexmbd.trajectory import StressModel, Trajectory
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.errors import RecordError
 from flexmbd.forms import solid_linear
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import craig_bampton
 
 MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexmbd.errors import FlexmbdError
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 # What a number may be replaced by.
 _WORDS = (b"nan", b"inf", b"-1", b"0", b"1e999", b"999999999", b"2147483648", b"-2147483649", b"x", b"", b"1.D+3")

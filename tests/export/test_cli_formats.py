@@ -7,7 +7,7 @@ from exported_bodies import soft_bar
 
 from flexmbd.cli import main
 from flexmbd.export import FORMATS
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 
 @pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)

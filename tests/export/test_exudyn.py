@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import ExportError
-from flexmbd.point_masses import point_masses
-from flexmbd.reduced import InterfaceFrame
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import InterfaceFrame
 
 exudyn = pytest.importorskip("exudyn", reason="Exudyn is not installed: pip install exudyn")
 from exudyn import itemInterface as item  # noqa: E402

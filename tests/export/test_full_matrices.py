@@ -14,7 +14,7 @@ from mutations import survive
 import flexmbd as fm
 from flexmbd.errors import ExportError
 from flexmbd.export import NodeSet
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 DATA = Path(__file__).parents[1] / "data" / "calculix_block"
 # With one end clamped, as CalculiX prints them (Hz).

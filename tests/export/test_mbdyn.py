@@ -14,7 +14,7 @@ from mutations import survive
 
 import flexmbd as fm
 from flexmbd.errors import ExportError
-from flexmbd.reduced import InterfaceFrame
+from flexmbd.record.reduced_body import InterfaceFrame
 
 BODIES = [soft_bar, damped_rod]
 

@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd.errors import ExportError, InterfaceError
 from flexmbd.export.gram_completion import completed_gram
 from flexmbd.export.superelement_body import reduced_body
-from flexmbd.point_masses import point_masses
+from flexmbd.record.point_masses import point_masses
 
 BODIES = [soft_bar, damped_rod, floating_bar, small_body]
 

@@ -209,7 +209,7 @@ def test_flexible_slider_crank_tends_to_the_rigid_one():
     """A rod of few modes, stiffened: the slider's deviation falls as 1 over the stiffness."""
     from dataclasses import replace
 
-    from flexmbd.reduced import InterfaceFrame, ReducedBody
+    from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
     # a planar elastic rod of three particles and one bending mode
     mass, x = np.array([0.3, 0.2, 0.3]), np.array([[0.05, 0.02, 0.01], [0.15, 0, 0.0], [0.3, 0, 0]])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexmbd.reduced import InterfaceFrame, ModalStretch, ReducedBody
+from flexmbd.record.reduced_body import InterfaceFrame, ModalStretch, ReducedBody
 
 
 @dataclass(frozen=True)

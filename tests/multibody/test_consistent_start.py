@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, StartWarning
-from flexmbd.reduced import InterfaceFrame
+from flexmbd.record.reduced_body import InterfaceFrame
 
 CRANK, COUPLER, ROCKER, BASE = 0.1, 0.4, 0.3, 0.4
 ANGLE = 1.0

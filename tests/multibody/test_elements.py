@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels.layout import new_work, without_forces
 from flexmbd.multibody.kernels.residual import residual
 from flexmbd.multibody.kernels.series import energy_series
 from flexmbd.multibody.kernels.time_functions import evaluate_times
-from flexmbd.record_groups import DistributedLoads
+from flexmbd.record.groups import DistributedLoads
 
 
 def wheel(inertia=0.25):

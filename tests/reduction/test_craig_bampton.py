@@ -22,7 +22,7 @@ from flexmbd.continuum.matrices import eigen
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduced import FRAME_DOFS
+from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction import craig_bampton, guyan, truncation
 
 DATA = Path(__file__).parents[1] / "data"

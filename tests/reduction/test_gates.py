@@ -20,8 +20,8 @@ import flexmbd.forms
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.contract import formulation
-from flexmbd.point_masses import point_masses
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import craig_bampton
 
 SIZE = (1.0, 0.3, 0.2)

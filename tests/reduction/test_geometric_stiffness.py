@@ -17,7 +17,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.forms import solid_linear
-from flexmbd.reduced import FRAME_DOFS
+from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction import craig_bampton, guyan
 from flexmbd.reduction.stress_stiffness import stress_stiffness
 

@@ -26,7 +26,7 @@ from flexmbd.continuum.finite_elements.interface import FoundInterface, Interfac
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.visual import StressPicture
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.errors import RecordError
-from flexmbd.reduced import NodalModes, ReducedBody
+from flexmbd.record.reduced_body import NodalModes, ReducedBody
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.model import ContinuumModel

@@ -15,7 +15,7 @@ from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.errors import FormulationError, RecordError
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.visual import StressPicture
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ from flexmbd.export.functional_mockup.description import (
     model_description,
 )
 from flexmbd.export.loss import Carries, check_body, settle_losses
-from flexmbd.reduced import FRAME_DOFS, InterfaceFrame, ReducedBody
+from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 CARRIES = Carries(large_motion=False, floating=False)
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexmbd.record_file import VERSION
-from flexmbd.record_groups import (
+from flexmbd.record.file import VERSION
+from flexmbd.record.groups import (
     FRAME_DOFS,
     DistributedLoads,
     FloatArray,
@@ -28,7 +28,7 @@ from flexmbd.record_groups import (
 from flexmbd.rotation import to_quaternion
 
 if TYPE_CHECKING:
-    from flexmbd.reduced import ReducedBody
+    from flexmbd.record.reduced_body import ReducedBody
 
 # What is smaller, relative to its like, is round-off and shown as zero.
 _NOISE = 1e-12

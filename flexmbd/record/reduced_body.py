@@ -21,17 +21,17 @@ from typing import Any
 import numpy as np
 
 from flexmbd.errors import InterfaceError, RecordError
-from flexmbd.record_file import Tree, read_tree, write_tree
-from flexmbd.record_groups import FRAME_DOFS as FRAME_DOFS
-from flexmbd.record_groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
-from flexmbd.record_groups import DistributedLoads as DistributedLoads
-from flexmbd.record_groups import GeometricStiffness as GeometricStiffness
-from flexmbd.record_groups import InterfaceFrame as InterfaceFrame
-from flexmbd.record_groups import ModalStretch as ModalStretch
-from flexmbd.record_groups import NodalModes as NodalModes
-from flexmbd.record_groups import StressModes as StressModes
-from flexmbd.record_groups import Surface as Surface
-from flexmbd.record_sheet import sheet
+from flexmbd.record.file import Tree, read_tree, write_tree
+from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
+from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
+from flexmbd.record.groups import DistributedLoads as DistributedLoads
+from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
+from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
+from flexmbd.record.groups import ModalStretch as ModalStretch
+from flexmbd.record.groups import NodalModes as NodalModes
+from flexmbd.record.groups import StressModes as StressModes
+from flexmbd.record.groups import Surface as Surface
+from flexmbd.record.sheet import sheet
 
 
 @dataclass(frozen=True, eq=False)

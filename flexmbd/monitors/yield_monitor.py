@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 
 from flexmbd.errors import SceneError
 from flexmbd.event import Direction, Event, Moment
+from flexmbd.monitors.yield_history import YieldHistory, YieldPoint
 from flexmbd.multibody.body import FlexibleBody
-from flexmbd.record_groups import StressModes
+from flexmbd.record.groups import StressModes
 from flexmbd.trajectory import Trajectory
-from flexmbd.yield_history import YieldHistory, YieldPoint
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

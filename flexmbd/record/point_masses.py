@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import RecordError
-from flexmbd.record_groups import FloatArray
-from flexmbd.reduced import ReducedBody
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
 
 # Eigenvalues of the central part, relative to the fields' sizes: noise below one, no inertia below the other.
 _NOISE = 8.0 * float(np.finfo(float).eps)

@@ -1,6 +1,6 @@
 """The parts a reduced body's record is made of: interface frames, and the optional groups.
 
-Frozen dataclasses of plain arrays, numpy only; `flexmbd.reduced` offers them under its own name.
+Frozen dataclasses of plain arrays, numpy only; `flexmbd.record.reduced_body` offers them under its own name.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.yield_history import YieldHistory
+from flexmbd.monitors.yield_history import YieldHistory
 
 FloatArray = NDArray[np.float64]
 
