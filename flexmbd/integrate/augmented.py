@@ -1,4 +1,4 @@
-"""The passes of an augmented Lagrangian within a step (Hestenes 1969; Powell 1969; theory: seed 2 eq. 8.47-8.50).
+"""The passes of an augmented Lagrangian within a step (Hestenes 1969; Powell 1969).
 
 A row that one enforces has the reaction nu = nu* + k phi + c d phi/dt.  Each pass solves the step
 with nu* known; the next adds k phi to it, until phi is small enough.  Aitken's factor, of the

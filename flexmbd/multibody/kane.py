@@ -2,7 +2,7 @@
 
 With the partial velocities v_r of points and w_r of bodies, the derivatives of their velocities by the generalised
 speed r, a force F and a torque T give the generalised active force F_r = v_r . F + w_r . T, and inertia gives
-F*_r = -sum m a . v_r over all particles, so that F_r + F*_r = 0, plus the loops' -C^T nu (theory: seed 3 eq. 3.1-3.7).
+F*_r = -sum m a . v_r over all particles, so that F_r + F*_r = 0, plus the loops' -C^T nu (Kane & Levinson 1985).
 It is a second way to the equations of motion, by definition and not by recursion: slow, for users' forces
 (``fm.force.KaneForce``), and for checking the recursion.
 """
@@ -166,7 +166,7 @@ class Kinematics:
         return slots
 
     def partial_velocities(self, frames: Sequence[Frame]) -> tuple[FloatArray, FloatArray]:
-        """v_r (k, 3, nv) of the origins of k frames and w_r (k, 3, nv) of their axes (seed 3 eq. 3.1)."""
+        """v_r (k, 3, nv) of the origins of k frames and w_r (k, 3, nv) of their axes."""
         rows = [self._row(frame) for frame in frames]
         work, rest = new_work(self._plan), np.zeros(self._scene.nv)
         linear, angular = np.zeros((2, len(rows), 3, self._scene.nv))
@@ -219,7 +219,7 @@ class Kinematics:
 
 
 def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution]) -> FloatArray:
-    """F_r = sum of v_r . F + w_r . T (nv,), by definition (seed 3 eq. 3.1)."""
+    """F_r = sum of v_r . F + w_r . T (nv,), by definition."""
     loads = [_checked(*contribution) for contribution in contributions]
     linear, angular = kinematics.partial_velocities([frame for frame, _, _ in loads])
     force = np.array([load[1] for load in loads]).reshape(-1, 3)

@@ -24,7 +24,7 @@ def minimum_norm_multipliers(
 
     Rigid bodies do not tell how redundant joints share their load.  Of all shares with the same
     effect on the machine, C^T nu, the smallest is taken, in the norm of forces and of moments over
-    the machine's extent (theory: seed 2 section 8.5, closed loops by singular values).
+    the machine's extent (closed loops by singular values: Zienkiewicz, Taylor & Fox, section 8.5).
 
     Args:
         full: the scene with all its rows.

@@ -41,7 +41,7 @@ class ReducedBody:
     The Gram matrix holds the mass integrals of the ``4 + 3 n`` scalar fields
     ``{1, x, y, z, phi_1x, phi_1y, phi_1z, phi_2x, ...}``: ``gram[a, b]`` is the integral of
     density times field a times field b.  Every inertia shape integral of the floating frame
-    formulation follows from it (theory: seed 3 eq. 3.23; Ambrosio & Nikravesh 1992, eq. 33-34).
+    formulation follows from it (Ambrosio & Nikravesh 1992, eq. 33-34).
 
     Attributes:
         gram: (4 + 3 n, 4 + 3 n) mass integrals, positions in B (kg, kg m, kg m^2, ...).
@@ -176,8 +176,7 @@ class ReducedBody:
     def mass_matrix(self) -> FloatArray:
         """Mass matrix of the undeformed body, (6 + n, 6 + n).
 
-        Rows: translation (m) and rotation (rad) of B, both in B's axes, then q
-        (theory: seed 3 eq. 3.23).
+        Rows: translation (m) and rotation (rad) of B, both in B's axes, then q.
         """
         n = self.n_modes
         m = np.zeros((6 + n, 6 + n))

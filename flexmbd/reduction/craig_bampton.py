@@ -46,8 +46,8 @@ def craig_bampton(
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
     The body frame sits on the interface `frame`, so that every mode vanishes there, in the mean where
-    that is averaged; each other interface brings six static shapes (seed 3 eq. 3.10-3.13; Craig &
-    Bampton 1968, doi:10.2514/3.4741).  Or it floats: its origin is the centre of mass, its axes the
+    that is averaged; each other interface brings six static shapes (Craig & Bampton
+    1968, doi:10.2514/3.4741).  Or it floats: its origin is the centre of mass, its axes the
     mesh's, and every mode fulfils the mean-axis conditions integral rho phi = 0 and integral rho x
     cross phi = 0; with the rigid motions the modes span the same fields.  The response to loads on the
     interfaces is exact in statics; frequencies converge from above.  Signs follow

@@ -81,7 +81,7 @@ class RayleighDamping:
 
 @dataclass(frozen=True)
 class KelvinVoigtDamping:
-    """Viscous stress tau C : strain rate beside the elastic stress C : strain (seed 1 eq. 9-14).
+    """Viscous stress tau C : strain rate beside the elastic stress C : strain (Anthonis & Ramon 2003, eq. 9-14).
 
     A mode of angular frequency omega in a body of one tau gets the ratio tau omega / 2.
 

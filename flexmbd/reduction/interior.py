@@ -1,7 +1,7 @@
 """The interior's stiffness, whose inverse continues displacements of the boundary.
 
 The dofs are split into boundary dofs B, which a reduction keeps or binds to a frame, and interior
-dofs I.  A displacement given on B is continued by K_II u_I = -K_IB u_B (seed 3 eq. 3.10).
+dofs I.  A displacement given on B is continued by K_II u_I = -K_IB u_B (Guyan 1965, doi:10.2514/3.2874).
 """
 
 from __future__ import annotations

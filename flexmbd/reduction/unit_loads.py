@@ -1,7 +1,7 @@
 """Distributed loads of unit size: what a user names, and the nodal forces that do the same work.
 
 The generalised forces are the integral of load . v over the initial configuration for each shape
-function v of the displacement (seed 0 eq. 35).
+function v of the displacement (Ambrosio & Nikravesh 1992, eq. 35).
 """
 
 from __future__ import annotations

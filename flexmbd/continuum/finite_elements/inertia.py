@@ -1,7 +1,7 @@
 """The Gram matrix behind every inertia integral of a moving flexible body.
 
 For the scalar fields {1, x, y, z, phi_1x, phi_1y, phi_1z, phi_2x, ...} it holds the integrals of
-density times one field times another.  All blocks of the mass matrix M(xi) of seed 3 eq. 3.23, its
+density times one field times another.  All blocks of the mass matrix M(xi) of a floating frame, its
 derivatives, and gravity follow from it (compare Ambrosio & Nikravesh 1992, eq. 33-34).
 
 Where a formulation has cross-sections (`motion`, `section_inertia`) the fields are those of the

@@ -19,7 +19,7 @@ class KaneBody(OffJoints):
     The function gets the ``Kinematics`` of the moment (no accelerations) and gives ``inertia`` (6 k, 6 k) and
     ``active`` (6 k,), in inertial axes, force (N) and torque (N m) frame by frame.  With the frames' accelerations
     acc = (a, alpha, ...) the body exerts active - inertia acc at the frames' origins, so that it enters the equations
-    as F_r + F*_r = v_r . R + w_r . T does (seed 3 eq. 3.1-3.7).  What depends on velocities, w x I w and the like,
+    as F_r + F*_r = v_r . R + w_r . T does (Kane & Levinson 1985).  What depends on velocities, w x I w and the like,
     and the body's weight, belong to ``active``.  Each frame must lie on a body with a mass of its own.
 
     ``run.energy()`` knows nothing of it, ``run.reaction()`` does.  Python, once each evaluation of the equations.
