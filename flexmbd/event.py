@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import numbers, refuse_no_truth
 from flexmbd.multibody.body import Body, Frame
 from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.plan import CompiledScene
@@ -111,6 +111,9 @@ class Event:
         stop: end the simulation there.
         action: called at the event; may set joint velocities, as an impact does.
         name: for messages and ``run.events``.
+
+    Raises:
+        SceneError: ``stop`` is neither True nor False.
     """
 
     function: Callable[[Moment], float]
@@ -118,6 +121,9 @@ class Event:
     stop: bool = False
     action: Callable[[Moment], None] | None = None
     name: str = "event"
+
+    def __post_init__(self) -> None:
+        refuse_no_truth(stop=self.stop)
 
     def value(self, moment: Moment, team: Team) -> float:
         """The function's value, rank 0's on every rank.  Collective over the team.

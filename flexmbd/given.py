@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import FlexmbdError, SceneError
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +25,17 @@ def is_number(value: object) -> bool:
     """Whether it is one finite number."""
     found = numbers(value)
     return found.shape == () and bool(np.isfinite(found))
+
+
+def refuse_no_truth(error: type[FlexmbdError] = SceneError, **given: object) -> None:
+    """Check arguments that are True or False, by their names: any text, ``"no"`` as well, would pass for True.
+
+    Raises:
+        FlexmbdError: of the kind given, naming the first that is neither.
+    """
+    for name, value in given.items():
+        if not isinstance(value, bool | np.bool_):
+            raise error(f"{name} must be True or False, got {value!r:.100}")
 
 
 def refuse_other(value: object, kinds: type | tuple[type, ...], what: str, *, wanted: str) -> None:

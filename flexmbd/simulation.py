@@ -16,7 +16,7 @@ from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import FlexmbdError, SceneError, SimulationError, SimulationInterrupted
 from flexmbd.event import Event
 from flexmbd.event_search import EventSearch
-from flexmbd.given import is_number, numbers
+from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.limits import UNLIMITED, Limits
@@ -61,6 +61,7 @@ def run(
     method.check(start.scene)
     start.scene.callbacks.reset()
     purpose = type(method).__name__
+    refuse_no_truth(progress=progress)
     if team.is_root:
         announce(purpose)
     set_out = time.perf_counter()

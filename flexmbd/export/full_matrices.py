@@ -19,6 +19,7 @@ from flexmbd.export.files import read_text
 from flexmbd.export.matrix_text import blocks, triplets
 from flexmbd.export.superelement import Superelement, rigid_motion
 from flexmbd.export.superelement_body import reduced_body, resistance
+from flexmbd.given import refuse_no_truth
 from flexmbd.record.groups import FloatArray, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -79,6 +80,7 @@ def reduce_matrices(
         ExportError: sizes that do not fit, unknown or shared nodes, a supported or singular stiffness.
     """
     numbers, x = _table(nodes)
+    refuse_no_truth(ExportError, keep_modes=keep_modes)
     K, M = (_symmetric(matrix, name, 3 * len(x)) for matrix, name in ((K, "K"), (M, "M")))
     frames = _frames(interfaces, numbers, x)
     if frame is not None and frame not in frames:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
+from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
 
 
@@ -67,6 +68,7 @@ def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool
             may.
     """
     check_body(body)
+    refuse_no_truth(ExportError, lossy=lossy)
     grave = list(_grave(body, carries))
     if grave and not lossy:
         raise ExportError(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.central_step import RULE, Method, Scratch, attempt
 from flexmbd.integrate.controller import SAFETY, Stepper, driver, no_factors
@@ -36,9 +37,15 @@ class CentralDifference:
 
     Attributes:
         subcycle: let bodies with history take several steps within one of the machine's, where h is too long for them.
+
+    Raises:
+        SceneError: ``subcycle`` is neither True nor False.
     """
 
     subcycle: bool = False
+
+    def __post_init__(self) -> None:
+        refuse_no_truth(subcycle=self.subcycle)
 
     @property
     def name(self) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.body import Frame
 from flexmbd.multibody.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
@@ -31,7 +32,7 @@ class Connection:
         enforce: what enforces its constraints; None: multipliers, if the joint needs any.
 
     Raises:
-        SceneError: the joint cannot go that way.
+        SceneError: the joint cannot go that way, now or where it is changed later.
     """
 
     joint: Joint
@@ -42,18 +43,34 @@ class Connection:
     enforce: Enforcement | None = None
 
     def __post_init__(self) -> None:
-        if self.way is Way.COORDINATES and not self.joint.steps:
+        self._position: FloatArray | None = None
+        self._velocity: FloatArray | None = None
+        self._motion: TimeFunction | None = None
+        self._check(self.way, self.enforce)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute; how the joint is carried is checked whenever it changes."""
+        if name in ("way", "enforce") and "_motion" in self.__dict__:
+            self._check(**{"way": self.way, "enforce": self.enforce, name: value})
+        object.__setattr__(self, name, value)
+
+    def _check(self, way: object, enforce: object) -> None:
+        if way is not None:
+            refuse_other(way, Way, f"joint {self.name!r}: its way", wanted="fm.Way.COORDINATES or CONSTRAINTS")
+        if enforce is not None:
+            what = f"joint {self.name!r}: what enforces it"
+            refuse_other(
+                enforce, get_args(Enforcement), what, wanted="fm.Multipliers(), fm.Penalty(...) or AugmentedLagrangian"
+            )
+        if way is Way.COORDINATES and not self.joint.steps:
             raise SceneError(
                 f"joint {self.name!r}: a {type(self.joint).__name__} has no coordinates, only constraints"
             )
-        if self.way is Way.COORDINATES and self.enforce is not None:
+        if way is Way.COORDINATES and enforce is not None:
             raise SceneError(
                 f"joint {self.name!r} goes by coordinates, which leave nothing to enforce; leave out "
                 "`enforce`, or ask for Way.CONSTRAINTS"
             )
-        self._position: FloatArray | None = None
-        self._velocity: FloatArray | None = None
-        self._motion: TimeFunction | None = None
 
     @property
     def may_be_coordinates(self) -> bool:
@@ -64,13 +81,16 @@ class Connection:
     def position(self) -> FloatArray | None:
         """Initial joint coordinates (rad or m; a quaternion where the joint has one).
 
-        None: not set, so the start's projection may move them.  Setting them takes a number
-        for a joint of one coordinate.
+        None: not set, so the start's projection may move them, and so is what None is assigned to.  Setting them takes
+        a number for a joint of one coordinate.
         """
         return self._position
 
     @position.setter
-    def position(self, value: ArrayLike) -> None:
+    def position(self, value: ArrayLike | None) -> None:
+        if value is None:
+            self._position = None
+            return
         x = self._vector(value, len(self.joint.start), "position")
         for o in _quaternions(self.joint):
             length = float(np.linalg.norm(x[o : o + 4]))
@@ -84,8 +104,9 @@ class Connection:
         return self._velocity
 
     @velocity.setter
-    def velocity(self, value: ArrayLike) -> None:
-        self._velocity = self._vector(value, len(self.joint.velocity_names), "velocity")
+    def velocity(self, value: ArrayLike | None) -> None:
+        size = len(self.joint.velocity_names)
+        self._velocity = None if value is None else self._vector(value, size, "velocity")
 
     @property
     def motion(self) -> TimeFunction | None:

@@ -99,7 +99,8 @@ def refuse_against_motions(scene: CompiledScene, work: Work, connections: Sequen
                 continue
             raise SceneError(
                 f"joint {connection.name!r}: its {what} was set to {given[0]:.9g}, but its prescribed motion starts "
-                f"at {values[k]:.9g}; a prescribed joint is where its motion has it, so leave out the {what}"
+                f"at {values[k]:.9g}; a prescribed joint is where its motion has it, so leave out the {what}, "
+                "or set it to None"
             )
 
 

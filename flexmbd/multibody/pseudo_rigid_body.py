@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.multibody.body import Frame, marker, refuse_change
 from flexmbd.multibody.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.solid import Solid
@@ -54,6 +54,7 @@ class PseudoRigidBody:
     def __post_init__(self) -> None:
         if not (is_number(self.damping) and self.damping >= 0.0):
             raise SceneError(f"pseudo-rigid body: damping must not be negative, got {self.damping}")
+        refuse_no_truth(rigid=self.rigid)
         self._record = _damped(self.material.record(self.solid), self.damping)
         self.start()
 

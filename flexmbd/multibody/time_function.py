@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError, TableWarning
-from flexmbd.given import numbers
+from flexmbd.given import numbers, refuse_no_truth
 from flexmbd.multibody.fingerprint import fingerprint
 from flexmbd.multibody.kernels import layout as at
 
@@ -313,6 +313,7 @@ def spline(table: Table, what: str) -> PPoly:
         raise SceneError(
             f"{what}: a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTRAPOLATE, got {table.beyond!r}"
         )
+    refuse_no_truth(monotone=table.monotone)
     inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
     _warn_of_swings(inner, t, y, what)
     if table.beyond is Beyond.EXTRAPOLATE:

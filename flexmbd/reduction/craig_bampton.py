@@ -12,6 +12,7 @@ from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
+from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.eigensolver import Eigensolver, chosen_eigensolver
@@ -112,6 +113,14 @@ def craig_bampton(
         keep_stress=keep_stress,
         solver=solver,
         eigensolver=eigensolver,
+        complete=complete,
+    )
+    refuse_no_truth(
+        ReductionError,
+        geometric_stiffness=geometric_stiffness,
+        keep_modes=keep_modes,
+        keep_surface=keep_surface,
+        keep_stress=keep_stress,
         complete=complete,
     )
     method = chosen_eigensolver(eigensolver)

@@ -136,6 +136,17 @@ WRONG = {
     "linear about": (lambda p: p[0].linearize(about=0.0), r"about must be what scene.equilibrium\(\) gives, or a traj"),
     "input": (lambda p: p[0].linearize(inputs=[1.0]), "an input must be a force element, or a joint"),
     "restart": (lambda p: p[0].simulate(1.0, restart="a.h5"), "restart must be a checkpoint"),
+    "bar of progress": (lambda p: p[0].simulate(1.0, progress="no"), "progress must be True or False, got 'no'"),
+    "stop": (lambda _: fm.Event(lambda m: 1.0, stop="no"), "stop must be True or False"),
+    "subcycle": (lambda _: fm.CentralDifference(subcycle="off"), "subcycle must be True or False"),
+    "monotone": (lambda p: p[2].prescribe(fm.Table([0, 1], [0, 1], monotone="no")), "monotone must be True or False"),
+    "rigid": (lambda _: solid(rigid="no"), "rigid must be True or False"),
+    "way": (lambda p: setattr(p[2], "way", "constraints"), "its way must be fm.Way.COORDINATES or CONSTRAINTS"),
+    "enforce": (lambda p: setattr(p[2], "enforce", 1e6), r"what enforces it must be fm.Multipliers\(\), "),
+    "enforce without constraints": (
+        lambda p: (setattr(p[2], "way", fm.Way.COORDINATES), setattr(p[2], "enforce", fm.Multipliers())),
+        "goes by coordinates, which leave nothing to enforce",
+    ),
 }  # fmt: skip
 
 
@@ -144,6 +155,27 @@ def test_what_is_wrong_is_named(what):
     call, fault = WRONG[what]
     with pytest.raises(SceneError, match=fault):
         call(pendulum())
+
+
+def test_a_refused_change_of_a_joint_changes_nothing():
+    scene, _, hinge = pendulum()
+    with pytest.raises(SceneError):
+        hinge.enforce = "penalty"
+    assert hinge.enforce is None
+    hinge.enforce = fm.Penalty(1e6)
+    assert len(scene.start().scene.plan.penalties) > 0
+
+
+def test_a_position_and_a_velocity_are_unset_by_none():
+    """So a joint that was set may be prescribed after all."""
+    scene, _, hinge = pendulum()
+    hinge.velocity = 2.0
+    hinge.prescribe(fm.Sine(0.1, 3.0, offset=0.5))
+    with pytest.raises(SceneError, match="leave out the position, or set it to None"):
+        scene.start()
+    hinge.position = hinge.velocity = None
+    assert (hinge.position, hinge.velocity) == (None, None)
+    assert scene.start().x[0] == pytest.approx(0.5)
 
 
 def test_a_method_of_the_users_own_is_taken_by_what_it_has():

@@ -13,6 +13,12 @@ from flexmbd.reduction.unit_loads import BodyForce
 LAST = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 
 
+@pytest.mark.parametrize("name", ["complete", "keep_modes", "keep_surface", "keep_stress", "geometric_stiffness"])
+def test_what_is_neither_true_nor_false_is_refused(name):
+    with pytest.raises(ReductionError, match=f"{name} must be True or False, got 'no'"):
+        craig_bampton(bracket(degree=1), modes=2, frame="root", **{name: "no"})
+
+
 @pytest.mark.mpi
 @pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="takes two ranks")
 @pytest.mark.parametrize(
