@@ -105,8 +105,10 @@ class Event:
     """Something to look for while a machine moves.
 
     Attributes:
-        function: of a ``Moment``; the event is where it passes through zero.  It must be continuous
-            and change sign no more than once in a step.
+        function: of a ``Moment``; the event is where it passes through zero.  It must be continuous.
+            What passes and comes back within a step is found by looking at the motion between its ends, once at least
+            and thrice in the time between its last two passages: of passages that are much nearer than that some may
+            be missed; ``max_step`` bounds the steps.
         direction: which passages count.
         stop: end the simulation there.
         action: called at the event; may set joint velocities, as an impact does.

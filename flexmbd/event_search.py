@@ -13,12 +13,21 @@ from flexmbd.event import Event, Moment, Occurrence
 from flexmbd.integrate import state as st
 from flexmbd.multibody.body import Body
 from flexmbd.multibody.initial import match_motion
+from flexmbd.multibody.kernels.interpolation import interpolate_series
+from flexmbd.multibody.kernels.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.round_bodies import round_axes
 from flexmbd.multibody.team import Team
 from flexmbd.stepping import Integration, Snapshot, evaluate_inputs
+
+FloatArray = NDArray[np.float64]
 
 # Where what a function goes through falls below this share of what it went through in a whole step, an impact has no
 # flight after it: flights go with the root.
 _GONE = 1e-10
+# Where a function is looked at within a step: once at least, so often in the time between its last two passages, and
+# at most so often; what is found twice in a row by twice as many looks is all there is.
+_LOOKS, _MOST_LOOKS = 3.0, 4096
+_UNEVEN = 0.618  # no whole share of a step, for functions that repeat themselves
 
 
 class EventSearch:
@@ -45,6 +54,11 @@ class EventSearch:
         self._signs = self._signs_now()
         # from which side (-1, 1) an action has thrown each function back, until it is off zero
         self._thrown_back = np.zeros(len(events))
+        plain, quaternions = coordinate_slots(integration.start.scene.plan)
+        self._slots = plain, quaternions, round_axes(integration.start.scene.plan, quaternions)
+        # when each function passed through zero last, and how long that was after the time before
+        self._last_passage = np.full(len(events), -np.inf)
+        self._spacing = np.full(len(events), np.inf)
 
     def advance(self, t_end: float) -> int:
         """One step towards ``t_end`` (s), cut short at the first event in it; the stepper's code."""
@@ -58,16 +72,57 @@ class EventSearch:
         if fallen.any():
             code = self._follow_throw(before, np.flatnonzero(fallen))
             signs = self._signs_now()
+        if (first := self._first_of_many(before, signs)) is not None:
+            code = self._step_to(before, first)
+            code = st.OUTPUT if code == st.DONE else code
+            signs = self._signs_now()
         self._thrown_back[signs != 0.0] = 0.0
         passed = [
             k for k, event in enumerate(self._events) if event.passes(self._signs[k], signs[k])
         ]
         if not passed:
+            self._note_passages(signs * self._signs < 0.0)
             # a function that touches zero keeps its side
             self._signs = np.where(signs == 0.0, self._signs, signs)
             integration.keep_rows()
             return code
         return self._take_place(passed, before, signs, t_end)
+
+    def _note_passages(self, passed: NDArray[np.bool_]) -> None:
+        """Take note of when functions passed, about now, and of the time since they did before."""
+        self._spacing[passed] = (self._integration.t - self._last_passage)[passed]
+        self._last_passage[passed] = self._integration.t
+
+    def _first_of_many(self, before: Snapshot, signs: NDArray[np.float64]) -> float | None:
+        """An instant (s) after the first passage in the step, where a function passes more than once in it.
+
+        Looked for on the motion between the step's ends, which nothing but this is taken from.
+        """
+        begin, end = float(before.state.numbers[st.TIME]), self._integration.t
+        looks = int(min(1.0 + np.ceil(_LOOKS * (end - begin) / self._spacing.min()), _MOST_LOOKS))
+        found = -1
+        while True:
+            instants = begin + (end - begin) * (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)
+            rows = zip(instants, *self._motion_since(before, instants), strict=True)
+            seen = [self._signs, *(np.sign(self._values_at(t, x, v, a)) for t, x, v, a in rows), signs]
+            changes = [_changes(np.array([row[k] for row in seen])) for k in range(len(self._events))]
+            if max(len(one) for one in changes) <= 1:
+                return None
+            total = sum(len(one) for one in changes)
+            if total == found or looks >= _MOST_LOOKS:
+                last = min(one[0] for one in changes if len(one))
+                return float(instants[last - 1]) if last <= looks else None
+            found, looks = total, 2 * looks
+
+    def _motion_since(self, before: Snapshot, instants: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x (k, nx), v, a (k, nv) at instants (s) of the step from ``before`` to where the integration stands."""
+        old, new = before.state, self._integration.state
+        pairs = ((old.numbers[st.TIME], self._integration.t), *zip(old[:3], new[:3], strict=True))
+        t, x, v, a = (np.array(pair) for pair in pairs)
+        k = len(instants)
+        found = np.zeros((k, x.shape[1])), np.zeros((k, v.shape[1])), np.zeros((k, v.shape[1]))
+        interpolate_series(*self._slots, t, x, v, a, np.zeros(k, np.int64), instants, *found)
+        return found
 
     def _take_place(
         self, passed: Sequence[int], before: Snapshot, signs: np.ndarray, t_end: float
@@ -80,7 +135,8 @@ class EventSearch:
         if (code := self._step_to(before, first, keep=True)) != st.DONE:
             return code
         now = [k for k, t in instants.items() if t - first <= 1e-12 * max(abs(end), end - begin)]
-        row = sum(len(block[0]) for block in integration.stored) - 1
+        self._note_passages(np.isin(np.arange(len(self._events)), now))
+        row = integration.rows - 1
         self._signs = np.where(self._signs_now() == 0.0, self._signs, self._signs_now())
         for k in now:
             event = self._events[k]
@@ -136,15 +192,12 @@ class EventSearch:
         event = self._events[k]
 
         def value(t: float) -> float:
-            if t <= begin:
-                self._integration.restore(before)
-            elif self._step_to(before, t) != st.DONE:
+            if t <= begin:  # where it may have just passed, and what it leaves there is round-off of either sign
+                return float(self._signs[k])
+            if self._step_to(before, t) != st.DONE:
                 return float("nan")
             return event.value(self._moment(), self._team)
 
-        low, high = value(begin), value(end)
-        if low * high > 0.0:  # it passed by a hair at the step's beginning
-            return begin + 1e-3 * (end - begin)
         spacing = 4.0 * np.spacing(max(abs(begin), abs(end)))
         return max(float(brentq(value, begin, end, xtol=spacing)), begin + spacing)
 
@@ -180,6 +233,18 @@ class EventSearch:
     def _signs_now(self) -> np.ndarray:
         return np.sign(self._values_now())
 
+    def _values_at(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        multipliers = self._integration.state.multipliers
+        row = (np.array([t]), x[None], v[None], a[None], multipliers[None].copy())
+        moment = Moment(self._integration.start.scene, row, self._bodies, self._team)
+        return np.array([event.value(moment, self._team) for event in self._events])
+
     def _values_now(self) -> NDArray[np.float64]:
         moment = self._moment()
         return np.array([event.value(moment, self._team) for event in self._events])
+
+
+def _changes(signs: FloatArray) -> NDArray[np.int64]:
+    """Where among signs (-1, 0, 1) another one than the last that was not zero stands."""
+    kept = np.flatnonzero(signs)
+    return kept[1:][np.diff(signs[kept]) != 0.0]

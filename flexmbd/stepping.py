@@ -86,6 +86,7 @@ class Integration:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
         self.stored: list[tuple[FloatArray, ...]] = []
+        self._taken = 0
         self.beside: list[Row] = []
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
@@ -100,7 +101,7 @@ class Integration:
     @property
     def rows(self) -> int:
         """How many are taken."""
-        return sum(len(block[0]) for block in self.stored)
+        return self._taken
 
     def bound_steps(self, longest: float) -> None:
         """Let no step of error control be longer (s)."""
@@ -187,6 +188,7 @@ class Integration:
         self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
         self._departed.clear()
         self.stored.append(tuple(part[:stored].copy() for part in self.record))
+        self._taken += stored
         if self._interiors is not None:
             self.beside.extend(self._interiors.buffer[:stored])
         self.state.counts[st.STORED] = 0
@@ -197,6 +199,7 @@ class Integration:
         self.stored.append(
             (np.array([self.t]), *(part[None].copy() for part in (s.x, s.v, s.a, s.multipliers)))
         )
+        self._taken += 1
         if self._interiors is not None:
             self.beside.append(self._interiors.row(self.start.scene.plan))
 

@@ -144,3 +144,33 @@ def test_an_action_may_set_only_what_there_is():
 
     with pytest.raises(SimulationError, match="takes 1 finite velocities"):
         scene.simulate(1.0, events=[fm.Event(lambda m: m.beta(drop), action=act)])
+
+
+def test_passages_of_which_a_step_holds_many_are_all_found():
+    """A clock of 100 ticks in steps that are five times as long by themselves."""
+    scene, *_ = falling_bar()
+    assert scene.simulate(1.0).stats.steps < 50
+    clock = fm.Event(lambda m: np.sin(100.0 * np.pi * m.t))
+    ticks = [one.t for one in scene.simulate(0.995, events=[clock]).events]
+    np.testing.assert_allclose(ticks, 0.01 * np.arange(1, 100), atol=1e-13)
+
+
+def test_what_passes_and_comes_back_within_a_step_is_found():
+    """A pendulum that goes past a level which no step's end reaches, there and back."""
+    scene, hinge, _ = falling_bar()
+    method, end = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8), 1.8
+    plain = scene.simulate(end, rtol=1e-3, integrator=method)
+    level = 0.5 * (plain.beta(hinge).max() + plain.beta(hinge, t=np.linspace(0.0, end, 1801)).max())
+    passes = fm.Event(lambda m: float(m.beta(hinge)) - level)
+    found = [one.t for one in scene.simulate(end, rtol=1e-3, integrator=method, events=[passes]).events]
+    exact = [one.t for one in scene.simulate(end, h=1e-3, integrator=method, events=[passes]).events]
+    assert len(found) == 2
+    np.testing.assert_allclose(found, exact, atol=1e-2)
+
+
+def falling_bar():
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    bar = scene.add(fm.RigidBody(1.0, (0.01, 0.02, 0.02), com=(0.5, 0.0, 0.0)), name="bar")
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bar.frame())
+    hinge.position = 0.3
+    return scene, hinge, bar
