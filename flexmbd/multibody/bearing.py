@@ -53,7 +53,7 @@ class Bearings:
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_element(scene.plan, address))
+        self._response = Response(without_element(scene.plan, address), scene.extent)
         slots = [scene.joint_slots[id(b.connection)] for b in self._bearings]
         self._coordinate = np.array([s.v.start for s in slots])
         self._places = [_joint_place(scene, b.connection) for b in self._bearings]

@@ -54,6 +54,11 @@ class Machine(Protocol):
         """The flat arrays."""
 
     @property
+    def extent(self) -> float:
+        """The machine's size (m)."""
+        ...
+
+    @property
     def nv(self) -> int:
         """Number of generalised speeds."""
 

@@ -48,7 +48,7 @@ class KaneInertia:
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_element(scene.plan, address))
+        self._response = Response(without_element(scene.plan, address), scene.extent)
         self._kinematics = Kinematics(scene)
 
     def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:

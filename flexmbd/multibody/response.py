@@ -38,11 +38,14 @@ class Answer(NamedTuple):
 class Response:
     """The equations of motion of a plan at a state, solved: M a + C^T nu = f, with C a as the loops want it.
 
-    Of loops with redundant rows the smallest multipliers are taken.
+    Of loops with redundant rows the smallest multipliers are taken, in the norm of forces and of moments over the
+    machine's ``extent`` (m), as for reactions (``redundancy``).
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, extent: float) -> None:
         self.plan = plan
+        in_rad = np.isin(plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD)
+        self._sizes = np.where(in_rad, extent, 1.0)  # times a row, all are of one unit
         self.work = new_work(plan)
         self._articulated = new_articulated_work(plan)
         self._nv = len(plan.free) + len(plan.driven)
@@ -63,7 +66,9 @@ class Response:
         forward(plan, self.work, x, v, a)
         constraints(plan, self.work, *values)
         opening = np.vstack([values[2], slopes @ jacobian.T])
-        multipliers = np.linalg.lstsq(jacobian @ yielding.T, opening.T, rcond=_RANK)[0].T
+        sizes = self._sizes
+        alike = sizes[:, None] * (jacobian @ yielding.T) * sizes
+        multipliers = (sizes[:, None] * np.linalg.lstsq(alike, (opening * sizes).T, rcond=_RANK)[0]).T
         return Answer(
             a - multipliers[0] @ yielding, multipliers[0], slopes - multipliers[1:] @ yielding, multipliers[1:]
         )

@@ -155,6 +155,36 @@ def test_a_loop_of_a_slider_crank():
     np.testing.assert_allclose(reaction[:, 0], friction, atol=1e-8 * normal.max())
 
 
+def spatial_loop(unit):
+    """A slider-crank whose rod swings out of the plane, between a ball and a cross; a metre is ``unit`` long here."""
+    scene = fm.System(gravity=(0.0, -9.81 * unit, 0.0))
+    crank, rod, piston = (
+        scene.add(fm.RigidBody(mass, tuple(np.array(inertia) * unit**2), (place * unit, 0.0, 0.0)), name=name)
+        for name, mass, inertia, place in (
+            ("crank", 0.4, (2e-4, 3e-4, 4e-4), 0.03),
+            ("rod", 0.8, (3e-4, 7e-3, 7.2e-3), 0.14),
+            ("piston", 0.3, (1e-4, 1e-4, 1e-4), 0.0),
+        )
+    )
+    main = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), crank.frame(), name="main")
+    scene.connect(fm.joint.Spherical(), crank.frame(p=(0.08 * unit, 0.0, 0.02 * unit)), rod.frame())
+    guide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), piston.frame(), name="guide")
+    cross, end = fm.joint.Universal("y", "z"), rod.frame(p=(0.3 * unit, 0.0, 0.0))
+    scene.connect(cross, end, piston.frame(), name="small", way=fm.Way.CONSTRAINTS)
+    main.position, main.velocity = 0.6, 20.0
+    scene.add_force(fm.force.BearingFriction(guide, 0.3, 0.2 * unit))
+    scene.add_force(fm.force.BearingFriction(main, 0.3, 0.2, 0.02 * unit))
+    return scene
+
+
+@pytest.mark.parametrize("unit", [1e3, 2.0**20, 2.0**-20])
+def test_friction_does_not_depend_on_the_unit_of_length(unit):
+    """Rows in metres and rows in radians of one loop, however small or large the numbers of the former are."""
+    expected, found = (spatial_loop(one).start().a[0] for one in (1.0, unit))
+    assert abs(expected) > 100.0
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
 def test_a_joint_that_locks_is_named():
     """A stiff arm pushed at an angle against its guide: the more friction, the more it is pressed."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
