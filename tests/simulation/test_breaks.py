@@ -119,6 +119,26 @@ def test_an_undeclared_jump_is_met_by_radau_as_by_scipys(load, shape, rtol):
     assert error < max(abs(peer.y[0, -1] - exact), rtol), shape
 
 
+@pytest.mark.parametrize(("method", "peer"), [("5", "RK45"), ("8", "DOP853")])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
+def test_explicit_pairs_go_over_undeclared_jumps(method, peer, rtol):
+    """Wherever they lie, however large they are; at the worst of ten no worse than scipy's pairs at the same rtol."""
+    random = np.random.default_rng(3)
+    errors = []
+    for stop, force in zip(random.uniform(0.1, 2.9, 10), 10.0 ** random.uniform(-1.0, 4.0, 10), strict=True):
+        size = force / STIFFNESS
+        exact = size * (np.cos(OMEGA * (END - stop)) - np.cos(OMEGA * END))
+        load = lambda t, force=force, stop=stop: force if t < stop else 0.0  # noqa: E731
+        error, _ = end_error(load, exact, METHODS[method], rtol=rtol)
+        other = solve_ivp(
+            lambda t, y, load=load: [y[1], load(t) - 4.0 * y[0]], (0.0, END), [0.0, 0.0],
+            method=peer, rtol=max(rtol, 1e-13), atol=rtol * size,
+        )  # fmt: skip
+        errors.append([error / size, abs(other.y[0, -1] - exact) / size])
+    ours, theirs = np.max(errors, axis=0)
+    assert ours < max(theirs, 10.0 * rtol)
+
+
 @pytest.mark.parametrize("offset", [0.0, 0.37], ids=["on a step", "inside a step"])
 @pytest.mark.parametrize(("method", "order"), [("radau", 5), ("alpha", 2), ("energy", 2), ("central", 2), ("5", 5)])
 def test_fixed_steps_keep_their_order_across_a_jump(method, order, offset):
