@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
-from flexmbd.integrate.central_step import RULE, Method, Scratch, attempt
+from flexmbd.integrate.central_step import RULE, Method, Scratch, advance
 from flexmbd.integrate.controller import SAFETY, Stepper, driver, no_factors
 from flexmbd.integrate.explicit_interiors import ExplicitInteriors
 from flexmbd.integrate.history import refuse_implicit_only
@@ -72,7 +72,7 @@ class CentralDifference:
         scratch = Scratch(zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)), zeros(nv), zeros(nv))
         parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
         method = Method(*parts, scratch)
-        drive = driver(attempt, method, RULE, state, groups)
+        drive = driver(advance, method, RULE, state, groups)
         interiors = None
         if scene.interiors is not None:
             interiors = ExplicitInteriors(scene.interiors, method, drive, state, subcycle=self.subcycle)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule
+from flexmbd.integrate.controller import Rule, next_step
 from flexmbd.integrate.loop_dynamics import N_MEMORY, Loops, accelerate, is_nearly_singular, note_scales, project
 from flexmbd.multibody.kernels.articulated_layout import ArticulatedWork
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.residual import drive
 from flexmbd.multibody.kernels.rotation_update import EXPONENTIAL, move
@@ -119,8 +119,8 @@ def _accept(state, s):
         state.multipliers[i] = s.multipliers[i]
 
 
-@kernel
-def attempt(method, state, groups, h):
+@part_of_kernel
+def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, aw, loops, plain, quaternions, s = method
     rate = state.numbers[st.RATE]
@@ -135,3 +135,14 @@ def attempt(method, state, groups, h):
             if plan.rows.shape[0] > 0:
                 note_scales(loops)
     state.numbers[st.RATIO] = ratio
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

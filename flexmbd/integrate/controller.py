@@ -1,9 +1,18 @@
 """The controller of steps: how long each is, what becomes of it, and what is stored, whatever the method.
 
-A method gives an ``attempt`` at a step, compiled and called by its address, so that this loop is compiled without it.
-An attempt takes h from TIME to STEP_END.  It writes OUTCOME, and where that is DONE the step's error over what is
-tolerated, RATIO (0 with a fixed step).  Where that is at most one it has moved x, v, a, the multipliers and its memory
-to the step's end; otherwise it leaves no trace in them.
+A method is an attempt at a step, in the text of a loop of its own, as the controller is, for to hand over all arrays
+takes as long as half a small step:
+
+    h = 0.0
+    while True:
+        h = next_step(plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        ...
+
+An attempt takes h from TIME to STEP_END.  It leaves OUTCOME at DONE or writes what it failed by, and where it did not,
+the step's error over what is tolerated, RATIO (0 with a fixed step).  Where that is at most one it has moved x, v, a,
+the multipliers and its memory to the step's end; otherwise it leaves no trace in them.
 
 The step's length follows from the error by one law: by its size, by its trend over two steps, with a dead zone for
 methods to which each change costs a factorisation.  Sources: Gustafsson 1991, 1994; Hairer & Wanner 1996, section IV.8.
@@ -18,11 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.separate import address_of, call_separate
+from flexmbd.multibody.kernels.compiling import part_of_kernel
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Ends of stretches that no step contains whole, where there are none.
 NO_KNOTS: FloatArray = np.zeros(0)
@@ -83,23 +90,17 @@ def no_factors() -> None:
 
 
 def driver(
-    attempt: Any, method: Any, rule: Rule, state: st.State, groups: st.Groups
+    loop: Any, method: Any, rule: Rule, state: st.State, groups: st.Groups
 ) -> Callable[[st.Record, FloatArray], int]:
-    """A stepper's ``advance`` by a compiled attempt, which takes ``method``, a named tuple, state, groups and h."""
-    address = attempt_address(attempt, method, state, groups)
+    """A stepper's ``advance`` by a method's compiled loop; ``method``: a named tuple of what its attempts work with."""
 
     def drive_to(record: st.Record, knots: FloatArray) -> int:
-        return int(advance(address, method, rule, knots, state, groups, record))
+        return int(loop(method, rule, knots, state, groups, record))
 
     return drive_to
 
 
-def attempt_address(attempt: Any, method: Any, state: st.State, groups: st.Groups) -> IntArray:
-    """(1,) address of an attempt, for ``advance``."""
-    return np.array([address_of(attempt, (method, state, groups, 1.0))], np.int64)
-
-
-@kernel
+@part_of_kernel
 def set_out(rule, knots, state, groups):
     """The step to try; writes its end, WHOLE and RATE."""
     number = state.numbers
@@ -142,20 +143,21 @@ def set_out(rule, knots, state, groups):
     return h
 
 
-@kernel
+@part_of_kernel
 def _growth(rule, number, count, h, ratio):
     """Factor from h to the next step after one whose error is ``ratio``."""
     size = max(ratio, 1e-10)
     before = max(number[st.RATIO_BEFORE], rule.least_before)
-    growth = size ** (-rule.exponent * rule.proportional) * before ** (rule.exponent * rule.integral)
-    growth *= number[st.SAFETY]
+    growth = number[st.SAFETY] * size ** (-rule.exponent * rule.proportional)
+    if rule.integral > 0.0:
+        growth *= before ** (rule.exponent * rule.integral)
     accepted = number[st.STEP_ACCEPTED]
     if rule.trend > 0.0 and accepted > 0.0 and count[st.HOLD] == 0:
         growth = min(growth, number[st.SAFETY] * h / accepted * (before / (size * size)) ** rule.exponent)
     return min(rule.most, max(rule.least, growth))
 
 
-@kernel
+@part_of_kernel
 def _go_on(rule, state, h):
     """Set the step that follows one of h that was taken."""
     number = state.numbers
@@ -185,7 +187,7 @@ def _go_on(rule, state, h):
     count[st.HOLD] = max(0, count[st.HOLD] - 1)
 
 
-@kernel
+@part_of_kernel
 def _try_again(rule, state, h):
     """Set the step to try instead of h, which failed; a code where there is none."""
     number = state.numbers
@@ -212,7 +214,7 @@ def _try_again(rule, state, h):
     return st.DONE
 
 
-@kernel
+@part_of_kernel
 def settle(plan, rule, state, groups, record, h):
     """Judge the attempt at h: store its end or set another step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
@@ -225,22 +227,17 @@ def settle(plan, rule, state, groups, record, h):
     return _try_again(rule, state, h)
 
 
-@kernel
-def has_room(state, record):
-    """Whether another row may be stored."""
-    return state.counts[st.STORED] < min(record.t.shape[0], state.counts[st.ROOM])
-
-
-@entry_kernel
-def advance(address, method, rule, knots, state, groups, record):
-    """Step until the end, a full record, or a failure; see ``Stepper.advance``."""
-    while state.numbers[st.TIME] < state.numbers[st.TIME_END]:
-        if not has_room(state, record):
-            return st.OUTPUT
-        h = set_out(rule, knots, state, groups)
-        state.counts[st.OUTCOME] = st.DONE
-        call_separate(address[0], (method, state, groups, h))
-        code = settle(method.plan, rule, state, groups, record, h)
-        if code != st.DONE:
-            return code
-    return st.DONE
+@part_of_kernel
+def next_step(plan, rule, knots, state, groups, record, h):
+    """Judge the attempt at h (0: none yet) and set out on the step to try; 0 where to return OUTCOME."""
+    count = state.counts
+    code = st.DONE
+    if h > 0.0:
+        code = settle(plan, rule, state, groups, record, h)
+    count[st.OUTCOME] = code
+    if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END]:
+        return 0.0
+    if count[st.STORED] >= min(record.t.shape[0], count[st.ROOM]):
+        count[st.OUTCOME] = st.OUTPUT
+        return 0.0
+    return set_out(rule, knots, state, groups)

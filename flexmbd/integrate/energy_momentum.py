@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import discrete_gradient as step
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
 from flexmbd.integrate.discrete_gradient import Scratch
 from flexmbd.integrate.discrete_newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_step import kinetic_energy
@@ -29,7 +29,7 @@ from flexmbd.integrate.loop_dynamics import Loops, new_loops, note_scales, surve
 from flexmbd.integrate.momentum_end import accelerate_end
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.joints import retract
 from flexmbd.multibody.kernels.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.native import solve
@@ -131,7 +131,7 @@ class EnergyMomentum:
 
         drop_factors()
         method = Method(plan, stored, work, loops, scratch, self.newton)
-        return Stepper(driver(attempt, method, _RULE, state, groups), begin, drop_factors)
+        return Stepper(driver(advance, method, _RULE, state, groups), begin, drop_factors)
 
 
 class Method(NamedTuple):
@@ -346,8 +346,8 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
 
 
-@kernel
-def attempt(method, state, groups, h):
+@part_of_kernel
+def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, stored_plan, work, loops, s, newton = method
     number = state.numbers
@@ -369,3 +369,14 @@ def attempt(method, state, groups, h):
             _accept(plan, loops, state, s, s.a_end, h)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, has_room, no_factors, set_out, settle
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step, no_factors
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.loop_dynamics import (
     N_MEMORY,
@@ -134,12 +134,7 @@ class ExplicitRungeKutta:
             state.numbers[st.SAFETY] = SAFETY
             survey(scene, state, work)
 
-        rule = self.rule
-
-        def advance_to(record: st.Record, knots: FloatArray) -> int:
-            return int(advance(method, rule, knots, state, groups, record))
-
-        return Stepper(advance_to, begin, no_factors)
+        return Stepper(driver(advance, method, self.rule, state, groups), begin, no_factors)
 
 
 class Method(NamedTuple):
@@ -321,22 +316,12 @@ def _attempt(method, state, groups, h):
             note_scales(loops)
 
 
-@kernel
-def attempt(method, state, groups, h):
-    """An attempt at a step, to be called by its address."""
-    _attempt(method, state, groups, h)
-
-
 @entry_kernel
 def advance(method, rule, knots, state, groups, record):
-    """``controller.advance`` with the attempt in its text: to hand over its arrays takes as long as half a step."""
-    while state.numbers[st.TIME] < state.numbers[st.TIME_END]:
-        if not has_room(state, record):
-            return st.OUTPUT
-        h = set_out(rule, knots, state, groups)
-        state.counts[st.OUTCOME] = st.DONE
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
         _attempt(method, state, groups, h)
-        code = settle(method.plan, rule, state, groups, record, h)
-        if code != st.DONE:
-            return code
-    return st.DONE

@@ -18,11 +18,11 @@ from flexmbd.integrate.alpha_interiors import ImplicitInteriors
 from flexmbd.integrate.alpha_layout import Scratch, new_scratch
 from flexmbd.integrate.alpha_memory import accept, set_out
 from flexmbd.integrate.augmented import solve_passes
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
 from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
 from flexmbd.integrate.local_error import local_error
 from flexmbd.multibody.continuum_body import Scheme
-from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.plan import CompiledScene
 
@@ -113,7 +113,7 @@ class GeneralizedAlpha:
             machine = ImplicitInteriors(interiors, scheme, RULE, scene.plan, work, state, groups, scratch)
             return Stepper(machine.advance, begin, drop_factors)
         method = Method(scene.plan, work, scratch)
-        return Stepper(driver(attempt, method, RULE, state, groups), begin, drop_factors)
+        return Stepper(driver(advance, method, RULE, state, groups), begin, drop_factors)
 
     def coefficients(self) -> tuple[float, float, float, float]:
         """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 20, 25)."""
@@ -138,8 +138,8 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     return True
 
 
-@kernel
-def attempt(method, state, groups, h):
+@part_of_kernel
+def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, s = method
     count = state.counts
@@ -159,3 +159,14 @@ def attempt(method, state, groups, h):
             accept(state, s)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule, Stepper, driver
+from flexmbd.integrate.controller import Rule, Stepper, driver, next_step
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.integrate.radau_coefficients import ORDER, STAGES
 from flexmbd.integrate.radau_error import local_error, remember_roughness, set_safety, widen_scales
@@ -29,7 +29,7 @@ from flexmbd.integrate.radau_stages import (
     evaluate_stage_times,
     new_scratch,
 )
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import complex_lapack_addresses
 from flexmbd.multibody.plan import CompiledScene
@@ -88,7 +88,7 @@ class RadauIIA:
 
         drop_factors()
         method = Method(scene.plan, work, scratch)
-        return Stepper(driver(attempt, method, _RULE, state, groups), drop_factors, drop_factors)
+        return Stepper(driver(advance, method, _RULE, state, groups), drop_factors, drop_factors)
 
 
 @kernel
@@ -111,8 +111,8 @@ def _accept(state, s, h):
     state.counts[POLYNOMIAL] = 1
 
 
-@kernel
-def attempt(method, state, groups, h):
+@part_of_kernel
+def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, s = method
     number = state.numbers
@@ -137,3 +137,14 @@ def attempt(method, state, groups, h):
                 remember_roughness(plan, state, groups, s, h)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

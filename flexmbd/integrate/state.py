@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -95,7 +95,7 @@ class Record(NamedTuple):
     multipliers: FloatArray
 
 
-@kernel
+@part_of_kernel
 def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
@@ -160,7 +160,7 @@ def latest(state, t):
     return min(t, state.numbers[LATEST])
 
 
-@kernel
+@part_of_kernel
 def store(plan, state, groups, record, h):
     """Advance TIME to STEP_END by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
     for i in range(plan.tree.shape[0]):

@@ -9,6 +9,7 @@ from one stretch into the next, but it contains none.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -42,7 +43,7 @@ class Breaks:
 
     def next_jump(self, t: float) -> float:
         """The first jump after t (s); infinite where there is none."""
-        k = int(np.searchsorted(self.jumps, t, side="right"))
+        k = bisect_right(self.jumps, t)  # of few, for which numpy's search takes as long as many steps
         return float(self.jumps[k]) if k < len(self.jumps) else np.inf
 
 

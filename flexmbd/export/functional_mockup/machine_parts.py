@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.integrate import alpha_layout, controller, explicit_runge_kutta, generalized_alpha
+from flexmbd.integrate import alpha_layout, explicit_runge_kutta, generalized_alpha
 from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import NO_KNOTS
 from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, new_method
 from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.loop_dynamics import N_MEMORY, survey
@@ -110,10 +111,10 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
     explicit = method if isinstance(method, ExplicitRungeKutta) else ExplicitRungeKutta()
     shared = plan, work, state, groups, record
-    resting, behind = _explicit(scene, explicit, _STANDSTILL, controller.NO_KNOTS, shared)
+    resting = _explicit(scene, explicit, _STANDSTILL, NO_KNOTS, shared)
     if isinstance(method, ExplicitRungeKutta):
-        run, beside = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
-        return Parts(run, resting, state, plan, 0, (behind, beside), [], breaks.jumps, impulses)
+        run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
+        return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
     state.counts[alpha_layout.INDEX] = method.index
     state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
     state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
@@ -123,27 +124,17 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     ))  # fmt: skip
     scratch.kernels[:] = 0
     one = generalized_alpha.Method(plan, work, scratch)
-    run, beside = _driven(generalized_alpha.attempt, one, generalized_alpha.RULE, breaks.knots, state, groups, record)
-    behind_addresses = (behind, beside, (scratch.kernels, tangent))
-    return Parts(run, resting, state, plan, alpha_layout.EARLIEST + 1, behind_addresses, [], breaks.jumps, impulses)
+    run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
+    rows, behind = alpha_layout.EARLIEST + 1, ((scratch.kernels, tangent),)
+    return Parts(run, resting, state, plan, rows, behind, breaks=breaks.jumps, impulses=impulses)
 
 
 def _explicit(
     scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, knots: FloatArray, shared: tuple[Any, ...]
-) -> tuple[Call, tuple[np.ndarray, Call]]:
-    """A call of the loop over steps with an explicit method, and what is behind an address in it."""
+) -> Call:
+    """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
     own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
     survey(scene, own, work)
     method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
-    return _driven(explicit_runge_kutta.attempt, method, choice.rule, knots, state, groups, record)
-
-
-def _driven(
-    attempt: Any, method: Any, rule: controller.Rule, knots: FloatArray, state: st.State, groups: st.Groups,
-    record: st.Record,
-) -> tuple[Call, tuple[np.ndarray, Call]]:  # fmt: skip
-    """A call of the loop over steps with a method, and its attempt behind an address."""
-    address = np.zeros(1, np.int64)
-    run = Call(controller.advance, (address, method, rule, knots, state, groups, record))
-    return run, (address, Call(attempt, (method, state, groups, 1.0)))
+    return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))
