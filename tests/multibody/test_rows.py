@@ -30,7 +30,7 @@ ROLLING = {f"roll {k}": (at.ROW_ROLL, k) for k in range(2)}
 
 @pytest.fixture(scope="module")
 def plan():
-    """Any plan: the rows read their parameters in it alone."""
+    """Any plan: the rows read their parameters in its data."""
     scene = fm.System()
     body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
     scene.connect(fm.joint.Revolute(), scene.ground.frame(), body.frame())
@@ -66,8 +66,8 @@ def differences(function, step=1e-3):
 @pytest.mark.parametrize("name", KINDS)
 def test_wrench_is_the_gradient_of_the_value(plan, name, seed):
     row, (d, R, dd, dtheta) = row_of(*KINDS[name]), places(seed)
-    force, torque = row_wrench(plan, row, *flat(d, R))
-    expected = differences(lambda s: row_value(plan, row, *flat(*moved(d, R, dd, dtheta, s))))
+    force, torque = row_wrench(plan.data, row, *flat(d, R))
+    expected = differences(lambda s: row_value(plan.data, row, *flat(*moved(d, R, dd, dtheta, s))))
     assert np.dot(force, dd) + np.dot(torque, dtheta) == pytest.approx(expected, abs=1e-10)
 
 
@@ -75,9 +75,9 @@ def test_wrench_is_the_gradient_of_the_value(plan, name, seed):
 @pytest.mark.parametrize("name", {**KINDS, **ROLLING})
 def test_variation_is_the_wrench_s_derivative(plan, name, seed):
     row, (d, R, dd, dtheta) = row_of(*{**KINDS, **ROLLING}[name]), places(seed)
-    change = row_wrench_variation(plan, row, *flat(d, R), tuple(dd), tuple(dtheta))
+    change = row_wrench_variation(plan.data, row, *flat(d, R), tuple(dd), tuple(dtheta))
     expected = differences(
-        lambda s: np.array(row_wrench(plan, row, *flat(*moved(d, R, dd, dtheta, s))))
+        lambda s: np.array(row_wrench(plan.data, row, *flat(*moved(d, R, dd, dtheta, s))))
     )
     np.testing.assert_allclose(np.array(change), expected, atol=1e-9)
 
@@ -86,13 +86,13 @@ def test_variation_is_the_wrench_s_derivative(plan, name, seed):
 def test_rolling_rows_are_the_velocity_of_the_lowest_point(plan, k):
     """The rim's point that lies lowest, found by search, as a point of the disc."""
     d, R, rate, spin = places(5)
-    force, torque = row_wrench(plan, row_of(at.ROW_ROLL, k), *flat(d, R))
+    force, torque = row_wrench(plan.data, row_of(at.ROW_ROLL, k), *flat(d, R))
     angle = np.linspace(0.0, 2.0 * np.pi, 2_000_001)
     rim = DATA * (np.outer(np.cos(angle), R[:, 0]) + np.outer(np.sin(angle), R[:, 1]))
     arm = rim[np.argmin(rim[:, 2])]
     velocity = rate + np.cross(spin, arm)
     assert np.dot(force, rate) + np.dot(torque, spin) == pytest.approx(velocity[k], abs=1e-5)
-    touch = row_value(plan, row_of(at.ROW_TOUCH, 0), *flat(d, R))
+    touch = row_value(plan.data, row_of(at.ROW_TOUCH, 0), *flat(d, R))
     assert touch == pytest.approx(d[2] + arm[2], abs=1e-10)
 
 
@@ -103,7 +103,7 @@ def test_screw_holds_over_turns(plan, turns):
     R = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
     row = row_of(at.ROW_SCREW, 0)
     for off in (0.0, 0.2, -0.3):
-        value = row_value(plan, row, *flat(np.array([0.3, 0.1, DATA * angle + off]), R))
+        value = row_value(plan.data, row, *flat(np.array([0.3, 0.1, DATA * angle + off]), R))
         assert value == pytest.approx(off, abs=1e-12)
 
 
@@ -112,7 +112,7 @@ def test_angle_is_the_turn_about_z(plan):
     row = row_of(at.ROW_ANGLE, 0)
     for angle in (-3.0, -0.4, 2.9):
         turn = Rotation.from_rotvec([0.9, -1.3, 0.0]) * Rotation.from_rotvec([0.0, 0.0, angle])
-        value = row_value(plan, row, *flat(np.zeros(3), turn.as_matrix()))
+        value = row_value(plan.data, row, *flat(np.zeros(3), turn.as_matrix()))
         assert value == pytest.approx(angle, abs=1e-14)
 
 
@@ -134,8 +134,8 @@ def test_penalty_wrench_and_its_variation(plan, name):
         speeds = tuple(rate + s * drate), tuple(spin + s * dspin)
         return np.array(element_wrench(penalised, work, row, *place, *speeds))
 
-    unit = np.array(row_wrench(plan, held, *flat(d, R)))
-    pull = stiffness * row_value(plan, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])
+    unit = np.array(row_wrench(plan.data, held, *flat(d, R)))
+    pull = stiffness * row_value(plan.data, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])
     np.testing.assert_allclose(wrench(0.0), -pull * unit, atol=1e-12 * abs(pull))
     changes = (tuple(map(float, c)) for c in (rate, spin, dd, dtheta, drate, dspin))
     change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes)

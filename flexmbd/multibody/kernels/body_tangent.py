@@ -62,16 +62,15 @@ def _spun_second(w, second):
 
 
 @kernel
-def _put_composite(tw, i, body, mass, first, rest, second, flow):
-    """Write body i's moments about o in world axes.
+def _put_composite(row, origin, body, mass, first, rest, second, flow):
+    """Write a body's moments about o in world axes; ``origin`` holds place and velocity of o.
 
     In the body's axes about its origin: first and second moment, ``rest`` the integral of rho Phi qd, ``flow`` that
     of rho r r'^T with r' seen from the origin.
     """
-    row = tw.body[i]
     R = load9(body, at.B_R)
-    p = sub3(load3(body, at.B_P), load3(tw.origin, 0))
-    v = sub3(rotate(R, load3(body, at.B_V)), load3(tw.origin, 3))
+    p = sub3(load3(body, at.B_P), load3(origin, 0))
+    v = sub3(rotate(R, load3(body, at.B_V)), load3(origin, 3))
     w = rotate(R, load3(body, at.B_W))
     h = rotate(R, first)
     momentum = add3(scale3(mass, v), add3(cross3(w, h), rotate(R, rest)))
@@ -106,7 +105,7 @@ def rigid_composite(plan, work, tw, i):
     second = rigid_second_moment(rigid)
     flow = _spun_second(load3(body, at.B_W), second)
     first = load3(rigid, at.FIRST_MOMENT)
-    _put_composite(tw, i, body, rigid[at.MASS], first, (0.0, 0.0, 0.0), second, flow)
+    _put_composite(tw.body[i], tw.origin, body, rigid[at.MASS], first, (0.0, 0.0, 0.0), second, flow)
 
 
 @summing_kernel
@@ -160,7 +159,7 @@ def flexible_composite(plan, work, tw, i, q, qd, qdd):
         flow = add9(flow, scale9(qd[j], V))
     second = (xx, xy, xz, yy, yz, zz)
     flow = add9(flow, _spun_second(load3(body, at.B_W), second))
-    _put_composite(tw, i, body, rigid[at.MASS], first, rest, second, flow)
+    _put_composite(tw.body[i], tw.origin, body, rigid[at.MASS], first, rest, second, flow)
 
 
 @part_of_kernel

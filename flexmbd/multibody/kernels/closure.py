@@ -106,9 +106,9 @@ def constraints(plan, work, position, velocity, acceleration):
             d, R, rate, spin, rate2, spin_rate = relative_motion(
                 plan, work, row[at.ROW_F], row[at.ROW_G]
             )
-        force, torque = row_wrench(plan, row, d, R)
-        force_rate, torque_rate = row_wrench_variation(plan, row, d, R, rate, spin)
-        position[i] = row_value(plan, row, d, R)
+        force, torque = row_wrench(plan.data, row, d, R)
+        force_rate, torque_rate = row_wrench_variation(plan.data, row, d, R, rate, spin)
+        position[i] = row_value(plan.data, row, d, R)
         velocity[i] = dot3(force, rate) + dot3(torque, spin)
         acceleration[i] = (
             dot3(force, rate2)
@@ -140,7 +140,7 @@ def load_constraints(plan, work, multipliers, out):
         g = row[at.ROW_G]
         if i == 0 or not _same_frames(row, plan.rows[i - 1]):
             d, R = relative_pose(plan, work, f, g)
-        force, torque = row_wrench(plan, row, d, R)
+        force, torque = row_wrench(plan.data, row, d, R)
         force = scale3(multipliers[i], force)
         torque = scale3(multipliers[i], torque)
         load_relative(plan, work, f, g, d, R, force, torque, out)

@@ -86,20 +86,20 @@ def _add(target, o, k, v):
 
 
 @kernel
-def _add_column(tw, row, k, per_x, angular, linear, turn, turn2, alpha):
-    """Wrench and feeling of column k from a twist of what ``row`` of ``tw.body`` sums up."""
+def _add_column(wrench, feel, row, k, per_x, angular, linear, turn, turn2, alpha):
+    """Wrench and feeling of column k from a twist of what ``row``, of a body, sums up."""
     force, torque = composite_change(row, turn, turn2, alpha)
     phi, r = scale3(per_x, angular), scale3(per_x, linear)
     F, T = load3(row, tl.C_FORCE), load3(row, tl.C_TORQUE)
     # the wrench itself turns with what it acts on
     force = add3(force, cross3(phi, F))
     torque = add3(torque, add3(cross3(phi, T), cross3(r, F)))
-    _add(tw.wrench, 0, k, force)
-    _add(tw.wrench, 3, k, torque)
+    _add(wrench, 0, k, force)
+    _add(wrench, 3, k, torque)
     f0, f1, f2 = composite_feel(row, angular, linear)
-    _add(tw.feel, 0, k, f0)
-    _add(tw.feel, 3, k, f1)
-    _add(tw.feel, 6, k, f2)
+    _add(feel, 0, k, f0)
+    _add(feel, 3, k, f1)
+    _add(feel, 6, k, f2)
     return force, torque
 
 
@@ -131,7 +131,7 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
     store_column(tw.motion, 3, k, turn2)
     store_column(tw.motion, 6, k, alpha)
     store_column(tw.motion, 9, k, rate)
-    _add_column(tw, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
+    _add_column(tw.wrench, tw.feel, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
 
 
 @part_of_kernel
@@ -255,7 +255,7 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
         store_column(tw.edge_motion, 3, edge + k, turn2)
         store_column(tw.edge_motion, 6, edge + k, alpha)
         store_column(tw.edge_motion, 9, edge + k, rate)
-        change, moment = _add_column(tw, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
+        change, moment = _add_column(tw.wrench, tw.feel, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
         # the lever and the axes of the modes' own share go with the frame
         moment = add3(moment, scale3(per_x, cross3(force, shift)))
         store_column(tw.sums, 0, k, change)

@@ -73,7 +73,7 @@ def _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dsp
     held = plan.penalties[row[at.EL_COUNT]]
     o = row[at.EL_DATA]
     _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
-    force_change, torque_change = row_wrench_variation(plan, held, d, R, dd, dtheta)
+    force_change, torque_change = row_wrench_variation(plan.data, held, d, R, dd, dtheta)
     value_change = 0.0
     if held[at.ROW_LEVEL] == at.LEVEL_POSITION:
         value_change = dot3(force, dd) + dot3(torque, dtheta)

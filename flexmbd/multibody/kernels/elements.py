@@ -199,8 +199,8 @@ def penalty_pull(plan, work, row, d, R, rate, spin):
     """A penalised row's value and rate, what it pulls in place of a multiplier, and its unit wrench."""
     held = plan.penalties[row[at.EL_COUNT]]
     o = row[at.EL_DATA]
-    force, torque = row_wrench(plan, held, d, R)
-    value = row_value(plan, held, d, R)
+    force, torque = row_wrench(plan.data, held, d, R)
+    value = row_value(plan.data, held, d, R)
     speed = dot3(force, rate) + dot3(torque, spin)
     f = held[at.ROW_TIME]
     if f >= 0:

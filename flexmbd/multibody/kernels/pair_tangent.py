@@ -176,7 +176,7 @@ def _total_wrench(plan, first, last, multipliers, d, R):
     """Wrench of rows first .. last - 1 together, at G, in F's axes."""
     force = torque = (0.0, 0.0, 0.0)
     for i in range(first, last):
-        one, turn = row_wrench(plan, plan.rows[i], d, R)
+        one, turn = row_wrench(plan.data, plan.rows[i], d, R)
         force = add3(force, scale3(multipliers[i], one))
         torque = add3(torque, scale3(multipliers[i], turn))
     return force, torque
@@ -187,8 +187,8 @@ def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
     """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
     dd, dtheta, drate, dspin, unit, turn = change
     row = plan.rows[i]
-    force, torque = row_wrench(plan, row, d, R)
-    dforce, dtorque = row_wrench_variation(plan, row, d, R, dd, dtheta)
+    force, torque = row_wrench(plan.data, row, d, R)
+    dforce, dtorque = row_wrench_variation(plan.data, row, d, R, dd, dtheta)
     tw.jacobian[i, k] = dot3(force, unit) + dot3(torque, turn)
     tw.rate_jacobian[i, k] = (
         dot3(dforce, rate) + dot3(dtorque, spin) + dot3(force, drate) + dot3(torque, dspin)

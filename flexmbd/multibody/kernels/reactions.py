@@ -58,7 +58,7 @@ def row_reactions(plan, work, f, g, t, x, v, a, multipliers, scratch, out):
         for i in range(plan.rows.shape[0]):
             row = plan.rows[i]
             if row[at.ROW_F] == f and row[at.ROW_G] == g:
-                row_force, row_torque = row_wrench(plan, row, d, R)
+                row_force, row_torque = row_wrench(plan.data, row, d, R)
                 force = sub3(force, scale3(multipliers[k, i], row_force))
                 torque = sub3(torque, scale3(multipliers[k, i], row_torque))
         for i in range(plan.elements.shape[0]):

@@ -39,29 +39,18 @@ from flexmbd.multibody.kernels.so3 import (
 
 
 @kernel
-def deform_frame(plan, f, x, v, a, row):
-    """Write pose and motion of frame f against its body into its work row.
+def deform_frame(fixed, modal, o, q, qd, qdd, row):
+    """Write pose and motion of a frame, whose modes stand from ``o``, against its body into its work row.
 
     The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
     d theta/dt is exact, so that forces do the work that the motion shows.
     """
-    fixed = plan.frames[f]
-    p = load3(fixed, at.FRAME_P)
-    r = load9(fixed, at.FRAME_R)
-    o = plan.frame_of[f, at.FRAME_MODES]
-    if o < 0:
-        store3(row, at.F_P, p)
-        store9(row, at.F_R, r)
-        return
-    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
-    n = plan.flex[tree[at.FLEX], at.N_MODES]
-    qx = tree[at.MODAL_X]
-    qv = tree[at.MODAL_V]
-    shift, theta = modal_sum(plan.modal, o, n, x[qx : qx + n])
-    velocity, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
-    acceleration, theta_rate2 = modal_sum(plan.modal, o, n, a[qv : qv + n])
-    store3(row, at.F_P, add3(p, shift))
-    store9(row, at.F_R, compose(exp_rotation(theta), r))
+    n = q.shape[0]
+    shift, theta = modal_sum(modal, o, n, q)
+    velocity, theta_rate = modal_sum(modal, o, n, qd)
+    acceleration, theta_rate2 = modal_sum(modal, o, n, qdd)
+    store3(row, at.F_P, add3(load3(fixed, at.FRAME_P), shift))
+    store9(row, at.F_R, compose(exp_rotation(theta), load9(fixed, at.FRAME_R)))
     store3(row, at.F_THETA, theta)
     store3(row, at.F_V, velocity)
     store3(row, at.F_W, left_jacobian(theta, theta_rate))
@@ -73,24 +62,19 @@ def deform_frame(plan, f, x, v, a, row):
     )
 
 
-@entry_kernel
-def frame_motion(plan, work, f):
-    """World pose of frame f and its motion in its own axes.
-
-    Returns:
-        p_WF_W, R_WF, velocity of F's origin, w_WF_F, acceleration of the origin minus gravity,
-        angular acceleration; the last four in F's axes.
-    """
-    row = work.frame[f]
-    deforms = plan.frame_of[f, at.FRAME_MODES] >= 0
+@kernel
+def _motion(frame_of, gravity, frames, bodies, f):
+    """`frame_motion` of what it reads, for to hand over whole plans takes longer than all of it."""
+    row = frames[f]
+    deforms = frame_of[f, at.FRAME_MODES] >= 0
     p_BF = load3(row, at.F_P)
     R_BF = load9(row, at.F_R)
-    b = plan.frame_of[f, at.FRAME_BODY]
+    b = frame_of[f, at.FRAME_BODY]
     if b < 0:
-        g = load3(plan.gravity, 0)
+        g = load3(gravity, 0)
         zero = (0.0, 0.0, 0.0)
         return p_BF, R_BF, zero, zero, rotate_back(R_BF, scale3(-1.0, g)), zero
-    body = work.body[b]
+    body = bodies[b]
     w = load3(body, at.B_W)
     dw = load3(body, at.B_DW)
     wp = cross3(w, p_BF)
@@ -116,10 +100,31 @@ def frame_motion(plan, work, f):
 
 
 @entry_kernel
+def frame_motion(plan, work, f):
+    """World pose of frame f and its motion in its own axes.
+
+    Returns:
+        p_WF_W, R_WF, velocity of F's origin, w_WF_F, acceleration of the origin minus gravity,
+        angular acceleration; the last four in F's axes.
+    """
+    return _motion(plan.frame_of, plan.gravity, work.frame, work.body, f)
+
+
+@entry_kernel
 def forward(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
-        deform_frame(plan, f, x, v, a, work.frame[f])
+        fixed = plan.frames[f]
+        row = work.frame[f]
+        o = plan.frame_of[f, at.FRAME_MODES]
+        if o < 0:
+            store3(row, at.F_P, load3(fixed, at.FRAME_P))
+            store9(row, at.F_R, load9(fixed, at.FRAME_R))
+            continue
+        tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qx, qv = tree[at.MODAL_X], tree[at.MODAL_V]
+        deform_frame(fixed, plan.modal, o, x[qx : qx + n], v[qv : qv + n], a[qv : qv + n], row)
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]

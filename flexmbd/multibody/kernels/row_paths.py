@@ -161,7 +161,7 @@ def _direction(plan, work, paths, i):
     f = row[at.ROW_F]
     g = row[at.ROW_G]
     d, R = relative_pose(plan, work, f, g)
-    force, torque = row_wrench(plan, row, d, R)
+    force, torque = row_wrench(plan.data, row, d, R)
     load_relative(plan, work, f, g, d, R, force, torque, out)
     for n in range(paths.first[i], paths.first[i + 1]):
         pass_wrench(plan, work, paths.body[n], out)

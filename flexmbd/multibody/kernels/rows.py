@@ -139,7 +139,7 @@ def _rise_variation(n, dn):
 
 
 @entry_kernel
-def row_value(plan, row, d, R):
+def row_value(data, row, d, R):
     """Value (m or rad) of a row that holds positions; 0 for one that holds velocities alone."""
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
@@ -153,19 +153,19 @@ def row_value(plan, row, d, R):
     elif kind == at.ROW_ANGLE:
         value = twist(R)
     elif kind == at.ROW_SCREW:
-        pitch = plan.data[row[at.ROW_DATA]]
+        pitch = data[row[at.ROW_DATA]]
         value = -pitch * wrap(twist(R) - d[2] / pitch)
     elif kind == at.ROW_DISTANCE:
-        length = plan.data[row[at.ROW_DATA]]
+        length = data[row[at.ROW_DATA]]
         value = 0.5 * (dot3(d, d) / length - length)
     elif kind == at.ROW_TOUCH:
         _, slope = _rise(column(R, 2))
-        value = d[2] - plan.data[row[at.ROW_DATA]] * slope
+        value = d[2] - data[row[at.ROW_DATA]] * slope
     return value
 
 
 @entry_kernel
-def row_wrench(plan, row, d, R):
+def row_wrench(data, row, d, R):
     """(force on G at G's origin, torque on G) of a unit multiplier, in F's axes."""
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
@@ -181,23 +181,23 @@ def row_wrench(plan, row, d, R):
         torque = twist_torque(R)
     elif kind == at.ROW_SCREW:
         force = (0.0, 0.0, 1.0)
-        torque = scale3(-plan.data[row[at.ROW_DATA]], twist_torque(R))
+        torque = scale3(-data[row[at.ROW_DATA]], twist_torque(R))
     elif kind == at.ROW_DISTANCE:
-        force = scale3(1.0 / plan.data[row[at.ROW_DATA]], d)
+        force = scale3(1.0 / data[row[at.ROW_DATA]], d)
     elif kind == at.ROW_TOUCH:
         # the arm from the centre to the touching point, times the force along z there
         u, _ = _rise(column(R, 2))
         force = (0.0, 0.0, 1.0)
-        torque = cross3(scale3(-plan.data[row[at.ROW_DATA]], u), force)
+        torque = cross3(scale3(-data[row[at.ROW_DATA]], u), force)
     elif kind == at.ROW_ROLL:
         u, _ = _rise(column(R, 2))
         force = unit(k)
-        torque = cross3(scale3(-plan.data[row[at.ROW_DATA]], u), force)
+        torque = cross3(scale3(-data[row[at.ROW_DATA]], u), force)
     return force, torque
 
 
 @entry_kernel
-def row_wrench_variation(plan, row, d, R, dd, dtheta):
+def row_wrench_variation(data, row, d, R, dd, dtheta):
     """Change of ``row_wrench`` as d moves by dd (m) and R turns by dtheta (rad, F's axes)."""
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
@@ -210,12 +210,12 @@ def row_wrench_variation(plan, row, d, R, dd, dtheta):
     elif kind == at.ROW_ANGLE:
         torque = twist_torque_variation(R, dtheta)
     elif kind == at.ROW_SCREW:
-        torque = scale3(-plan.data[row[at.ROW_DATA]], twist_torque_variation(R, dtheta))
+        torque = scale3(-data[row[at.ROW_DATA]], twist_torque_variation(R, dtheta))
     elif kind == at.ROW_DISTANCE:
-        force = scale3(1.0 / plan.data[row[at.ROW_DATA]], dd)
+        force = scale3(1.0 / data[row[at.ROW_DATA]], dd)
     elif kind == at.ROW_TOUCH or kind == at.ROW_ROLL:
         n = column(R, 2)
         du = _rise_variation(n, cross3(dtheta, n))
         e = (0.0, 0.0, 1.0) if kind == at.ROW_TOUCH else unit(k)
-        torque = cross3(scale3(-plan.data[row[at.ROW_DATA]], du), e)
+        torque = cross3(scale3(-data[row[at.ROW_DATA]], du), e)
     return force, torque
