@@ -27,7 +27,7 @@ def set_out(plan, work, state, groups, s, h):
     return max(_NEWTON_SHARE * limit, 5e-15)
 
 
-@kernel
+@part_of_kernel
 def accept(state, s):
     """Make the trial state the current one."""
     memory = state.memory

@@ -103,7 +103,7 @@ def _error(plan, state, groups, s, h, rate):
         if known:
             bend = change / h - (state.a[k] - state.memory[_BEFORE, k]) / before
             s.error_v[k] = h**3 / 6.0 * bend / (h + before)
-    return _UNSEEN * st.error_ratio(plan, state, groups, s.error_x, s.error_v, h, rate)
+    return _UNSEEN * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
 
 
 @part_of_kernel

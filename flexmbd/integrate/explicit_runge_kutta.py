@@ -218,8 +218,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rat
         if plan.rows.shape[0] > 0:
             drop_normal_part(plan, work, aw, loops, s.error_x[e])
             drop_normal_part(plan, work, aw, loops, s.error_v[e])
-    lower = st.error_ratio(plan, state, groups, s.error_x[1], s.error_v[1], h, rate)
-    ratio = st.error_ratio(plan, state, groups, s.error_x[0], s.error_v[0], h, rate)
+    lower = st.error_ratio(plan.free, state, groups, s.error_x[1], s.error_v[1], h, rate)
+    ratio = st.error_ratio(plan.free, state, groups, s.error_x[0], s.error_v[0], h, rate)
     if lower > 0.0:
         return ratio * ratio / np.sqrt(ratio * ratio + 0.01 * lower * lower)
     return ratio

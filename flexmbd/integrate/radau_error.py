@@ -10,7 +10,7 @@ from flexmbd.integrate.radau_coefficients import CURVATURE, ERROR_WEIGHTS, REAL
 from flexmbd.integrate.radau_newton import MAX_ITERATIONS
 from flexmbd.integrate.radau_stages import NEWTON, RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import kernel
+from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.native import solve
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the most seen, on tops
@@ -21,7 +21,7 @@ _LITTLE = 1e-3  # of one that allows the machine's longest steps: what may be ta
 _EVENT = 0.1  # of what a radian is given: what a step that is not smooth is given
 
 
-@kernel
+@part_of_kernel
 def _estimate(plan, state, groups, s, h):
     """Gap between the rates at the start and what the stages' parabola makes of them, times the step; filtered.
 
@@ -68,7 +68,7 @@ def _estimate(plan, state, groups, s, h):
         s.error_x[j] += step * (s.rhs_real[0, j] + shift)
 
 
-@kernel
+@part_of_kernel
 def widen_scales(state, s, h, machine_rate):
     """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
@@ -78,7 +78,7 @@ def widen_scales(state, s, h, machine_rate):
         s.scale_v[k] *= gain
 
 
-@kernel
+@part_of_kernel
 def local_error(plan, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
 
@@ -121,7 +121,7 @@ def local_error(plan, state, groups, s, h, machine_rate):
     return largest if state.counts[SMOOTH] == 1 else max(largest, plain / (_EVENT * tolerance))
 
 
-@kernel
+@part_of_kernel
 def remember_roughness(plan, state, groups, s, h):
     """Take note of how rough a step was that is accepted, and of own rates; one that was not smooth counts in part."""
     rate = state.numbers[st.RATE]
@@ -137,7 +137,7 @@ def remember_roughness(plan, state, groups, s, h):
     state.counts[ROUGHNESS_KNOWN] = 1
 
 
-@kernel
+@part_of_kernel
 def set_safety(state):
     """A step that took many iterations had better not grow as far."""
     state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + state.counts[NEWTON])

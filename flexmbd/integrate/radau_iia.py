@@ -29,7 +29,7 @@ from flexmbd.integrate.radau_stages import (
     evaluate_stage_times,
     new_scratch,
 )
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.layout import Plan, Work
 from flexmbd.multibody.kernels.native import complex_lapack_addresses
 from flexmbd.multibody.plan import CompiledScene
@@ -91,7 +91,7 @@ class RadauIIA:
         return Stepper(driver(advance, method, _RULE, state, groups), drop_factors, drop_factors)
 
 
-@kernel
+@part_of_kernel
 def _accept(state, s, h):
     """Make the last stage the current state, and remember the stages."""
     end = STAGES - 1

@@ -130,7 +130,7 @@ def group_speed(groups, g, rate):
     return max(speed, 1e-3 * size * rate)
 
 
-@kernel
+@part_of_kernel
 def set_scales(state, groups, s, rate, limit):
     """Scales of Newton's corrections: sizes met so far, velocities over the machine's own time.
 
@@ -186,7 +186,7 @@ def store(plan, state, groups, record, h):
 
 
 @kernel
-def error_ratio(plan, state, groups, error_x, error_v, h, rate):
+def error_ratio(free, state, groups, error_x, error_v, h, rate):
     """Largest local error (nv,) of a step over what is tolerated: rtol per radian of the machine's motion.
 
     ``error_x`` is a tangent vector.  For methods that do not filter their errors of stiff modes.
@@ -195,8 +195,8 @@ def error_ratio(plan, state, groups, error_x, error_v, h, rate):
     """
     limit = state.numbers[TOLERANCE] * min(1.0, h * rate)
     largest = 0.0
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
+    for j in range(free.shape[0]):
+        k = free[j]
         g = groups.of[k]
         size = groups.position[g]
         least = ROUND_OFF * groups.full[g]
