@@ -24,7 +24,7 @@ import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.stepping import Integration
 
-mechanisms = scenes.mechanisms
+mechanisms = scenes.mechanisms  # type: ignore[attr-defined]
 
 TURN = 0.1  # s of processor time that a turn takes at least
 
@@ -102,7 +102,7 @@ def turn(system: fm.System, case: Case, name: str) -> tuple[float, int, int] | N
     """The run that took least; None where the method stops."""
     method, how = case.runs()[name]
     began = time.process_time()
-    rows = []
+    rows: list[tuple[float, int, int]] = []
     try:
         while not rows or time.process_time() - began < TURN:
             rows.append(stepping(system, case, method, how))
