@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 import flexmbd as fm
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """A polynomial in pieces that is given as a function of Python with its breaks declared."""
+
+    poly: PPoly
+
+
+def given(function, *, motion=False):
+    """As it is given to flexmbd: a motion with its rate and acceleration."""
+    if not isinstance(function, Declared):
+        return function
+    poly = function.poly
+    if motion:
+        return fm.Piecewise(lambda t: tuple(float(poly(t, k)) for k in range(3)), breaks=poly.x[1:-1])
+    return fm.Piecewise(lambda t: float(poly(t)), breaks=poly.x[1:-1])
 
 
 def value(function, t, order=0):
@@ -19,6 +36,8 @@ def value(function, t, order=0):
         return (PchipInterpolator if function.monotone else CubicSpline)(function.t, function.y)(t, order)
     if isinstance(function, PPoly):
         return function(t, order)
+    if isinstance(function, Declared):
+        return function.poly(t, order)
     return float(function) if order == 0 else 0.0
 
 
@@ -30,6 +49,8 @@ def raised(function, offset):
         return fm.Table(function.t, np.asarray(function.y) + offset, monotone=function.monotone)
     if isinstance(function, PPoly):
         return PPoly(np.vstack([function.c[:-1], function.c[-1:] + offset]), function.x)
+    if isinstance(function, Declared):
+        return Declared(raised(function.poly, offset))
     return function + offset
 
 
@@ -42,6 +63,8 @@ def in_units(function, size, time):
     if isinstance(function, PPoly):
         powers = np.arange(len(function.c))[::-1, None]
         return PPoly(function.c * size / time**powers, function.x * time)
+    if isinstance(function, Declared):
+        return Declared(in_units(function.poly, size, time))
     return function * size
 
 
@@ -54,4 +77,6 @@ def later(function, shift):
         return fm.Table(np.asarray(function.t) + shift, function.y, monotone=function.monotone)
     if isinstance(function, PPoly):
         return PPoly(function.c, function.x + shift)
+    if isinstance(function, Declared):
+        return Declared(later(function.poly, shift))
     return function

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from random_machine import Units
@@ -51,6 +51,12 @@ def moment(machine, built, run, row):
     energy = run.energy()
     energies = [part[row] for part in (energy.kinetic, energy.elastic, energy.gravitational, energy.spring)]
     return Moment(*motion, np.array(wrenches).reshape(-1, 6), np.array(energies))
+
+
+def described(machine, seen):
+    """What a machine's description has its probes do at the start, with the rest of a Moment as it was seen."""
+    poses = [machine.pose(machine.probes[name]) for name in sorted(machine.probes)]
+    return replace(seen, **{part: np.array([getattr(pose, part) for pose in poses]) for part in "pRvw"})
 
 
 def compared(link):

@@ -5,15 +5,17 @@ from __future__ import annotations
 import functions_of_time as of_time
 import joint_motion as jm
 import numpy as np
-from random_machine import Bush, CoordinateFriction, CoordinateSpring, Motor, Pose, Push, Spring
+from machine_loads import Bush, CoordinateFriction, CoordinateSpring, Motor, PinFriction, Push, Spring
+from random_machine import Pose
 from scipy.spatial.transform import Rotation
 
-#: Boole's rule over four equal intervals.
-_BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) * 2.0 / 45.0
+#: The open Newton-Cotes rule of the seven inner points of eight equal intervals: it asks for nothing at a break.
+INTERVALS = 8
+_OPEN = np.array([0.0, 460.0, -954.0, 2196.0, -2459.0, 2196.0, -954.0, 460.0, 0.0]) * 8.0 / 945.0
 
 
 def work(machine, built, run):
-    """(n,) J after each four of a run's equal steps."""
+    """(n,) J after each eight of a run's equal steps, between which the breaks lie."""
     power = sum((_power(machine, built, run, load) for load in machine.loads), np.zeros(len(run.t)))
     for link in machine.links:
         if link.motion is not None:
@@ -24,7 +26,7 @@ def work(machine, built, run):
             rate = run.q_rate(built.bodies[part.name])
             power = power - np.einsum("ti,ij,tj->t", rate, record.damping, rate)
     h = (run.t[-1] - run.t[0]) / (len(run.t) - 1)
-    pieces = [h * _BOOLE @ power[k : k + 5] for k in range(0, len(power) - 1, 4)]
+    pieces = [h * _OPEN @ power[k : k + INTERVALS + 1] for k in range(0, len(power) - 1, INTERVALS)]
     return np.cumsum(pieces)
 
 
@@ -92,7 +94,21 @@ def _coordinate_spring(machine, built, run, load):
 
 def _friction(machine, built, run, load):
     rate = _rate(machine, built, run, load)
-    return -(load.size * np.tanh(rate / load.speed) + load.viscous * rate) * rate
+    size = load.size
+    if load.static is not None:
+        size = size + (load.static - load.size) * np.exp(-((rate / load.stribeck) ** 2))
+    return -(size * np.tanh(rate / load.speed) + load.viscous * rate) * rate
+
+
+def _pin_friction(machine, built, run, load):
+    """With the force across the joint's axis that the run's own reaction passes on."""
+    link = machine.link(load.links[0])
+    axis = np.asarray(link.joint.turn)[:, 2]
+    force = run.reaction(built.joints[link.name])[:, :3]
+    across = np.linalg.norm(force - np.outer(force @ axis, axis), axis=1)
+    rate = _rate(machine, built, run, load)
+    arm = 1.0 if load.radius is None else load.radius
+    return -load.coefficient * arm * across * np.tanh(rate / load.speed) * rate
 
 
 def _motor(machine, built, run, load):
@@ -103,5 +119,5 @@ def _motor(machine, built, run, load):
 
 _POWERS = {
     Push: _push, Spring: _spring, Bush: _bush, CoordinateSpring: _coordinate_spring, CoordinateFriction: _friction,
-    Motor: _motor,
+    Motor: _motor, PinFriction: _pin_friction,
 }  # fmt: skip

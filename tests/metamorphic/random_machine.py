@@ -9,6 +9,7 @@ import functions_of_time as of_time
 import joint_motion
 import numpy as np
 from beam_records import Beam
+from mesh_records import Meshed
 
 import flexmbd as fm
 
@@ -125,12 +126,17 @@ class Part:
     """A body, and where its frame is at the start; of an elastic one undeformed."""
 
     name: str
-    body: Rigid | Pseudo | Beam
+    body: Rigid | Pseudo | Beam | Meshed
     pose: Pose
 
     @property
     def deforms(self):
         return not isinstance(self.body, Rigid)
+
+    @property
+    def reduced(self):
+        """Whether it is held by its interfaces "a" and "b" alone."""
+        return isinstance(self.body, (Beam, Meshed))
 
     def in_units(self, u):
         return Part(self.name, self.body.in_units(u), self.pose.in_units(u))
@@ -173,194 +179,19 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Gear:
-    """The second link's angle moves by ratio times that of the first."""
+    """The second link's angle, or its displacement (a rack), moves by ratio times the first one's angle."""
 
     first: str
     second: str
     ratio: float
+    rack: bool = False
 
+    def build(self, joints):
+        kind = fm.joint.RackAndPinion if self.rack else fm.joint.Gear
+        return kind(joints[self.first], joints[self.second], self.ratio)
 
-# ------------------------------------------------------------------------------------------------------------- loads
-
-
-@dataclass(frozen=True, eq=False)
-class Push:
-    """A force and a torque on a marker, six functions of time."""
-
-    mark: Mark
-    components: tuple
-    in_frame: bool
-
-    links = ()
-
-    @property
-    def marks(self):
-        return (self.mark,)
-
-    def on(self, marks, links):
-        return replace(self, mark=marks[0])
-
-    def mapped(self, change):
-        """With each function of time changed."""
-        return replace(self, components=tuple(map(change, self.components)))
-
-    def build(self, frames, joints):
-        axes = fm.force.Axes.FRAME if self.in_frame else fm.force.Axes.WORLD
-        return fm.force.FrameForce(frames[0], self.components[:3], self.components[3:], axes)
-
-    def in_units(self, u, turns):
-        sizes = [u.force] * 3 + [u.force * u.length] * 3
-        pairs = zip(self.components, sizes, strict=True)
-        return replace(
-            self, mark=self.mark.in_units(u), components=tuple(of_time.in_units(c, s, u.time) for c, s in pairs)
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Spring:
-    """From point to point."""
-
-    first: Mark
-    second: Mark
-    stiffness: float
-    length: float
-    damping: float
-
-    links = ()
-
-    @property
-    def marks(self):
-        return self.first, self.second
-
-    def on(self, marks, links):
-        return replace(self, first=marks[0], second=marks[1])
-
-    def mapped(self, change):
-        return self
-
-    def build(self, frames, joints):
-        return fm.force.SpringDamper(*frames, self.stiffness, self.length, self.damping)
-
-    def in_units(self, u, turns):
-        return Spring(
-            self.first.in_units(u),
-            self.second.in_units(u),
-            self.stiffness * u.mass / u.time**2,
-            self.length * u.length,
-            self.damping * u.mass / u.time,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Bush:
-    """An elastic joint."""
-
-    first: Mark
-    second: Mark
-    stiffness: FloatArray
-    damping: FloatArray
-
-    links = ()
-
-    @property
-    def marks(self):
-        return self.first, self.second
-
-    def on(self, marks, links):
-        return replace(self, first=marks[0], second=marks[1])
-
-    def mapped(self, change):
-        return self
-
-    def build(self, frames, joints):
-        return fm.force.Bushing(*frames, self.stiffness, self.damping)
-
-    def in_units(self, u, turns):
-        scale = np.concatenate([np.ones(3), np.full(3, u.length)])
-        grid = np.outer(scale, scale) * u.mass / u.time
-        return Bush(
-            self.first.in_units(u), self.second.in_units(u), self.stiffness * grid / u.time, self.damping * grid
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class OnCoordinate:
-    """What acts on one coordinate of a joint; ``sign`` is -1 where the joint is turned round."""
-
-    link: str
-    coordinate: int
-
-    marks = ()
-
-    @property
-    def links(self):
-        return (self.link,)
-
-    def on(self, marks, links):
-        return replace(self, link=links[0])
-
-    def mapped(self, change):
-        return self
-
-
-@dataclass(frozen=True, eq=False)
-class CoordinateSpring(OnCoordinate):
-    stiffness: float
-    rest: float
-    damping: float
-
-    def build(self, frames, joints):
-        return fm.force.JointSpring(joints[0], self.stiffness, self.rest, self.damping, self.coordinate)
-
-    def in_units(self, u, turns):
-        x, f = u.coordinate(turns)
-        return replace(
-            self, stiffness=self.stiffness * f / x, rest=self.rest * x, damping=self.damping * f / x * u.time
-        )
-
-    def negated(self, coordinate):
-        return replace(self, rest=-self.rest, coordinate=coordinate)
-
-
-@dataclass(frozen=True, eq=False)
-class CoordinateFriction(OnCoordinate):
-    size: float
-    speed: float
-    viscous: float
-
-    def build(self, frames, joints):
-        return fm.force.JointFriction(
-            joints[0], self.size, self.speed, viscous=self.viscous, coordinate=self.coordinate
-        )
-
-    def in_units(self, u, turns):
-        x, f = u.coordinate(turns)
-        return replace(
-            self, size=self.size * f, speed=self.speed * x / u.time, viscous=self.viscous * f / x * u.time
-        )
-
-    def negated(self, coordinate):
-        return replace(self, coordinate=coordinate)
-
-
-@dataclass(frozen=True, eq=False)
-class Motor(OnCoordinate):
-    """A given torque or force on a joint of one coordinate."""
-
-    value: Any
-
-    def mapped(self, change):
-        return replace(self, value=change(self.value))
-
-    def build(self, frames, joints):
-        kind = fm.force.JointTorque if joints[0].joint.angular[0] else fm.force.JointForce
-        return kind(joints[0], self.value)
-
-    def in_units(self, u, turns):
-        return replace(self, value=of_time.in_units(self.value, u.coordinate(turns)[1], u.time))
-
-    def negated(self, coordinate):
-        return replace(self, value=of_time.in_units(self.value, -1.0, 1.0), coordinate=coordinate)
+    def in_units(self, u):
+        return replace(self, ratio=self.ratio * u.length) if self.rack else self
 
 
 # ----------------------------------------------------------------------------------------------------------- machine
@@ -469,7 +300,7 @@ def build(machine, *, rough=None):
         joint = scene.connect(link.joint, *ends, name=link.name, way=link.way)
         built.joints[link.name] = joint
         if link.motion is not None:
-            joint.prescribe(link.motion)
+            joint.prescribe(of_time.given(link.motion, motion=True))
         elif link.joint.velocity_names and (rough is None or not link.name.startswith("loop")):
             position, velocity = machine.joint_state(link)
             joint.position = position if rough is None else _rounded(link, position, rough)
@@ -478,5 +309,5 @@ def build(machine, *, rough=None):
         frames, joints = map(built.frame, load.marks), [built.joints[name] for name in load.links]
         scene.add_force(load.build(tuple(frames), joints))
     for gear in machine.gears:
-        scene.couple(fm.joint.Gear(built.joints[gear.first], built.joints[gear.second], gear.ratio))
+        scene.couple(gear.build(built.joints))
     return built

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from hypothesis import reject
 from observation import Moment, moment
-from random_machine import Built, build
+from random_machine import Built, Pseudo, build
 
+import flexmbd as fm
+from flexmbd.errors import SimulationError
 from flexmbd.multibody.kernels.layout import new_work
 from flexmbd.multibody.scene_matrices import mass_factor, scaled_jacobian
 
@@ -51,6 +53,28 @@ def condition(start):
     return float(sizes[0] / sizes[-1])
 
 
+#: Uniaxially pressed below this stretch St Venant-Kirchhoff's stress falls again: the body collapses.
+COLLAPSE = 1.0 / np.sqrt(3.0)
+
+
+def _ends(machine, built, start, run):
+    """Whether a machine has no further motion where a run stopped: a dead point, or a pseudo-rigid body collapsed."""
+    if run is None:
+        return False
+    if condition(replace(start, x=run.x[-1])) > SINGULAR:
+        return True
+    soft = [built.bodies[part.name] for part in machine.parts if isinstance(part.body, Pseudo)]
+    return any(np.linalg.svd(run.deformation_gradient(body)[-1], compute_uv=False)[-1] < COLLAPSE for body in soft)
+
+
+def _method(machine):
+    """The automatic one; but not generalized-alpha, which friction has chosen, for what deforms.
+
+    Of redundant rows on a beam it may stop, where Radau does not.
+    """
+    return fm.RadauIIA() if machine.deforms else machine.integrator
+
+
 def rtol_of(machine):
     """At which motions are compared."""
     return RTOL_OF_MODES if machine.deforms else RTOL
@@ -63,19 +87,24 @@ def inertia(start):
 
 
 def see(machine, *, rtol=None, integrator=None, **options):
-    """Run a machine; hypothesis draws another one where its start is singular."""
+    """Run a machine; hypothesis draws another one where its start is singular, or its motion leads to such a place."""
     built = build(machine)
     start = built.scene.start(t=machine.start)
     worst = condition(start)
     if worst > SINGULAR:
         reject()
-    run = built.scene.simulate(
-        machine.start + machine.duration,
-        t_start=machine.start,
-        rtol=rtol_of(machine) if rtol is None else rtol,
-        integrator=machine.integrator if integrator is None else integrator,
-        **options,
-    )
+    try:
+        run = built.scene.simulate(
+            machine.start + machine.duration,
+            t_start=machine.start,
+            rtol=rtol_of(machine) if rtol is None else rtol,
+            integrator=_method(machine) if integrator is None else integrator,
+            **options,
+        )
+    except SimulationError as stop:
+        if _ends(machine, built, start, stop.trajectory):
+            reject()
+        raise
     ends = [moment(machine, built, run, row) for row in (0, -1)]
     return Seen(*ends, worst, inertia(start), bool(start.scene.redundant), run, built)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from drawing import machines
-from hypothesis import note
+from hypothesis import assume, note
 from many import fifty_and_a_thousand, many
 from random_machine import Pose, build
 
@@ -21,6 +21,10 @@ def test_a_rough_start_told_exactly(part):
     def agree(data):
         machine = data.draw(machines(bodies=("rigid",), closed=True))
         rough = build(machine, rough=2)
+        # joints held by constraints stay as they are given, so that two digits of them would contradict each other
+        carried = rough.scene.compile().joint_slots
+        given = [joint for name, joint in rough.joints.items() if not name.startswith("loop") and joint.joint.steps]
+        assume(all(id(joint) in carried for joint in given if joint.joint.velocity_names))
         run = rough.scene.simulate(machine.start + 1e-6, t_start=machine.start)
         parts = []
         for one in machine.parts:

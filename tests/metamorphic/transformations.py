@@ -10,9 +10,9 @@ from dataclasses import replace
 import functions_of_time as of_time
 import joint_motion as jm
 import numpy as np
-from beam_records import Beam
-from drawing import point, rotation
+from drawing_parts import point, rotation
 from hypothesis import strategies as st
+from mesh_records import Meshed
 from random_machine import Link, Mark, Part, Rigid, Units
 
 import flexmbd as fm
@@ -176,6 +176,7 @@ def in_units(machine, u):
         probes={name: mark.in_units(u) for name, mark in machine.probes.items()},
         start=machine.start * u.time,
         duration=machine.duration * u.time,
+        gears=tuple(gear.in_units(u) for gear in machine.gears),
     )
 
 
@@ -225,19 +226,22 @@ def later(draw, machine):
 
 
 def frame_elsewhere(draw, machine):
-    """Beams with their body frame on the other interface, or on the mean axis.
+    """Reduced bodies with their frame on another interface, or on the mean axis.
 
-    The modes span the same fields, so that nothing differs as long as nothing is bent.
+    The modes span the same fields, so that nothing differs as long as nothing is bent.  But with modes a meshed part
+    has some of its stretch as well, which are those of loads on its own frame.
     """
-    beams = [part for part in machine.parts if isinstance(part.body, Beam)]
-    if not beams:
+    reduced = [part for part in machine.parts if part.reduced]
+    reduced = [part for part in reduced if not (isinstance(part.body, Meshed) and part.body.modes)]
+    if not reduced:
         return None
     changed = {}
-    for part in beams:
+    for part in reduced:
         frame = draw(st.sampled_from([f for f in ("a", "b", None) if f != part.body.frame]))
         body = replace(part.body, frame=frame)
-        shift = part.body.interface("a")[0] - body.interface("a")[0]
-        changed[part.name] = Part(part.name, body, part.pose.after(shift, np.eye(3)))
+        (p, R), (p_new, R_new) = part.body.interface("a"), body.interface("a")
+        turn = R @ R_new.T
+        changed[part.name] = Part(part.name, body, part.pose.after(p - turn @ p_new, turn))
 
     def on(mark):
         if mark.part not in changed:
