@@ -19,7 +19,7 @@ from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.stepping import Snapshot
 
-_VERSION = 3
+_VERSION = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +67,7 @@ class Checkpoint:
             "times": np.array([self.t_start, snapshot.first_step]),
             **{f"state.{name}": part for name, part in snapshot.state._asdict().items()},
             **{f"groups.{name}": part for name, part in snapshot.groups._asdict().items()},
+            "rows": snapshot.rows,
             "wrenches": snapshot.interiors.wrenches,
             "bodies": len(snapshot.interiors.memories),
             **{
@@ -90,7 +91,8 @@ class Checkpoint:
             groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
             t_start, first_step = file["times"]
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
-            snapshot = Snapshot(state, groups, float(first_step), Kept(file["wrenches"], memories))
+            kept = Kept(file["wrenches"], memories)
+            snapshot = Snapshot(state, groups, float(first_step), file["rows"], kept)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError) as reason:
             raise RecordError(f"{path} is no checkpoint of a machine: {reason}") from reason

@@ -216,9 +216,9 @@ class EventSearch:
         """Go on with other velocities, made consistent with the loops."""
         integration = self._integration
         state = integration.state
-        evaluate_inputs(integration.start.scene, integration.work, integration.t)
+        evaluate_inputs(integration.scene, integration.work, integration.t)
         state.v[:], state.a[:], state.multipliers[:] = match_motion(
-            integration.start.scene, integration.work, state.x, moment.new_rates, held=moment.changed
+            integration.scene, integration.work, state.x, moment.new_rates, held=moment.changed
         )
         integration.begin_anew()
         integration.keep_state()
@@ -228,7 +228,7 @@ class EventSearch:
         time = np.array([self._integration.t])
         x, v, a, multipliers = (part[None].copy() for part in (s.x, s.v, s.a, s.multipliers))
         row = (time, x, v, a, multipliers)
-        return Moment(self._integration.start.scene, row, self._bodies, self._team)
+        return Moment(self._integration.scene, row, self._bodies, self._team)
 
     def _signs_now(self) -> np.ndarray:
         return np.sign(self._values_now())
@@ -236,7 +236,7 @@ class EventSearch:
     def _values_at(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         multipliers = self._integration.state.multipliers
         row = (np.array([t]), x[None], v[None], a[None], multipliers[None].copy())
-        moment = Moment(self._integration.start.scene, row, self._bodies, self._team)
+        moment = Moment(self._integration.scene, row, self._bodies, self._team)
         return np.array([event.value(moment, self._team) for event in self._events])
 
     def _values_now(self) -> NDArray[np.float64]:

@@ -297,8 +297,7 @@ def _finish(
     )
     scene = start.unreduced
     if start.scene.redundant:
-        work = new_work(scene.plan)
-        multipliers = minimum_norm_multipliers(scene, start.scene, work, x, multipliers)
+        multipliers = minimum_norm_multipliers(scene, new_work(scene.plan), x, multipliers)
     beside = tuple(integration.beside)
     departures = tuple(integration.departures)
     return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)

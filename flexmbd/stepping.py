@@ -7,23 +7,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.energy_momentum import is_driven
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.limits import MOST_ROWS
 from flexmbd.multibody.breaks import find_breaks
 from flexmbd.multibody.impulse import rates_after_jump, refuse_leaps
+from flexmbd.multibody.independent_rows import firmer_rows
 from flexmbd.multibody.initial import Start, accelerations, match_motion
 from flexmbd.multibody.interiors import NOTHING_KEPT, Kept, Row
 from flexmbd.multibody.kernels.layout import Work, new_work
 from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.multibody.loop_closing import close_loops
 from flexmbd.multibody.plan import CompiledScene
 from flexmbd.multibody.team import Team
 from flexmbd.trajectory import Departure
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
+# How much more firmly others must hold to be kept instead of rows that still do, and after a step that failed.
+_WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
+# What a step may fail by where the rows that are kept lose their rank.
+_MAY_BE_ROWS = (st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +40,14 @@ class Snapshot:
     Attributes:
         state, groups: the copies.
         first_step: the step (s) that the integration began with.
+        rows: (m,) which of all constraint rows are kept.
         interiors: what bodies with history remember.
     """
 
     state: st.State
     groups: st.Groups
     first_step: float
+    rows: IntArray
     interiors: Kept = NOTHING_KEPT
 
 
@@ -46,10 +55,12 @@ class Integration:
     """A scene being integrated.
 
     Attributes:
-        start: the consistent start; its scene is what moves.
+        start: the consistent start.
+        scene: what moves, with the rows that are kept.
         method: the integrator.
         state, groups: where it stands.
-        stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far.
+        stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far; multipliers (nt, m) of all
+            constraint rows.
         beside: what bodies with history leave beside each of these rows.
         departures: with what it goes on from breaks among these rows.
         room: the most rows that one call of ``advance`` leaves.
@@ -58,8 +69,10 @@ class Integration:
     def __init__(
         self, start: Start, method: Integrator, team: Team, at: Snapshot, *, one_by_one: bool
     ) -> None:
-        scene = start.scene
+        scene = start.scene if np.array_equal(at.rows, start.choice.rows) else start.unreduced.keep_rows(at.rows)
         self.start = start
+        self.scene = scene
+        self._rows = at.rows
         self.method = method
         self.state, self.groups = _copy(at.state), _copy_groups(at.groups)
         self.work = new_work(scene.plan)
@@ -82,6 +95,7 @@ class Integration:
             h = 0.0  # breaks alone divide steps: bodies with history carry theirs over to a much longer one badly
         self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
         self.state.counts[st.KNOT] = 0
+        self.state.counts[st.WATCHED] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
@@ -113,11 +127,11 @@ class Integration:
         if self.state.counts[st.FIXED_STEP] == 0:
             self.state.numbers[st.STEP] = min(self.state.numbers[st.STEP], self._first_step)
         self.state.numbers[[st.REST, st.PART]] = 0.0
-        evaluate_inputs(self.start.scene, self.work, self.t)
+        evaluate_inputs(self.scene, self.work, self.t)
         self._forget()
 
     def advance(self, t_end: float) -> int:
-        """Step until ``t_end`` (s), a full buffer or a failure; rank 0's outcome on every rank.
+        """Step until ``t_end`` (s), a full buffer, rows to be chosen anew or a failure; rank 0's outcome on every rank.
 
         Returns the stepper's code; the buffer holds the rows of the new steps.
         """
@@ -127,6 +141,9 @@ class Integration:
         self._departed.clear()
         if self._interiors is not None:
             self._interiors.buffer.clear()
+        failed = int(count[st.LOOK])
+        if failed and not self._choose_rows() and failed != st.LOOSENED:
+            return failed
         code = st.DONE
         while code == st.DONE and self.t < t_end:
             if count[st.AT_BREAK] == 1:
@@ -135,10 +152,43 @@ class Integration:
             number[st.TIME_END] = min(t_end, ahead)
             number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
             code = self._stepper.advance(self.record, self._breaks.knots)
-            code = int(self._team.agree(np.array([float(code)]))[0])
+            code, count[st.LOOK] = (int(one) for one in self._team.agree(np.array([code, count[st.LOOK]], float)))
             if code == st.DONE and self.t == ahead:
                 count[st.AT_BREAK] = 1
+        if count[st.WATCHED] == 1 and code in _MAY_BE_ROWS:
+            count[st.LOOK] = code
+            return st.OUTPUT
         return code
+
+    def _choose_rows(self) -> bool:
+        """Keep other rows where they hold more firmly, and begin anew with them; whether there are any.  Collective."""
+        full, s = self.start.unreduced, self.state
+        failed = s.counts[st.LOOK] != st.LOOSENED
+        s.counts[st.LOOK] = 0
+        s.numbers[st.FIRMNESS] = 0.0
+        evaluate_inputs(self.scene, self.work, self.t)
+        worth = _WORTH_AFTER_FAILURE if failed else _WORTH
+        rows = firmer_rows(full, self.work, s.x, list(self._rows), worth=worth) or self._rows
+        rows = self._team.agree(np.array(rows, float)).astype(np.int64)
+        if np.array_equal(rows, self._rows):
+            return False
+        scene, nothing = full.keep_rows(rows), np.zeros(full.nv, bool)
+        try:
+            x = close_loops(scene, self.work, s.x, nothing).x
+            v, a, multipliers = match_motion(scene, self.work, x, s.v, held=nothing)
+        except AssemblyError:
+            return False
+        s.x[:], s.v[:], s.a[:], s.multipliers[:] = x, v, a, multipliers
+        self.scene, self._rows = scene, rows
+        t, *last = self.stored[-1]
+        if t.size and t[-1] == self.t:  # what rows that lost their hold left there is worth less
+            for part, now in zip(last, (x, v, a, self._of_all_rows(multipliers[None])[0]), strict=True):
+                part[-1] = now
+        self._stepper = self.method.stepper(scene, s, self.groups, self.work)
+        if failed and s.counts[st.FIXED_STEP] == 0:
+            s.numbers[st.STEP] = max(s.numbers[st.STEP], self._first_step)
+        self._forget()
+        return True
 
     def _beside(self, t: float) -> float:
         """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
@@ -146,7 +196,7 @@ class Integration:
 
     def _leave_break(self) -> None:
         """Go on from a break with what acts just after it; what is remembered of the steps before it is forgotten."""
-        scene, s = self.start.scene, self.state
+        scene, s = self.scene, self.state
         evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
         if is_driven(scene.plan):
             refuse_leaps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
@@ -162,7 +212,7 @@ class Integration:
         """Raise SceneError where velocities (nv,) jump in a machine whose masses are not all its own."""
         if self._interiors is None:
             return
-        scene, number = self.start.scene, self.state.numbers
+        scene, number = self.scene, self.state.numbers
         rates = np.abs(jump) / scene.group_full[scene.group_of]
         if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.SLOWEST]):
             worst = scene.velocity_names[int(np.argmax(rates))]
@@ -187,7 +237,8 @@ class Integration:
         stored, before = int(self.state.counts[st.STORED]), self.rows
         self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
         self._departed.clear()
-        self.stored.append(tuple(part[:stored].copy() for part in self.record))
+        *motion, multipliers = (part[:stored].copy() for part in self.record)
+        self.stored.append((*motion, self._of_all_rows(multipliers)))
         self._taken += stored
         if self._interiors is not None:
             self.beside.extend(self._interiors.buffer[:stored])
@@ -196,35 +247,48 @@ class Integration:
     def keep_state(self) -> None:
         """Take the state as it stands into ``stored``, as a row of its own."""
         s = self.state
-        self.stored.append(
-            (np.array([self.t]), *(part[None].copy() for part in (s.x, s.v, s.a, s.multipliers)))
-        )
+        motion = (part[None].copy() for part in (s.x, s.v, s.a))
+        self.stored.append((np.array([self.t]), *motion, self._of_all_rows(s.multipliers[None])))
         self._taken += 1
         if self._interiors is not None:
-            self.beside.append(self._interiors.row(self.start.scene.plan))
+            self.beside.append(self._interiors.row(self.scene.plan))
+
+    def _of_all_rows(self, multipliers: FloatArray) -> FloatArray:
+        """Multipliers (n, m) of the kept rows among those of all, zero where a row is not kept."""
+        found = np.zeros((len(multipliers), len(self.start.unreduced.plan.rows)))
+        found[:, self._rows] = multipliers
+        return found
 
     def series(self) -> tuple[FloatArray, ...]:
-        """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken."""
+        """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken.  Collective."""
+        if self.state.counts[st.LOOK] == st.LOOSENED:
+            self._choose_rows()
         return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
 
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
-        return Snapshot(_copy(self.state), _copy_groups(self.groups), self._first_step, _kept(self.start.scene))
+        return Snapshot(
+            _copy(self.state), _copy_groups(self.groups), self._first_step, self._rows.copy(), _kept(self.scene)
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this integration."""
+        if not np.array_equal(snapshot.rows, self._rows):
+            self._rows = snapshot.rows
+            self.scene = self.start.unreduced.keep_rows(snapshot.rows)
+            self._stepper = self.method.stepper(self.scene, self.state, self.groups, self.work)
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
             for part, kept in zip(here, there, strict=True):
                 part[...] = kept
         if self._interiors is not None:
-            self._interiors.restore(self.start.scene.plan, snapshot.interiors)
+            self._interiors.restore(self.scene.plan, snapshot.interiors)
 
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
         self._stepper.drop_factors()
         snapshot = self.snapshot()
         if self._interiors is not None:  # which forget their factors by it
-            self._interiors.restore(self.start.scene.plan, snapshot.interiors)
+            self._interiors.restore(self.scene.plan, snapshot.interiors)
         return snapshot
 
 
@@ -264,7 +328,8 @@ def new_snapshot(
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))
     groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes)
-    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), _kept(scene))
+    rows = np.array(start.choice.rows, np.int64)
+    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), rows, _kept(scene))
 
 
 def _first_step(start: Start, rtol: float, span: float, order: int) -> float:

@@ -53,7 +53,8 @@ def iterate(plan, work, state, s, h):
     state.counts[st.ITERATIONS] += 1
     if not linearise(plan, work, state, s, h):
         return np.nan
-    return correct(plan, state, s, h)
+    size, unbalanced = correct(plan, state, s, h)
+    return max(size, unbalanced)
 
 
 @entry_kernel

@@ -28,14 +28,16 @@ STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, 
 # equations, 2 or 3.
 KNOWN_BEFORE, FILTERS, RENEWALS, PATIENCE, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
-# coordinate's own rate (1/s).
-AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, N_MEMORY = range(6)
+# coordinate's own rate (1/s); the multipliers one and two steps ago; the largest
+# lengths of the rows.
+AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, NU_BEFORE, NU_EARLIER, LENGTH, N_MEMORY = range(9)
 
 
 class Scratch(NamedTuple):
     """Work arrays of a step: trial states, the iteration matrix and its factors.
 
     own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
+    hold: (m, m) factors of C B^-1 C^T; firmness: (1,) their smallest pivot, of rows of unit length: 1 without rows.
     added: (free, free) what interiors add to the residual's derivative by positions; (0, 0) where there are none.
     """
 
@@ -59,6 +61,9 @@ class Scratch(NamedTuple):
     rate_stiffness: FloatArray
     added: FloatArray
     direction: FloatArray
+    hold: FloatArray
+    hold_order: NDArray[np.int64]
+    firmness: FloatArray
     correction: FloatArray
     error_x: FloatArray
     error_v: FloatArray
@@ -104,6 +109,9 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = F
         rate_stiffness=zeros((m, nu)),
         added=zeros((nu, nu) if interiors else (0, 0)),
         direction=zeros((m, nu)),
+        hold=zeros((m, m)),
+        hold_order=zeros(m, np.int64),
+        firmness=np.ones(1),
         correction=zeros((1, n)),
         error_x=zeros(nu),
         error_v=zeros((1, nu)),

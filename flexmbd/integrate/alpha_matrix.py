@@ -7,15 +7,17 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha_layout import (
     CONTRACTION,
-    INDEX,
+    LENGTH,
     STEP_FACTORED,
     coefficients,
     holds_position_alone,
     is_unshifted,
 )
+from flexmbd.integrate.loop_dynamics import factor_rows
 from flexmbd.multibody.kernels import layout as at
 from flexmbd.multibody.kernels.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.native import factor, solve
+from flexmbd.multibody.kernels.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.separate import call_separate
 from flexmbd.multibody.kernels.tangent import turn_columns
 from flexmbd.multibody.kernels.tree_factor import factor_tree, solve_tree
@@ -114,6 +116,19 @@ def _put_shifts(plan, state, s, per_x, per_v):
             s.matrix[nu + m + i, nu + m + k] = r / total
 
 
+@kernel
+def _note_firmness(plan, state, s):
+    """Take note of how firmly the rows hold, by ``s.direction``."""
+    m = plan.rows.shape[0]
+    for i in range(m):
+        for k in range(i + 1):
+            s.hold[i, k] = 0.0
+            for j in range(plan.free.shape[0]):
+                s.hold[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.direction[k, j]
+    rank = factor_rows(state, LENGTH, s.hold, s.hold_order)
+    s.firmness[0] = s.hold[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
+
+
 @part_of_kernel
 def linearise(plan, work, state, s, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
@@ -126,18 +141,16 @@ def linearise(plan, work, state, s, h):
     state.numbers[CONTRACTION] = 1.0
     _put_derivatives(plan, work, s, per_x, per_v)
     if m > 0:
-        # a shift of the positions goes along what a unit reaction would move
+        # what a unit reaction would move: along it go the shifts of positions, where there are any
         for i in range(nu):
             for j in range(nu):
                 s.block[i, j] = s.matrix[i, j]
             for k in range(m):
                 s.direction[k, i] = s.matrix[i, nu + k]
-        if state.counts[INDEX] == 3:
-            s.direction[:] = 0.0
-        else:
-            if factor(plan.lapack, s.block, s.block_pivot, s.sizes) != 0:
-                return False
-            solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.direction)
+        if factor(plan.lapack, s.block, s.block_pivot, s.sizes) != 0:
+            return False
+        solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.direction)
+        _note_firmness(plan, state, s)
         _put_shifts(plan, state, s, per_x, per_v)
     for i in range(n):
         for j in range(n):

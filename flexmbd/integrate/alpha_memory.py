@@ -42,6 +42,8 @@ def accept(state, s):
     for k in range(state.x.shape[0]):
         state.x[k] = s.x[k]
     for i in range(state.multipliers.shape[0]):
+        memory[step.NU_EARLIER, i] = memory[step.NU_BEFORE, i]
+        memory[step.NU_BEFORE, i] = state.multipliers[i]
         state.multipliers[i] = s.multipliers[i]
     state.numbers[step.STEP_EARLIER] = state.numbers[st.STEP_BEFORE]
     state.counts[step.KNOWN_BEFORE] = min(3, state.counts[step.KNOWN_BEFORE] + 1)

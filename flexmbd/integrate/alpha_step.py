@@ -20,6 +20,8 @@ from flexmbd.integrate.alpha_layout import (
     EARLIEST,
     GAMMA,
     KNOWN_BEFORE,
+    NU_BEFORE,
+    NU_EARLIER,
     PATIENCE,
     RENEWALS,
     STEP_EARLIER,
@@ -37,6 +39,8 @@ from flexmbd.multibody.kernels.residual import drive, residual
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
+#: What round-off makes of corrections, of the scales, where rows hold firmly.
+ROUND_OFF = 1e-14
 _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 
@@ -105,7 +109,11 @@ def trial(plan, work, state, s, h, unknown, equation):
 
 @part_of_kernel
 def correct(plan, state, s, h):
-    """Take Newton's correction with the factors at hand into ``s.unknown``; its largest part over the scales."""
+    """Take Newton's correction with the factors at hand into ``s.unknown``; its largest parts over the scales.
+
+    Returns the motion's and the forces'.  Of multipliers counts what they push: together with the acceleration's own
+    correction it is what the forces out of balance would make of the machine's masses, were it free of its loops.
+    """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     per_x, per_v = coefficients(state.numbers, h)
@@ -113,12 +121,17 @@ def correct(plan, state, s, h):
         s.correction[0, i] = s.equation[i]
     solve_factored(plan, s, s.correction)
     size = 0.0
+    unbalanced = 0.0
     for i in range(s.unknown.shape[0]):
         s.unknown[i] -= s.correction[0, i]
     for j in range(nu):
         k = plan.free[j]
         move = s.correction[0, j]
         part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+        if m > 0:
+            for i in range(m):
+                move += s.correction[0, nu + i] * s.direction[i, j]
+            unbalanced = max(unbalanced, abs(move) * per_v / s.scale_v[k])
         for i in range(m):
             part = max(
                 part,
@@ -127,33 +140,51 @@ def correct(plan, state, s, h):
         if not part <= size:
             size = part
             state.counts[st.WORST] = k
-    return size
+    return size, unbalanced
+
+
+@kernel
+def _left(contraction):
+    """The error left after a linear iteration, over its last correction."""
+    return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
 
 
 @part_of_kernel
-def _newton(plan, work, state, s, h, tolerance, evaluated):
+def _newton(plan, work, state, s, h, tolerance, evaluated, last):
     """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
 
-    ``evaluated``: ``s.equation`` is that of the first guess.
+    ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
     """
+    loops = plan.rows.shape[0] > 0
     before = 0.0
+    unbalanced_before = 0.0
     # what the same factors did in the step before lets a good guess pass after one iteration
     contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
             trial(plan, work, state, s, h, s.unknown, s.equation)
         state.counts[st.ITERATIONS] += 1
-        size = correct(plan, state, s, h)
-        if not np.isfinite(size):
+        size, unbalanced = correct(plan, state, s, h)
+        if not np.isfinite(size + unbalanced):
             return -1
+        balanced = unbalanced <= tolerance
         if iteration > 0:
             contraction = size / before if before > 0.0 else 0.0
-            if contraction > 0.7 and size > tolerance:
-                return 0
+            tightening = unbalanced / unbalanced_before if unbalanced_before > 0.0 else 0.0
+            balanced = balanced or unbalanced * _left(tightening) <= tolerance
+            stalled = (contraction > 0.7 and size > tolerance) or (tightening > 0.7 and not balanced)
+            if stalled:
+                # what rows hardly hold, round-off of positions moves, and of the rows' slopes with them velocities
+                if not last or max(size, unbalanced) > ROUND_OFF / s.firmness[0]:
+                    return 0
+                update(plan, work, state, s, h, s.unknown)
+                state.numbers[CONTRACTION] = 1.0
+                return 1
         before = size
-        # the error left after a linear iteration, and round-off of a vanishing correction
-        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
-        if size * left <= tolerance or size <= 1e-15:
+        unbalanced_before = unbalanced
+        # near singular positions old factors lose their worth within a step
+        left = 1.0 if iteration == 0 and loops else _left(contraction)
+        if balanced and (size * left <= tolerance or size <= 1e-15):
             update(plan, work, state, s, h, s.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
                 state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
@@ -166,13 +197,13 @@ def _newton(plan, work, state, s, h, tolerance, evaluated):
 
 
 @kernel
-def _foretell(state, k, h):
-    """Coordinate k's next acceleration, on the parabola through the last three."""
+def _foretell(state, h, now, before, earlier):
+    """The next value on the parabola through the last three."""
     h1 = state.numbers[st.STEP_BEFORE]
     h2 = state.numbers[STEP_EARLIER]
-    slope = (state.a[k] - state.memory[BEFORE, k]) / h1
-    half_curve = (slope - (state.memory[BEFORE, k] - state.memory[EARLIER, k]) / h2) / (h1 + h2)
-    return state.a[k] + h * (slope + (h + h1) * half_curve)
+    slope = (now - before) / h1
+    half_curve = (slope - (before - earlier) / h2) / (h1 + h2)
+    return now + h * (slope + (h + h1) * half_curve)
 
 
 @kernel
@@ -196,23 +227,29 @@ def _foretell_as_before(state, k):
 
 @part_of_kernel
 def start_newton(plan, state, s, h, extrapolate):
-    """First guess: multipliers as they were, accelerations too or as their last ones foretell.
+    """First guess: accelerations and multipliers as they were, or as their last ones foretell.
 
-    With a fixed step in trees alone: what multipliers as they were leave of the error would not shrink with the guess.
+    With a fixed step in trees alone: how far it resolves the motion of loops is not known.
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     known = state.counts[KNOWN_BEFORE]
     fixed = state.counts[st.FIXED_STEP] == 1
+    memory = state.memory
+    follows = extrapolate and known > 1 and not fixed
     for j in range(nu):
         k = plan.free[j]
         s.unknown[j] = state.a[k]
-        if extrapolate and known > 2 and fixed and m == 0:
+        if follows:
+            s.unknown[j] = _foretell(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
+        elif extrapolate and known > 2 and fixed and m == 0:
             s.unknown[j] = _foretell_as_before(state, k)
-        elif extrapolate and known > 1 and not fixed:
-            s.unknown[j] = _foretell(state, k, h)
     for i in range(m):
         s.unknown[nu + i] = state.multipliers[i]
+        if follows:
+            s.unknown[nu + i] = _foretell(
+                state, h, state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i]
+            )
         s.unknown[nu + m + i] = 0.0
 
 
@@ -241,7 +278,8 @@ def solve_step(plan, work, state, s, h, tolerance):
             if not linearise(plan, work, state, s, h):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 break
-        if _newton(plan, work, state, s, h, tolerance, attempt > 0 and plan.rows.shape[0] == 0) == 1:
+        evaluated = attempt > 0 and plan.rows.shape[0] == 0
+        if _newton(plan, work, state, s, h, tolerance, evaluated, attempt == 2) == 1:
             if renew:
                 state.counts[RENEWALS] -= 1
             elif attempt == 0:

@@ -307,7 +307,7 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
         s.own[k] = own_rate_by(groups, k, s.correction[0, j])
     _filter(plan, s, s.error_v)
     rates = state.memory[step.RATE]
-    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own, rates, h, rate)
+    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own, rates, h, rate, 0.0)
 
 
 @part_of_kernel
@@ -324,7 +324,7 @@ def _accept(plan, loops, state, s, a_end, h):
         state.x[k] = s.x_end[k]
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.nu_end[i]
-    note_scales(loops)
+    note_scales(loops, state)
     state.numbers[step.ENERGY] += state.numbers[step.WORK]
 
 

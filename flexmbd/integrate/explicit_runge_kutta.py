@@ -313,7 +313,7 @@ def _attempt(method, state, groups, h):
     elif ratio <= 1.0:
         _accept(state, s)
         if plan.rows.shape[0] > 0:
-            note_scales(loops)
+            note_scales(loops, state)
 
 
 @entry_kernel

@@ -10,12 +10,12 @@ from flexmbd.multibody.kernels.compiling import part_of_kernel
 
 
 @part_of_kernel
-def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate):
+def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise):
     """Largest local error (free,) over what is tolerated: rtol per radian of the motion that causes it.
 
     A vibration faster than the machine is measured over its own radian, and its velocity by
     what it displaces, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
-    rate (1/s) as the step shows it, and as the steps before did.
+    rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
@@ -25,7 +25,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         own = st.own_rate(own_rates[k], rates_before[k], machine_rate)
         # what changes within the step is one radian at least
         share = min(1.0, h * max(machine_rate, own, own_rates[k]))
-        limit = state.numbers[st.TOLERANCE] * share
+        limit = max(state.numbers[st.TOLERANCE] * share, noise)
         speed = max(st.group_speed(groups, g, machine_rate), own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flexmbd.integrate import alpha_layout as step
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha_matrix import solve_factored
+from flexmbd.integrate.alpha_step import ROUND_OFF
 from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
 from flexmbd.multibody.kernels.compiling import part_of_kernel
 from flexmbd.multibody.kernels.native import solve
@@ -69,4 +70,5 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
     if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
     rates = state.memory[step.RATE]
-    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own, rates, h, machine_rate)
+    noise = ROUND_OFF / s.firmness[0]
+    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own, rates, h, machine_rate, noise)

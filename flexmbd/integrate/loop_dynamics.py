@@ -140,13 +140,32 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
 
 
 @kernel
-def note_scales(loops):
-    """Take note of how large the rows and the smallest pivot are where ``accelerate`` last was."""
+def note_scales(loops, state):
+    """Take note of how large the rows and the smallest pivot are where they were last factored, at a step's end."""
     for i in range(loops.scale.shape[0]):
         loops.scale[i] = max(loops.scale[i], loops.norm[i])
     rank = loops.rank[0]
-    if rank > 0:
-        loops.usual[0] = max(loops.usual[0], loops.small[rank - 1, rank - 1] ** 2)
+    pivot = loops.small[rank - 1, rank - 1] ** 2 if rank > 0 else 0.0
+    loops.usual[0] = max(loops.usual[0], pivot)
+    if loops.norm.shape[0] > 0:
+        st.watch_rows(state, pivot if rank == loops.norm.shape[0] else 0.0)
+
+
+@kernel
+def factor_rows(state, length, matrix, order):
+    """Factor C B^-1 C^T of an implicit method's rows and watch these; the rank.
+
+    ``state.memory[length]`` keeps the largest lengths of the rows.
+    """
+    m = matrix.shape[0]
+    longest = state.memory[length]
+    for i in range(m):
+        longest[i] = max(longest[i], np.sqrt(max(matrix[i, i], 0.0)))
+        if longest[i] == 0.0:
+            longest[i] = 1.0
+    rank = factor_semidefinite(matrix, order, longest)
+    st.watch_rows(state, matrix[m - 1, m - 1] ** 2 if rank == m else 0.0)
+    return rank
 
 
 @kernel

@@ -17,7 +17,6 @@ from flexmbd.integrate.radau_coefficients import ORDER, STAGES
 from flexmbd.integrate.radau_error import local_error, remember_roughness, set_safety, widen_scales
 from flexmbd.integrate.radau_newton import solve_step
 from flexmbd.integrate.radau_stages import (
-    END,
     N_MEMORY,
     POLYNOMIAL,
     STAGE_A,
@@ -83,7 +82,6 @@ class RadauIIA:
 
         def drop_factors() -> None:
             state.counts[TANGENT] = 0
-            state.counts[END] = 0
             state.numbers[STEP_FACTORED] = 0.0
 
         drop_factors()

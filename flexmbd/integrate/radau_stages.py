@@ -34,13 +34,13 @@ ComplexArray = NDArray[np.complex128]
 # The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
 # iteration leaves of the error; how many steps still take a new tangent where they take new factors.
 STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RENEWALS = range(st.METHOD, st.METHOD + 4)
-# Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, whether the factors of
-# the end's accelerations serve, iterations of the last step; whether the roughness of the steps before is known,
+# Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, iterations of
+# the last step; whether the roughness of the steps before is known,
 # and whether the step at hand is as smooth as they were.
-POLYNOMIAL, TANGENT, END, NEWTON, ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT, st.METHOD_COUNT + 6)
+POLYNOMIAL, TANGENT, NEWTON, ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: accelerations and multipliers of the last step's stages; each coordinate's own rate (1/s); its
-# roughness, the estimate of its velocity's error over the fourth power of the step.
-STAGE_A, STAGE_NU, RATE, ROUGHNESS, N_MEMORY = 0, 3, 6, 7, 8
+# roughness, the estimate of its velocity's error over the fourth power of the step; the largest lengths of the rows.
+STAGE_A, STAGE_NU, RATE, ROUGHNESS, LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
 # Scratch.kernels: what is called by its address.
 RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
 
@@ -56,7 +56,7 @@ class Scratch(NamedTuple):
     gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
     real, complex: the iteration matrices.
     final: (nu, nu) factors of M at a step's end; reach_end, response: (m, nu) C and C M^-1 there.  hold: (m, m) factors
-    of C M^-1 C^T, with hold_order, hold_norm (m,) and hold_rank (1,).  lacking, reaction, hold_scratch: (m,).
+    of C M^-1 C^T, with hold_order, hold_length (m,) and hold_rank (1,).  lacking, reaction, hold_scratch: (m,).
     own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
     kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
     """
@@ -92,7 +92,7 @@ class Scratch(NamedTuple):
     response: FloatArray
     hold: FloatArray
     hold_order: IntArray
-    hold_norm: FloatArray
+    hold_length: FloatArray
     hold_rank: IntArray
     hold_scratch: FloatArray
     lacking: FloatArray
@@ -167,7 +167,7 @@ def new_scratch(
         response=zeros((m, nu)),
         hold=zeros((m, m)),
         hold_order=zeros(m, np.int64),
-        hold_norm=zeros(m),
+        hold_length=zeros(m),
         hold_rank=zeros(1, np.int64),
         hold_scratch=zeros(m),
         lacking=zeros(m),

@@ -29,15 +29,22 @@ REST, PART = 13, 14
 # Error and size of the last step that error control accepted, a safety of the next; these and the method's own, from
 # METHOD on, are forgotten where the machine begins anew.
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
-METHOD, N_NUMBER = 18, 30
+# How firmly the kept constraint rows held at most since others were last looked at (see ``watch_rows``).
+FIRMNESS = 18
+METHOD, N_NUMBER = 19, 31
 
 # Entries of ``State.counts``; from METHOD_COUNT on they are the method's own.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
 FIXED_STEP, WORST, STORED = 5, 6, 7
 # What the last attempt came to: DONE, or the code of a failure; the most rows to store before a stepper returns;
-# whether TIME is a break that the machine has not left yet; the first knot after TIME; steps without growth left.
-OUTCOME, ROOM, AT_BREAK, KNOT, HOLD = range(8, 13)
-METHOD_COUNT, N_COUNT = 13, 19
+# whether TIME is a break that the machine has not left yet; the first knot after TIME; whether other constraint rows
+# than those that are kept may come to hold better; why to look for them before the next step: LOOSENED, or the code of
+# a step's failure; steps without growth left.
+OUTCOME, ROOM, AT_BREAK, KNOT, WATCHED, LOOK, HOLD = range(8, 15)
+METHOD_COUNT, N_COUNT = 15, 21
+LOOSENED = 1
+
+_LOOSE = 1.0 / 16.0  # of the pivots' former size, the square of how firmly rows hold: worth a look at others
 
 _FADE = 0.95  # of a coordinate's own rate, from step to step
 _ONSET = 4.0  # times that of the step before, or the machine's
@@ -152,6 +159,21 @@ def own_rate(rate, before, machine_rate):
     seems to be one within a single step is a jump, whose error drifts.
     """
     return max(min(rate, _ONSET * max(before, machine_rate)), _FADE * before)
+
+
+@kernel
+def watch_rows(state, pivot):
+    """Have the stepper return where kept rows hold much less firmly than they did, if others may hold better.
+
+    ``pivot``: the smallest of C B^-1 C^T, rows over the largest lengths that they had.
+    """
+    if state.counts[WATCHED] == 0:
+        return
+    if pivot < _LOOSE * state.numbers[FIRMNESS]:
+        state.counts[LOOK] = LOOSENED
+        state.counts[ROOM] = 0
+    elif pivot > state.numbers[FIRMNESS]:
+        state.numbers[FIRMNESS] = pivot
 
 
 @kernel

@@ -1,8 +1,14 @@
-"""Which constraint rows hold anything that the others do not, found where the mechanism is regular."""
+"""Which constraint rows hold anything that the others do not, found where the mechanism is regular.
+
+Of rows C = U S V^T, per full size of coordinates and rows, a choice of as many as the rank holds as firmly as the
+smallest singular value of its part of U says: 1 where the others add nothing, 0 where it alone has lost its rank.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -56,6 +62,48 @@ class Place:
         order = scipy.linalg.qr(self.slopes.T, mode="economic", pivoting=True)[2]
         return sorted(int(k) for k in order[: self.rank])
 
+    def firmest(self, rank: int) -> list[int]:
+        """``rank`` rows that hold firmly together, as pivoting finds them."""
+        order = scipy.linalg.qr(self.left[:, :rank].T, mode="economic", pivoting=True)[2]
+        return sorted(int(k) for k in order[:rank])
+
+    def firmness(self, rows: Sequence[int]) -> float:
+        """How firmly these rows hold what all rows hold together, from 0 to 1."""
+        part = self.left[list(rows), : len(rows)]
+        return float(np.linalg.svd(part, compute_uv=False).min(initial=1.0))
+
+    def carries(self, other: Place) -> bool:
+        """Whether rows add to each other here as they do at another place, to what is known of both."""
+        if self.rank != other.rank or self.rank == 0:
+            return self.rank == other.rank
+        kept, there = self.left[:, : self.rank], other.left[:, : self.rank]
+        known = self.blur / self.sigma[self.rank - 1] + other.blur / other.sigma[self.rank - 1]
+        return float(np.abs(kept @ kept.T - there @ there.T).max()) <= _CLEAR * known
+
+
+class Choice(NamedTuple):
+    """Independent rows, and whether they are so at every position at which all rows together are."""
+
+    rows: list[int]
+    for_good: bool
+
+
+def firmer_rows(
+    scene: CompiledScene, work: Work, x: FloatArray, kept: Sequence[int], *, worth: float
+) -> list[int] | None:
+    """As many rows as are ``kept`` that hold more than ``worth`` times as firmly at x (nx,); None if these do not.
+
+    Args:
+        scene: with all its rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: a configuration with closed loops.
+        kept: (m,) rows.
+        worth: the least gain that counts.
+    """
+    place = look(scene, work, x)
+    others = place.firmest(len(kept))
+    return others if place.firmness(others) > worth * place.firmness(kept) else None
+
 
 def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     """The slopes of the scene's rows at x (nx,), with closed loops."""
@@ -72,7 +120,7 @@ def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     return Place(slopes, left, sigma, blur / min(largest, 1.0))
 
 
-def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[int]:
+def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:
     """Rows that hold anything new: as many as are independent at regular positions, and those that are so best.
 
     Redundancy is a property of the mechanism, not of one position: at singular ones fewer rows are independent, and
@@ -86,15 +134,18 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[in
     """
     m = len(scene.plan.rows)
     if m == 0 or len(scene.plan.free) == 0:
-        return list(range(m))
+        return Choice(list(range(m)), True)
     here = look(scene, work, x)
     places = [here]
     if not (here.is_clear and here.rank == m):
         places += _beside(scene, work, x)
     clear = [place for place in places if place.is_clear]
     if not clear:
-        return min(places, key=lambda place: place.blur).independent()
-    return max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1])).independent()
+        return Choice(min(places, key=lambda place: place.blur).independent(), False)
+    best = max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1]))
+    # what is so at two places taken at random is no matter of the position
+    regular = [place for place in clear if place.rank == best.rank]
+    return Choice(best.independent(), best.rank == m or (len(regular) > 1 and all(map(best.carries, regular))))
 
 
 def _beside(scene: CompiledScene, work: Work, x: FloatArray) -> list[Place]:

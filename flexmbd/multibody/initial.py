@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.design_position import led_from_design
 from flexmbd.multibody.given_coordinates import Given, coordinates_given
-from flexmbd.multibody.independent_rows import independent_rows, look
+from flexmbd.multibody.independent_rows import Choice, independent_rows, look
 from flexmbd.multibody.interior_start import begin_interiors
 from flexmbd.multibody.interiors import Kept
 from flexmbd.multibody.kernels import layout as at
@@ -42,6 +42,7 @@ class Start:
     Attributes:
         scene: the scene without its redundant constraint rows.
         unreduced: the scene with them.
+        choice: which rows ``scene`` keeps.
         x, v, a: (nx,), (nv,), (nv,) configuration, velocity, acceleration.
         multipliers: (m,) reactions of the loops (N or N m).
         moved: what the projection changed: (coordinate, from, to), positions and velocities; rotations of several
@@ -52,6 +53,7 @@ class Start:
 
     scene: CompiledScene
     unreduced: CompiledScene
+    choice: Choice
     x: FloatArray
     v: FloatArray
     a: FloatArray
@@ -101,7 +103,8 @@ def consistent_start(
     led = x if given.positions or memories is not None else led_from_design(scene, work, x, held_x)
     closing = close_loops(scene, work, led, held_x, given)
     refuse_turned_over(scene, work, closing.x)
-    reduced = scene.keep_rows(independent_rows(scene, work, closing.x))
+    choice = independent_rows(scene, work, closing.x)
+    reduced = scene.keep_rows(choice.rows)
     # without the redundant rows, which may stay open a little, the others close to round-off
     after = close_loops(reduced, work, closing.x, held_x, given)
     closed = after.x
@@ -115,6 +118,7 @@ def consistent_start(
     return Start(
         reduced,
         scene,
+        choice,
         closed,
         velocity,
         a,

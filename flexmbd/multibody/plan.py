@@ -150,7 +150,7 @@ class CompiledScene:
                 "coordinates, add them to the scene before its equilibrium or simulation"
             )
 
-    def keep_rows(self, kept: Sequence[int]) -> CompiledScene:
+    def keep_rows(self, kept: Sequence[int] | IntArray) -> CompiledScene:
         """Return the scene with only these constraint rows; the others are redundant."""
         chosen = sorted(kept)
         left = [k for k in range(len(self.row_names)) if k not in set(chosen)]

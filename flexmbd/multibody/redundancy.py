@@ -18,30 +18,28 @@ _RANK = 1e-9  # singular values below this share of the largest are round-off
 
 
 def minimum_norm_multipliers(
-    full: CompiledScene, kept: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray
+    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray
 ) -> FloatArray:
-    """Spread the reactions of independent rows over all rows.
+    """Spread the reactions of rows over all rows.
 
     Rigid bodies do not tell how redundant joints share their load.  Of all shares with the same
     effect on the machine, C^T nu, the smallest is taken, in the norm of forces and of moments over
     the machine's extent (closed loops by singular values: Zienkiewicz, Taylor & Fox, section 8.5).
 
     Args:
-        full: the scene with all its rows.
-        kept: the scene with the independent ones.
-        work: scratch of ``full``, with ``work.time`` of any instant.
+        scene: with all its rows.
+        work: scratch, with ``work.time`` of any instant.
         x: (nt, nx) configurations.
-        multipliers: (nt, m) those of the independent rows (N or N m).
+        multipliers: (nt, m) any that do it (N or N m), those of independent rows and zeros.
 
     Returns:
-        (nt, rows of ``full``) N or N m.
+        (nt, m) N or N m.
     """
-    chosen = [full.row_names.index(name) for name in kept.row_names]
-    weight = np.where(np.isin(full.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0 / full.extent, 1.0)
-    spread = np.zeros((len(x), len(full.row_names)))
+    weight = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0 / scene.extent, 1.0)
+    spread = np.zeros_like(multipliers)
     for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
-        jacobian = constraint_jacobian(full, work, place)[:, full.plan.free]
-        load = jacobian[chosen].T @ reaction
+        jacobian = constraint_jacobian(scene, work, place)[:, scene.plan.free]
+        load = jacobian.T @ reaction
         # weight * nu is to be smallest, so the unknowns are weight * nu
         share = np.linalg.lstsq((jacobian / weight[:, None]).T, load, rcond=_RANK)[0]
         spread[k] = share / weight
