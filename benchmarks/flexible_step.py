@@ -25,7 +25,7 @@ import numpy as np
 import scenes
 
 import flexmbd as fm
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 
 H, FINE = 1e-3, 2e-5  # s
 END = 0.5  # s

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 import flexmbd as fm
-from flexmbd.multibody.pseudo_rigid_swarm import FloatArray
+from flexmbd.multibody.bodies.pseudo_rigid_swarm import FloatArray
 
 MATERIAL = fm.StVenantKirchhoff(E=1.0e5, nu=0.3)
 REPEATS = 5

@@ -18,7 +18,7 @@ from scipy.interpolate import PPoly
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "scenes"))
 import beam_record

@@ -22,7 +22,7 @@ from steps import ANSWER
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.stepping import Integration
+from flexmbd.run.stepping import Integration
 
 mechanisms = scenes.mechanisms  # type: ignore[attr-defined]
 

@@ -40,7 +40,7 @@ from scenes import METHODS, Method, Scene
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
-from flexmbd.stepping import Integration, new_snapshot
+from flexmbd.run.stepping import Integration, new_snapshot
 
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None

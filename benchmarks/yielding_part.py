@@ -28,7 +28,7 @@ from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
 from flexmbd.continuum.finite_elements import cut_mesh
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.reduction import craig_bampton
 
 SIDE, DEPTHS, WAIST, AROUND = 0.02, 12, 4.0, 2.0  # m, and in depths

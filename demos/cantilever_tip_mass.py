@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.reduction import craig_bampton
 
 LENGTH, SIDE, CUBE = 60.0, 12.0**0.5, 4.0

@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline, PPoly
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.reduction import craig_bampton
 from flexmbd.visual import StressPicture
 

@@ -24,8 +24,8 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.beams import DiscreteFrame, discrete_body
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.reduction import KelvinVoigtDamping, craig_bampton
 
 comm = MPI.COMM_WORLD

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from flexmbd.trajectory import Trajectory
+    from flexmbd.run.trajectory import Trajectory
 
 
 class FlexmbdError(Exception):

@@ -13,19 +13,19 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Body
-from flexmbd.multibody.initial import Start, match_motion
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.linearize import LinearEquations, linearize
-from flexmbd.multibody.output import Output
-from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.ports import Input, lay_ports
-from flexmbd.multibody.steady_interior import InteriorModes
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.interiors.steady import InteriorModes
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.linear.linearize import LinearEquations, linearize
+from flexmbd.multibody.linear.output import Output
+from flexmbd.multibody.linear.ports import Input, lay_ports
+from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.consistent_start import Start, match_motion
 from flexmbd.multibody.team import Team
-from flexmbd.multibody.working_point import WorkingPoint
-from flexmbd.stepping import evaluate_inputs
-from flexmbd.trajectory import NOTHING_SPENT, Trajectory
+from flexmbd.run.stepping import evaluate_inputs
+from flexmbd.run.trajectory import NOTHING_SPENT, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

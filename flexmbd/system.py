@@ -15,43 +15,43 @@ from typing import Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.checkpoint import Checkpoint
 from flexmbd.errors import SceneError, StartWarning
-from flexmbd.event import Event
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.limits import Limits
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
-from flexmbd.multibody.agreement import refuse_different
-from flexmbd.multibody.body import Body, FlexibleBody, Frame, Ground, RigidBody
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.energy_force import EnergyForce
-from flexmbd.multibody.enforcement import Enforcement, Way
-from flexmbd.multibody.equilibrium import find_equilibrium
-from flexmbd.multibody.explain import explain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.given_coordinates import refuse_against_motions
-from flexmbd.multibody.initial import Start, consistent_start
-from flexmbd.multibody.interiors import InteriorForce
+from flexmbd.multibody.interiors.scene_interiors import InteriorForce
+from flexmbd.multibody.interiors.steady import InteriorModes
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
-from flexmbd.multibody.kernels.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.motion_check import refuse_false_rates
-from flexmbd.multibody.output import Output
-from flexmbd.multibody.plan import CompiledScene, build
-from flexmbd.multibody.plan_forces import refuse_crossed_stops
-from flexmbd.multibody.ports import Input, leave_out, refuse_followers
-from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
-from flexmbd.multibody.steady_interior import InteriorModes
+from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.linear.equilibrium import find_equilibrium
+from flexmbd.multibody.linear.output import Output
+from flexmbd.multibody.linear.ports import Input, leave_out, refuse_followers
+from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.plan.agreement import refuse_different
+from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
+from flexmbd.multibody.plan.forces import refuse_crossed_stops
+from flexmbd.multibody.results.explain import explain
+from flexmbd.multibody.start.consistent_start import Start, consistent_start
+from flexmbd.multibody.start.given_coordinates import refuse_against_motions
+from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
-from flexmbd.multibody.working_point import WorkingPoint
-from flexmbd.simulation import Saves, check_times, run
-from flexmbd.stepping import evaluate_inputs, new_snapshot
-from flexmbd.trajectory import Trajectory
+from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.event import Event
+from flexmbd.run.limits import Limits
+from flexmbd.run.simulation import Saves, check_times, run
+from flexmbd.run.stepping import evaluate_inputs, new_snapshot
+from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -9,8 +9,8 @@ from test_reduced import two_crosses
 
 import flexmbd as fm
 from flexmbd.errors import FlexmbdError, SceneError
-from flexmbd.multibody.body import Frame
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.scene_file import build, read_scene
 from flexmbd.scene_file.kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS
 

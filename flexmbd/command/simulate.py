@@ -17,7 +17,7 @@ from flexmbd.scene_file.kinds import INTEGRATORS
 
 if TYPE_CHECKING:
     from flexmbd.integrate.protocol import Integrator
-    from flexmbd.trajectory import Trajectory
+    from flexmbd.run.trajectory import Trajectory
 
 _STOPPED = 1
 _EXAMPLES = """\

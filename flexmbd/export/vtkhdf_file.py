@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.loss import Carries, check_body
-from flexmbd.multibody.body import Body, Frame
+from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.record.groups import FloatArray, IntArray, Surface
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.trajectory import Trajectory
+from flexmbd.run.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import h5py

@@ -6,20 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.integrate.central_difference import CentralDifference
-from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
-from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.explicit.central_difference import CentralDifference
+from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.integrate.explicit.tableau import Pair
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.integrate.radau_iia import RadauIIA
-from flexmbd.integrate.tableau import Pair
-from flexmbd.multibody.continuum_body import ImplicitInterior
-from flexmbd.multibody.initial import Start
-from flexmbd.multibody.interiors import Interiors
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.tangent import tangent
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
-from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.integrate.radau.radau_iia import RadauIIA
+from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
+from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
 _STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in

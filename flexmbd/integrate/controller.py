@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 
 @part_of_kernel

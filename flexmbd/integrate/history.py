@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.continuum_body import ExplicitInterior, ImplicitInterior
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.plan import CompiledScene
+from flexmbd.multibody.bodies.continuum_body import ExplicitInterior, ImplicitInterior
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 
 def refuse_interiors(scene: CompiledScene, method: str, *, why: str) -> None:

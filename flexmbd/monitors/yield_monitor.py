@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from flexmbd.errors import SceneError
-from flexmbd.event import Direction, Event, Moment
 from flexmbd.monitors.yield_history import YieldHistory, YieldPoint
-from flexmbd.multibody.body import FlexibleBody
+from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.record.groups import StressModes
-from flexmbd.trajectory import Trajectory
+from flexmbd.run.event import Direction, Event, Moment
+from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.protocol import OnState, Table
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Body, Frame
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.enforcement import Way
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.enforcement import Way
 
 
 @dataclass(frozen=True, eq=False)

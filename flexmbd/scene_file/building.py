@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexmbd.errors import FlexmbdError, SceneError
-from flexmbd.multibody.body import FlexibleBody, Frame, Ground, RigidBody
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.scene_file.description import BodyName, FramePlace, JointName, RigidEntry, SceneFile
 from flexmbd.scene_file.kinds import COUPLINGS, FORCES, JOINTS

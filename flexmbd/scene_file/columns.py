@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import FlexibleBody, Frame
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.result_table import ResultTable
 from flexmbd.rotation import to_quaternion
+from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file.building import Built
 from flexmbd.scene_file.description import OutputEntry
-from flexmbd.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 #: Of a trajectory, at given times or at the ends of its steps.

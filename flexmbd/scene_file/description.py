@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.functions.time_function import TimeFunction
 
 Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.multibody.time_function import Beyond, Sine, Table, TimeFunction
+from flexmbd.multibody.functions.time_function import Beyond, Sine, Table, TimeFunction
 from flexmbd.scene_file.description import GROUND, BodyName, FramePlace, JointName
 from flexmbd.toml_file import Section
 

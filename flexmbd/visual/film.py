@@ -18,8 +18,8 @@ from flexmbd.visual.sketch import Form, Sketch, sketch
 from flexmbd.visual.skin import Skin, skins
 
 if TYPE_CHECKING:
-    from flexmbd.multibody.body import FlexibleBody
-    from flexmbd.trajectory import StressModel, Trajectory
+    from flexmbd.multibody.bodies.body import FlexibleBody
+    from flexmbd.run.trajectory import StressModel, Trajectory
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
-from flexmbd.multibody.body import FlexibleBody, Frame
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.library import load
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexmbd.trajectory import Trajectory
+    from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.body import Body, Frame
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.visual.skin import surface_of
 
 if TYPE_CHECKING:
-    from flexmbd.multibody.connection import Connection
-    from flexmbd.trajectory import Trajectory
+    from flexmbd.multibody.joint.connection import Connection
+    from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 
 if TYPE_CHECKING:
-    from flexmbd.multibody.body import Body, FlexibleBody
+    from flexmbd.multibody.bodies.body import Body, FlexibleBody
     from flexmbd.record.reduced_body import ReducedBody, Surface
-    from flexmbd.trajectory import StressModel, Trajectory
+    from flexmbd.run.trajectory import StressModel, Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -17,8 +17,8 @@ from flexmbd.continuum.interior.rotational_dofs import condensed_rotations, lump
 from flexmbd.errors import ConvergenceError, InterfaceError
 from flexmbd.forms import beam_timoshenko as beam
 from flexmbd.forms import plate_mitc as plate
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import ExplicitInterior, FrameMotion
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import ExplicitInterior, FrameMotion
 
 RULES = [condensed_rotations, lumped_rotations]
 BAR = beam.Parameters.rectangle(2.1e11, 0.3, 7850.0, width=0.02, height=0.01, orientation=(0.0, 1.0, 0.0))

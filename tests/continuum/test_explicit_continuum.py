@@ -12,7 +12,7 @@ from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
-from flexmbd.multibody.continuum_body import ExplicitInterior, FrameMotion
+from flexmbd.multibody.bodies.continuum_body import ExplicitInterior, FrameMotion
 
 PART = fm.RigidBody(30.0, np.array([[1.0, 0.1, 0.0], [0.1, 1.5, -0.2], [0.0, -0.2, 2.0]]), (0.2, -0.05, 0.1))
 EXPLICIT = fm.CentralDifference()

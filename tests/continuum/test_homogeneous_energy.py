@@ -12,10 +12,10 @@ import flexmbd as fm
 from flexmbd.continuum.finite_elements import homogeneous_energy
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.forms import neo_hookean, solid_mixed, st_venant_kirchhoff
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.tangent import tangent
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 
 PARAMETERS = neo_hookean.Parameters(E=1.0e5, nu=0.3, rho=1000.0)
 BUILT_IN = fm.StVenantKirchhoff(E=1.0e5, nu=0.3)

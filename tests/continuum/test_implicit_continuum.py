@@ -13,7 +13,7 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
 from flexmbd.errors import InterfaceError, SceneError
-from flexmbd.multibody.continuum_body import FrameMotion, Scheme
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
 
 J2, HENCKY, ELASTIC = forms.j2_plasticity, forms.hencky_plasticity, forms.solid_linear

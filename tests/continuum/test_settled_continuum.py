@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
 from flexmbd.errors import SceneError
-from flexmbd.multibody.continuum_body import FrameMotion, Scheme
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
 
 J2, HENCKY, ELASTIC = forms.j2_plasticity, forms.hencky_plasticity, forms.solid_linear

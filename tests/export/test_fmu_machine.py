@@ -18,7 +18,7 @@ from units import Unit, library
 import flexmbd as fm
 from flexmbd.errors import ExportError, SceneError
 from flexmbd.export.functional_mockup import building
-from flexmbd.multibody.working_point import WorkingPoint
+from flexmbd.multibody.linear.working_point import WorkingPoint
 
 EXPLICIT, IMPLICIT = fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(rho=0.9)
 H = 2e-4  # s, the integrator's

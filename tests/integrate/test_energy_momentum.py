@@ -12,17 +12,17 @@ import scipy.linalg
 from numba import njit
 
 import flexmbd as fm
-from flexmbd.integrate.discrete_gradient import EVALUATE, LINEARISE, PLACE, new_scratch
-from flexmbd.integrate.discrete_newton import bind
-from flexmbd.integrate.energy_momentum import ORDER, projector, storing_plan
-from flexmbd.integrate.loop_dynamics import new_loops
-from flexmbd.integrate.momentum_balance import average_strain
+from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector, storing_plan
+from flexmbd.integrate.discrete_gradient.gradient import EVALUATE, LINEARISE, PLACE, new_scratch
+from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
+from flexmbd.integrate.discrete_gradient.newton import bind
+from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.elasticity import add_elastic_forces
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.separate import call_separate
-from flexmbd.multibody.scene_matrices import mass_matrix
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
+from flexmbd.multibody.plan.scene_matrices import mass_matrix
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import slider_crank, slider_position

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
-from flexmbd.stepping import Integration, new_snapshot
+from flexmbd.run.stepping import Integration, new_snapshot
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import CRANK, pendulum, slider_crank, slider_position

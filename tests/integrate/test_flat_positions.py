@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import flexmbd as fm
 from flexmbd.continuum import MpiTeam
-from flexmbd.multibody.independent_rows import Place
+from flexmbd.multibody.start.independent_rows import Place
 
 G = 9.81
 T_END = 2.0

@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.integrate.generalized_alpha import ORDER
+from flexmbd.integrate.alpha.generalized_alpha import ORDER
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import CRANK, pendulum, slider_crank, slider_position

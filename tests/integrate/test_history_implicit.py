@@ -11,9 +11,9 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError, SimulationError
-from flexmbd.integrate import alpha_interiors
-from flexmbd.multibody.continuum_body import Scheme
-from flexmbd.multibody.kernels.layout import new_work
+from flexmbd.integrate.alpha import interiors as alpha_interiors
+from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.multibody.kernels.base.layout import new_work
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from spring_interior import ImplicitSprings, as_continuum, chain

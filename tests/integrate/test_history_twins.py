@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.continuum_body import InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum, chain

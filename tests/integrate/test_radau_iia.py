@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.integrate.radau_coefficients import ORDER
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.residual import residual
+from flexmbd.integrate.radau.coefficients import ORDER
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import CRANK, pendulum, slider_crank, slider_position

@@ -12,8 +12,8 @@ from random_machine import Built, Pseudo, build
 
 import flexmbd as fm
 from flexmbd.errors import SimulationError
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.scene_matrices import mass_factor, scaled_jacobian
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
 
 #: Of rigid machines, and of those with bodies that deform.
 RTOL, RTOL_OF_MODES = 1e-7, 1e-6

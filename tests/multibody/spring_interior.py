@@ -7,8 +7,8 @@ import scipy.linalg
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.continuum_body import InterfaceFrame, Push
-from flexmbd.multibody.steady_interior import LinearInterior
+from flexmbd.multibody.bodies.continuum_body import InterfaceFrame, Push
+from flexmbd.multibody.interiors.steady import LinearInterior
 
 
 def skew(r):

@@ -6,7 +6,7 @@ import numpy as np
 from spring_interior import ImplicitSprings, Springs, as_continuum, as_rigid_bodies
 
 import flexmbd as fm
-from flexmbd.multibody.continuum_body import InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
 
 SPIN = np.array([0.0, 3.0, 0.0])
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, SimulationError
-from flexmbd.multibody.bearing import friction_forces
+from flexmbd.multibody.kane.bearing import friction_forces
 
 MU = 0.2
 METHODS = {

@@ -7,13 +7,13 @@ import pytest
 from test_recursion import mixed_scene
 
 import flexmbd as fm
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.recursion import forward
-from flexmbd.multibody.kernels.series import energy_series
-from flexmbd.multibody.scene_matrices import mass_matrix
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.sampling.series import energy_series
+from flexmbd.multibody.plan.scene_matrices import mass_matrix
 
 
 def state(compiled, seed):

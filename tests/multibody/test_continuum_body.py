@@ -9,7 +9,7 @@ from spring_machines import Nothing, pendulum
 
 import flexmbd as fm
 from flexmbd.errors import InterfaceError, SceneError
-from flexmbd.multibody.continuum_body import InterfaceFrame, Scheme
+from flexmbd.multibody.bodies.continuum_body import InterfaceFrame, Scheme
 from flexmbd.rotation import from_quaternion
 
 TURN = from_quaternion(np.array([0.8, 0.0, 0.6, 0.0]))

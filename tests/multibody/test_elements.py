@@ -13,14 +13,14 @@ from test_recursion import mixed_scene
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.element_variation import element_wrench_variation
-from flexmbd.multibody.kernels.elements import coordinate_law, element_wrench
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work, without_forces
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.series import energy_series
-from flexmbd.multibody.kernels.time_functions import evaluate_times
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work, without_forces
+from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law, element_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.sampling.series import energy_series
+from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
 from flexmbd.record.groups import DistributedLoads
 
 

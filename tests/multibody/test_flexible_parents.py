@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 from test_recursion import along
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.series import frame_series
-from flexmbd.multibody.output import observe
-from flexmbd.multibody.plan import add_probe
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.sampling.series import frame_series
+from flexmbd.multibody.linear.output import observe
+from flexmbd.multibody.plan.compiled_scene import add_probe
 
 POINT = np.array([0.07, -0.2, 0.11])
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.8])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kane import Kinematics
+from flexmbd.multibody.kane.equations import Kinematics
 
 joint = fm.joint
 TURN = Rotation.from_rotvec([0.4, -0.3, 0.6])

@@ -11,8 +11,8 @@ from machines import pendulum
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.interpolation import interpolate
-from flexmbd.multibody.kernels.so3 import quaternion_exp, quaternion_product
+from flexmbd.multibody.kernels.algebra.so3 import quaternion_exp, quaternion_product
+from flexmbd.multibody.kernels.sampling.interpolation import interpolate
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -7,8 +7,8 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, SimulationError
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.scene_matrices import mass_matrix
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.plan.scene_matrices import mass_matrix
 
 GRAVITY = np.array([0.4, -9.81, 1.2])
 INERTIA = np.array([[0.05, 0.004, -0.003], [0.004, 0.06, 0.002], [-0.003, 0.002, 0.07]])

@@ -11,12 +11,12 @@ from particles import particle_body
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.initial import consistent_start
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.series import frame_series
-from flexmbd.multibody.plan import add_probe
-from flexmbd.stepping import evaluate_inputs
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.sampling.series import frame_series
+from flexmbd.multibody.plan.compiled_scene import add_probe
+from flexmbd.multibody.start.consistent_start import consistent_start
+from flexmbd.run.stepping import evaluate_inputs
 
 G = 9.81
 

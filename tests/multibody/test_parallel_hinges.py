@@ -9,16 +9,16 @@ from test_articulated import NOTHING, random_tree, somewhere
 from test_recursion import mixed_scene
 
 import flexmbd as fm
-from flexmbd.integrate import loop_dynamics
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels import rank_revealing
-from flexmbd.multibody.kernels.articulated import articulate, forward_dynamics, solve_mass
-from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.compiling import entry_kernel
-from flexmbd.multibody.kernels.recursion import forward
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.row_paths import new_row_paths, solve_rows
-from flexmbd.multibody.scene_matrices import constraint_values, mass_matrix
+from flexmbd.integrate.explicit import loop_dynamics
+from flexmbd.multibody.kernels.algebra import rank_revealing
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.forward_dynamics.articulated import articulate, forward_dynamics, solve_mass
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
+from flexmbd.multibody.kernels.forward_dynamics.row_paths import new_row_paths, solve_rows
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.plan.scene_matrices import constraint_values, mass_matrix
 
 
 @entry_kernel

@@ -8,12 +8,12 @@ from particles import elastic_forces, particle_body, strain_energy
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.series import energy_series, frame_series
-from flexmbd.multibody.plan import add_probe
-from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.sampling.series import energy_series, frame_series
+from flexmbd.multibody.plan.compiled_scene import add_probe
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
 
 GRAVITY = np.array([0.3, -9.81, 1.2])
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError, SimulationError
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.scene_matrices import constraint_jacobian
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian
 
 
 def cranks(n, angle, rate=0.0):

@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.element_variation import element_wrench_variation
-from flexmbd.multibody.kernels.elements import element_wrench
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.rows import row_value, row_wrench, row_wrench_variation
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
+from flexmbd.multibody.kernels.physics.rows import row_value, row_wrench, row_wrench_variation
+from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
 
 DATA = 0.37
 KINDS = {

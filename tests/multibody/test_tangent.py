@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from test_recursion import mixed_scene
 
 import flexmbd as fm
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.tangent import tangent
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
-from flexmbd.multibody.kernels.tree_factor import ancestors, factor_tree, pays, solve_tree
-from flexmbd.multibody.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, factor_tree, pays, solve_tree
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
 
 # central differences of order 8
 WEIGHTS = ((1, 4.0 / 5.0), (2, -1.0 / 5.0), (3, 4.0 / 105.0), (4, -1.0 / 280.0))

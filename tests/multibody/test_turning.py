@@ -9,17 +9,17 @@ from particles import particle_body
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody import plan as plan_module
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.articulated import forward_dynamics
-from flexmbd.multibody.kernels.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.inertia import inertia_times, rigid_second_moment
-from flexmbd.multibody.kernels.joints import retract
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.recursion import forward
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.tangent import tangent
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.inertia import inertia_times, rigid_second_moment
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.plan import compiled_scene as plan_module
 
 NEVER, BALANCED, IN_PLANE, FREELY = at.NEVER, at.BALANCED, at.IN_PLANE, at.FREELY
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()

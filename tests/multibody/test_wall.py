@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from numba import types
 
-from flexmbd.multibody.kernels import compiling, so3
+from flexmbd.multibody.kernels.algebra import so3
+from flexmbd.multibody.kernels.base import compiling
 
 SCENE = """
 import sys
@@ -61,7 +62,7 @@ def test_each_purpose_is_announced_until_it_is_compiled(tmp_path):
     """Once in a process, again in the next one, and not where it has been compiled to the end."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     compiling_twice = (
-        "from flexmbd.multibody.kernels.compiling import announce, mark_compiled\n"
+        "from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled\n"
         "print(announce('a'), announce('a'), announce('b'))\nmark_compiled('b')"
     )
     said = [

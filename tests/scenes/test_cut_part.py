@@ -15,10 +15,10 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.finite_elements import cut_mesh
 from flexmbd.forms import solid_linear
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.residual import residual
-from flexmbd.multibody.kernels.tangent import tangent
-from flexmbd.multibody.kernels.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.reduction import KelvinVoigtDamping, craig_bampton
 
 STEEL = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)

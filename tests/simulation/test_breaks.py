@@ -11,8 +11,8 @@ from scipy.interpolate import PPoly
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.breaks import find_breaks, stretches
-from flexmbd.multibody.time_function import as_row
+from flexmbd.multibody.functions.breaks import find_breaks, stretches
+from flexmbd.multibody.functions.time_function import as_row
 
 MASS, STIFFNESS, END, STOP = 1.0, 4.0, 3.0, 0.7317
 OMEGA = np.sqrt(STIFFNESS / MASS)

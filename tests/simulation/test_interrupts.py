@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.multibody import callback
+from flexmbd.multibody.functions import callback
 
 WHEN = 0.3  # s: the first call after it is interrupted
 

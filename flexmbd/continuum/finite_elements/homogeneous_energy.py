@@ -17,7 +17,7 @@ import ufl
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract import formulation
 from flexmbd.errors import FlexmbdError, FormulationError
-from flexmbd.multibody.homogeneous import CompiledEnergy
+from flexmbd.multibody.bodies.homogeneous import CompiledEnergy
 
 Expr: TypeAlias = ufl.core.expr.Expr
 Energy: TypeAlias = Callable[[Expr], Expr]

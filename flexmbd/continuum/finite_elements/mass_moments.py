@@ -23,8 +23,8 @@ from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.matrices.blocks import symmetric
 from flexmbd.errors import MeshError
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.solid import Solid
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.solid import Solid
 
 FloatArray = NDArray[np.float64]
 Density = float | Mapping[str, float]

@@ -11,7 +11,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.nodes import sorted_triangles
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.multibody.solid import Outline
+from flexmbd.multibody.bodies.solid import Outline
 
 IntArray = NDArray[np.int64]
 

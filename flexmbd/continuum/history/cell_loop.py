@@ -13,7 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.point_history import History
-from flexmbd.multibody.kernels.compiling import entry_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]

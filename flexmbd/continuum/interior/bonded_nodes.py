@@ -20,8 +20,8 @@ from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame
 
 FloatArray = NDArray[np.float64]
 

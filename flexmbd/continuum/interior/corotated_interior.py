@@ -24,8 +24,8 @@ from flexmbd.continuum.interior.machine_frames import check_frames, interface_fr
 from flexmbd.continuum.interior.rotational_dofs import ExplicitOperator
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, Memory, Push
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.rotation import to_quaternion
 
 # A step that is the stable one but for round-off is taken whole.

@@ -17,8 +17,8 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, Memory, Push
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 
 FloatArray = NDArray[np.float64]
 

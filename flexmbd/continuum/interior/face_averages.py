@@ -21,7 +21,7 @@ from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.newton import Conditions
 from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
-from flexmbd.multibody.continuum_body import FrameMotion
+from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.matrices.blocks import multiply
-from flexmbd.multibody.continuum_body import FrameMotion
+from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
-from flexmbd.multibody.steady_interior import InteriorModes, LinearInterior
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
+from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 
 FloatArray = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from flexmbd.continuum.interior.frame_response import Condensation, FrameRespons
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.continuum.matrices.eigen import BlockLanczos, Modes
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.continuum_body import FrameMotion
-from flexmbd.multibody.steady_interior import InteriorModes, LinearInterior
+from flexmbd.multibody.bodies.continuum_body import FrameMotion
+from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.errors import InterfaceError
-from flexmbd.multibody.body import RigidBody
-from flexmbd.multibody.continuum_body import FrameMotion, InterfaceFrame
+from flexmbd.multibody.bodies.body import RigidBody
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame
 
 FloatArray = NDArray[np.float64]
 

@@ -9,21 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.integrate import alpha_layout, explicit_runge_kutta, generalized_alpha
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha import generalized_alpha
+from flexmbd.integrate.alpha import layout as alpha_layout
+from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.controller import NO_KNOTS
-from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta, new_method
-from flexmbd.integrate.generalized_alpha import GeneralizedAlpha
-from flexmbd.integrate.loop_dynamics import N_MEMORY, survey
-from flexmbd.integrate.tableau import Tableau
-from flexmbd.multibody.body import Frame
-from flexmbd.multibody.breaks import find_breaks, jumps_of_rate
-from flexmbd.multibody.initial import Start
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.layout import Plan, new_work
-from flexmbd.multibody.kernels.tangent import tangent_after_residual
-from flexmbd.multibody.plan import CompiledScene
-from flexmbd.stepping import evaluate_inputs, new_snapshot
+from flexmbd.integrate.explicit import explicit_runge_kutta
+from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, new_method
+from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, survey
+from flexmbd.integrate.explicit.tableau import Tableau
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan, new_work
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.run.stepping import evaluate_inputs, new_snapshot
 
 FloatArray = NDArray[np.float64]
 

@@ -13,19 +13,19 @@ from scipy.interpolate import PPoly
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.description import Causality, Variable
 from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
-from flexmbd.multibody.body import FlexibleBody, Frame
-from flexmbd.multibody.connection import Connection
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.probe import with_probe
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.frame_force import FrameForce
 from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.layout import new_work
-from flexmbd.multibody.kernels.series import frame_series
-from flexmbd.multibody.output import Acceleration, Output, Position, Rotation, Velocity
-from flexmbd.multibody.plan import CompiledScene
-from flexmbd.multibody.probe import with_probe
-from flexmbd.multibody.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.sampling.series import frame_series
+from flexmbd.multibody.linear.output import Acceleration, Output, Position, Rotation, Velocity
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")

@@ -25,11 +25,11 @@ from flexmbd.export.functional_mockup.machine_ports import (
 )
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.integrate import state as st
-from flexmbd.integrate.explicit_runge_kutta import ExplicitRungeKutta
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.kernels.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.layout import Plan
-from flexmbd.multibody.output import Output
+from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.linear.output import Output
 from flexmbd.system import System
 
 _EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bearing import Bearing
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnJoint, Table, check_numbers
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.prismatic import Prismatic
 from flexmbd.multibody.joint.revolute import Revolute
+from flexmbd.multibody.kane.bearing import Bearing
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, Table, vector
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import OffJoints, Table
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from enum import Enum
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import OffJoints, Table
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.multibody.kernels.base import layout as at
 
 
 class Axes(Enum):

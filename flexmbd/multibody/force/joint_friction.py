@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.callback import Law
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnCoordinate, Table
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import Compiled, Signature
+from flexmbd.multibody.functions.callback import Law
+from flexmbd.multibody.functions.time_function import Compiled, Signature
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

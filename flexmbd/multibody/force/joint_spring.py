@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PPoly
 
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import Table as Points
-from flexmbd.multibody.time_function import spline
+from flexmbd.multibody.functions.time_function import Table as Points
+from flexmbd.multibody.functions.time_function import spline
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
 
 _SHARE = 1e-3  # of 1 rad, or of the way between the limits
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.connection import Connection
 from flexmbd.multibody.force.protocol import DrivesJoint
-from flexmbd.multibody.time_function import TimeFunction
+from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.multibody.joint.connection import Connection
 
 
 @dataclass(frozen=True, eq=False)

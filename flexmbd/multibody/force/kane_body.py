@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.body import Frame
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import OffJoints, Table
-from flexmbd.multibody.kane import Kinematics
-from flexmbd.multibody.kane_inertia import GivenBody, InertiaAndForces
+from flexmbd.multibody.kane.equations import Kinematics
+from flexmbd.multibody.kane.inertia import GivenBody, InertiaAndForces
 
 
 @dataclass(frozen=True, eq=False)

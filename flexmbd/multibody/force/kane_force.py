@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.callback import FloatArray
 from flexmbd.multibody.force.protocol import OnState, Table
-from flexmbd.multibody.kane import Contribution, Kinematics, Machine
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import Piecewise
+from flexmbd.multibody.functions.callback import FloatArray
+from flexmbd.multibody.functions.time_function import Piecewise
+from flexmbd.multibody.kane.equations import Contribution, Kinematics, Machine
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

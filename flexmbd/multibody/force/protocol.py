@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
-from flexmbd.multibody.bearing import Bearing
-from flexmbd.multibody.body import Body, Frame
-from flexmbd.multibody.callback import Law, StateFunction
-from flexmbd.multibody.connection import Connection
-from flexmbd.multibody.continuum_body import LaidInterior
-from flexmbd.multibody.kane import Machine, WrenchSource
-from flexmbd.multibody.kane_inertia import GivenBody
-from flexmbd.multibody.time_function import Compiled, TimeFunction
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.continuum_body import LaidInterior
+from flexmbd.multibody.functions.callback import Law, StateFunction
+from flexmbd.multibody.functions.time_function import Compiled, TimeFunction
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kane.bearing import Bearing
+from flexmbd.multibody.kane.equations import Machine, WrenchSource
+from flexmbd.multibody.kane.inertia import GivenBody
 
 
 class Table(Protocol):

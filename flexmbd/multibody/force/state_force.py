@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.callback import StateFunction
 from flexmbd.multibody.force.protocol import OnState, Table
-from flexmbd.multibody.kernels import layout as at
-from flexmbd.multibody.time_function import Compiled, Signature
+from flexmbd.multibody.functions.callback import StateFunction
+from flexmbd.multibody.functions.time_function import Compiled, Signature
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True, eq=False)

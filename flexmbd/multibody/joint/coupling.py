@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from flexmbd.errors import SceneError
 
 if TYPE_CHECKING:
-    from flexmbd.multibody.connection import Connection
+    from flexmbd.multibody.joint.connection import Connection
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.multibody.joint.protocol import FloatArray, Row, Step
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 
 
 @dataclass(frozen=True)

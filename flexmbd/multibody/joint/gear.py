@@ -10,7 +10,7 @@ from flexmbd.given import is_number
 from flexmbd.multibody.joint.coupling import Term, single_coordinate
 
 if TYPE_CHECKING:
-    from flexmbd.multibody.connection import Connection
+    from flexmbd.multibody.joint.connection import Connection
 
 
 @dataclass(frozen=True, eq=False)

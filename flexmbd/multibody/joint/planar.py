@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, Row, Step
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.rotation import Axis
 
 

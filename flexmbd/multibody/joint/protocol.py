@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.rotation import Axis, z_onto
 
 FloatArray = NDArray[np.float64]

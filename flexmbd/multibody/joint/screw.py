@@ -8,7 +8,7 @@ from typing import ClassVar
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.rotation import Axis
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
-from flexmbd.multibody.kernels import layout as at
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.rotation import Axis, z_onto
 
 

@@ -1,0 +1,4 @@
+"""Lie-group generalized-alpha.
+
+Entered by `flexmbd.integrate`.
+"""

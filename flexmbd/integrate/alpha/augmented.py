@@ -1,0 +1,84 @@
+"""The passes of an augmented Lagrangian within a step (Hestenes 1969; Powell 1969).
+
+A row that one enforces has the reaction nu = nu* + k phi + c d phi/dt.  Each pass solves the step
+with nu* known; the next adds k phi to it, until phi is small enough.  Aitken's factor, of the
+changes over all rows, shortens what a stiffness low against mass / h^2 would make long.
+Integrators that know of no passes solve for the reaction itself, which leaves phi = 0.
+"""
+
+from __future__ import annotations
+
+from flexmbd.integrate.alpha.step import solve_step
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+
+_PASSES = 100
+_LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
+
+
+@part_of_kernel
+def _is_open(plan, work, s):
+    """Whether a row stays open by more than its enforcement allows, at the step's end in ``s``."""
+    forward(plan, work, s.x, s.v, s.a)
+    constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+    for i in range(plan.rows.shape[0]):
+        o = plan.rows[i, at.ROW_HOLD]
+        if o > 0:
+            velocity = plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY
+            gap = s.phi_rate[i] if velocity else s.phi[i]
+            if not abs(gap) <= plan.data[o + at.HOLD_OPEN]:
+                return True
+    return False
+
+
+@part_of_kernel
+def _next_pass(plan, s, factor, first):
+    """Take what the last pass left open into the known reactions; return Aitken's factor.
+
+    A position alone tells what is lacking: on a closed row damping may still pull, for the step
+    does not fulfil the velocity too.
+    """
+    along = 0.0
+    size = 0.0
+    for i in range(plan.rows.shape[0]):
+        o = plan.rows[i, at.ROW_HOLD]
+        if o > 0:
+            velocity = plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY
+            lacks = plan.data[o + at.HOLD_STIFFNESS] * s.phi[i]
+            if velocity:
+                lacks = plan.data[o + at.HOLD_DAMPING] * s.phi_rate[i]
+            change = lacks - s.lacking[i]
+            along += s.lacking[i] * change
+            size += change * change
+            s.lacking[i] = lacks
+    if not first and size > 0.0:
+        factor = min(max(-factor * along / size, _LEAST), _MOST)
+    for i in range(plan.rows.shape[0]):
+        if plan.rows[i, at.ROW_HOLD] > 0:
+            s.known[i] += factor * s.lacking[i]
+    return factor
+
+
+@kernel
+def solve_passes(plan, work, state, s, h, tolerance):
+    """``solve_step``, repeated where an augmented Lagrangian enforces rows until they are closed.
+
+    Returns whether it converged; if so ``s`` holds the step's end.
+    """
+    augmented = False
+    for i in range(plan.rows.shape[0]):
+        o = plan.rows[i, at.ROW_HOLD]
+        if o > 0:
+            augmented = True
+            s.known[i] = state.multipliers[i]
+            tolerance = min(tolerance, 0.1 * plan.data[o + at.HOLD_TOL])
+    factor = 1.0
+    for k in range(_PASSES):
+        if not solve_step(plan, work, state, s, h, tolerance):
+            return False
+        if not augmented or not _is_open(plan, work, s):
+            return True
+        factor = _next_pass(plan, s, factor, k == 0)
+    return False

@@ -1,0 +1,172 @@
+"""Lie-group generalized-alpha for trees and, in stabilised index-2 or in index-3 form, for closed loops.
+
+Order 2; dissipation at high frequency set by the spectral radius rho.  Variable steps keep the
+order because the auxiliary acceleration is carried over at its own instant.  Sources: Chung &
+Hulbert 1993; Bruels, Cardona & Arnold 2012 (Lie group); Arnold & Hante 2017 (stabilised
+index-2 form).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha import layout as step
+from flexmbd.integrate.alpha.augmented import solve_passes
+from flexmbd.integrate.alpha.interiors import ImplicitInteriors
+from flexmbd.integrate.alpha.layout import Scratch, new_scratch
+from flexmbd.integrate.alpha.local_error import local_error
+from flexmbd.integrate.alpha.memory import accept, set_out
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
+from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
+from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+ORDER = 2
+
+#: How its steps follow from their errors: they change seldom, for each change costs a factorisation.
+RULE = Rule(exponent=0.5)
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    scratch: Scratch
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Choice of the method.
+
+    Attributes:
+        rho: the spectral radius at infinite frequency, in [0, 1]: 1 does not dissipate, smaller values damp what the
+            step does not resolve.
+        index: 2 closes loops at the level of positions and of velocities, 3 at that of positions alone, with fixed
+            steps only.
+
+    Raises:
+        SceneError: rho lies outside, or there is no such index.
+    """
+
+    rho: float = 0.8
+    index: int = 2
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.rho <= 1.0:
+            raise SceneError(f"rho must lie between 0 and 1, got {self.rho}")
+        if self.index not in (2, 3):
+            raise SceneError(f"generalized-alpha has an index of 2 or 3, got {self.index}")
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        form = ", index 3" if self.index == 3 else ""
+        return f"generalized-alpha, rho = {self.rho:g}, order {ORDER}{form}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions, velocities and multipliers."""
+        return ORDER
+
+    @property
+    def memory_rows(self) -> int:
+        """The method's acceleration, three true ones, and each coordinate's rate."""
+        return step.N_MEMORY
+
+    def check(self, scene: CompiledScene) -> None:
+        """Runs every scene, but that bodies with history must solve for a step's end, with no augmented Lagrangian."""
+        refuse_explicit_only(scene, self.name)
+        refuse_passes(scene, self.name)
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
+        """See ``integrate.protocol.Integrator``.
+
+        Raises:
+            SceneError: error control is asked of index 3, whose velocities jump with the step.
+        """
+        if self.index == 3 and state.counts[st.FIXED_STEP] == 0 and len(scene.plan.rows) > 0:
+            raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
+        interiors = scene.interiors
+        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
+
+        def drop_factors() -> None:
+            state.numbers[step.STEP_FACTORED] = 0.0
+
+        def begin() -> None:
+            drop_factors()
+            state.numbers[st.SAFETY] = SAFETY
+            state.counts[step.INDEX] = self.index
+            state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
+            state.counts[step.FILTERS] = len(scene.plan.flex) > 0 or interiors is not None
+            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
+                state.memory[row] = state.a
+
+        drop_factors()
+        if interiors is not None:
+            scheme = Scheme(*self.coefficients())
+            machine = ImplicitInteriors(interiors, scheme, RULE, scene.plan, work, state, groups, scratch)
+            return Stepper(machine.advance, begin, drop_factors)
+        method = Method(scene.plan, work, scratch)
+        return Stepper(driver(advance, method, RULE, state, groups), begin, drop_factors)
+
+    def coefficients(self) -> tuple[float, float, float, float]:
+        """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 20, 25)."""
+        alpha_m = (2.0 * self.rho - 1.0) / (self.rho + 1.0)
+        alpha_f = self.rho / (self.rho + 1.0)
+        gamma = 0.5 + alpha_f - alpha_m
+        return alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma
+
+
+@part_of_kernel
+def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
+    """Give the first step the auxiliary acceleration of its own instant, for full order.
+
+    It belongs alpha_m - alpha_f steps after the true one; the trial's slope tells its value.
+    """
+    delay = state.numbers[step.ALPHA_M] - state.numbers[step.ALPHA_F]
+    for _ in range(2):
+        for k in range(state.a.shape[0]):
+            state.memory[step.AUXILIARY, k] = state.a[k] + delay * (s.a[k] - state.a[k])
+        if not solve_passes(plan, work, state, s, h, tolerance):
+            return False
+    return True
+
+
+@part_of_kernel
+def _attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, s = method
+    count = state.counts
+    aim = set_out(plan, work, state, groups, s, h)
+    solved = solve_passes(plan, work, state, s, h, aim)
+    if solved and count[step.KNOWN_BEFORE] == 0:
+        solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+    elif solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+        ratio = 0.0
+        if count[st.FIXED_STEP] == 0:
+            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+        state.numbers[st.RATIO] = ratio
+        if ratio <= 1.0:
+            accept(state, s)
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

@@ -1,0 +1,162 @@
+"""Generalized-alpha with bodies that have a history: one trial of their interiors in each of Newton's iterations.
+
+The interiors solve for their own unknowns at the frames' trial motion and hand back wrenches and their derivatives by
+the frames' displacements; with the frames' twists T per unit velocity the iteration matrix gains - T^T (dw/dx) T.
+Each iteration is linearised anew.  A step that is not taken is reverted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import controller
+from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha import memory as memory
+from flexmbd.integrate.alpha.layout import Scratch
+from flexmbd.integrate.alpha.local_error import local_error
+from flexmbd.integrate.alpha.matrix import linearise
+from flexmbd.integrate.alpha.step import correct, start_newton, trial, update
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, Scheme
+from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_motions
+
+FloatArray = NDArray[np.float64]
+
+_MAX_ITERATIONS = 20
+_STALLED = 1e-10  # a correction below which an iteration may stall: interiors are solved to a tolerance of their own
+
+
+@entry_kernel
+def set_out(rule, knots, plan, work, state, groups, s):
+    """The step to try and what Newton is to reach, with the first guess."""
+    h = controller.set_out(rule, knots, state, groups)
+    aim = memory.set_out(plan, work, state, groups, s, h)
+    start_newton(plan, state, s, h, True)
+    return h, aim
+
+
+@entry_kernel
+def place(plan, work, state, s, h, rows, motions):
+    """Put the step's end where the unknowns say, and tell the motions (k, N_MOTION) of the frames in ``rows``."""
+    update(plan, work, state, s, h, s.unknown)
+    store_motions(plan, work, rows, s.x, s.v, s.a, motions)
+
+
+@entry_kernel
+def iterate(plan, work, state, s, h):
+    """One of Newton's iterations from the unknowns, with the wrenches that act: its correction's size, or NaN."""
+    trial(plan, work, state, s, h, s.unknown, s.equation)
+    state.counts[st.ITERATIONS] += 1
+    if not linearise(plan, work, state, s, h):
+        return np.nan
+    size, unbalanced = correct(plan, state, s, h)
+    return max(size, unbalanced)
+
+
+@entry_kernel
+def judge(rule, plan, work, state, groups, s, record, h):
+    """Judge the step that ``s`` holds, or its failure, OUTCOME, as ``controller.settle`` does."""
+    if state.counts[st.OUTCOME] == st.DONE:
+        ratio = 0.0
+        if state.counts[st.FIXED_STEP] == 0:
+            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+        state.numbers[st.RATIO] = ratio
+        if ratio <= 1.0:
+            memory.accept(state, s)
+    return controller.settle(plan, rule, state, groups, record, h)
+
+
+class ImplicitInteriors:
+    """Steps a machine and its interiors by generalized-alpha.
+
+    Args:
+        interiors: all of them ``ImplicitInterior``.
+        scheme, rule: of the method.
+        plan, work, state, groups, scratch: the machine.
+    """
+
+    def __init__(
+        self, interiors: Interiors, scheme: Scheme, rule: controller.Rule, plan: Plan, work: Work, state: st.State,
+        groups: st.Groups, scratch: Scratch,
+    ) -> None:
+        self._interiors, self._scheme, self._rule = interiors, scheme, rule
+        self._plan, self._work, self._state, self._groups, self._scratch = plan, work, state, groups, scratch
+        self._rows = interiors.rows
+        self._motions = np.zeros((len(self._rows), N_MOTION))
+
+    def advance(self, record: st.Record, knots: FloatArray) -> int:
+        """See ``controller.Stepper``."""
+        number, count = self._state.numbers, self._state.counts
+        machine = self._plan, self._work, self._state, self._groups, self._scratch
+        while number[st.TIME] < number[st.TIME_END]:
+            stored = int(count[st.STORED])
+            if stored >= min(len(record.t), count[st.ROOM]):
+                return st.OUTPUT
+            h, aim = set_out(self._rule, knots, *machine)
+            failure = self._solve(h, aim)
+            count[st.OUTCOME] = st.DONE if failure is None else failure
+            if self._plan.flag[0] != 0:
+                count[st.OUTCOME] = st.CALLBACK_FAILED
+            code = int(judge(self._rule, *machine, record, h))
+            if count[st.STORED] == stored:
+                self._revert()
+            else:
+                for body in self._interiors.bodies:
+                    _implicit(body).commit()
+                self._interiors.buffer.append(self._interiors.row(self._plan))
+            if code != st.DONE:
+                return code
+        return st.DONE
+
+    def _solve(self, h: float, aim: float) -> int | None:
+        """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
+        plan, work, state, s = self._plan, self._work, self._state, self._scratch
+        before = np.inf
+        for _ in range(_MAX_ITERATIONS):
+            place(plan, work, state, s, h, self._rows, self._motions)
+            if plan.flag[0] != 0 or not np.isfinite(self._motions).all():
+                return st.NOT_CONVERGED
+            try:
+                self._try_interiors(h)
+            except SceneError as reason:
+                self._interiors.failure.append(reason)
+                return st.INTERIOR_FAILED
+            size = float(iterate(plan, work, state, s, h))
+            if size <= aim or (size <= _STALLED and size > 0.5 * before):
+                return None
+            if not np.isfinite(size):
+                break
+            before = size
+        return st.NOT_CONVERGED
+
+    def _try_interiors(self, h: float) -> None:
+        """Let the interiors' wrenches at the frames' trial motion act, and put their slopes into the matrix."""
+        plan, s, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
+        motions = self._interiors.split_motions(self._motions)
+        answers = self._interiors.ask(
+            lambda k, body: _implicit(body).trial(t + h, h, self._scheme, motions[k]),
+            doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s",
+        )
+        self._interiors.put(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
+        twists = self._interiors.twists(plan, self._work, s.x)[:, plan.free]
+        s.added[:] = 0.0
+        first = 0
+        for _, slopes in answers:
+            part = twists[first : first + len(slopes)]
+            s.added[:] -= part.T @ slopes @ part
+            first += len(slopes)
+
+    def _revert(self) -> None:
+        """Let the interiors forget their trials."""
+        for body in self._interiors.bodies:
+            _implicit(body).revert()
+
+
+def _implicit(body: ContinuumBody) -> ImplicitInterior:
+    """The body's interior, which ``GeneralizedAlpha.check`` found to be one that solves for a step's end."""
+    interior: ImplicitInterior = body.interior  # type: ignore[assignment]
+    return interior

@@ -1,0 +1,175 @@
+"""The iteration matrix of a step of generalized-alpha: the tangent, the columns of the shifts, its factors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha.layout import (
+    CONTRACTION,
+    LENGTH,
+    STEP_FACTORED,
+    coefficients,
+    holds_position_alone,
+    is_unshifted,
+)
+from flexmbd.integrate.explicit.loop_dynamics import factor_rows
+from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
+from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
+
+_OF_TREE = -1  # no pivot of LAPACK's: the factors are those of the tree
+
+
+@kernel
+def _add_interiors(plan, s, per_x):
+    """Add to ``s.full`` what interiors' wrenches bring by positions, velocities following."""
+    for i in range(s.added.shape[0]):
+        for j in range(s.added.shape[0]):
+            s.full[plan.free[i], plan.free[j]] += per_x * s.added[i, j]
+
+
+@part_of_kernel
+def _put_derivatives(plan, work, s, per_x, per_v):
+    """Fill the iteration matrix but for the shifts' columns, from the tangent at the last trial.
+
+    Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get what positions alone bring.  In a tree without
+    interiors the turns within a step count as small, which changes the matrix by their share of its stiffness.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    tw = s.tangent
+    added = s.added.shape[0] > 0
+    turned = m > 0 or added
+    for part in range(0 if turned else 1, 2):
+        rates = float(part)
+        call_separate(
+            s.kernels[0],
+            (plan, work, tw, s.x, s.v, s.a, s.multipliers, per_x, rates * per_v, rates, s.full),
+        )
+        if added:
+            _add_interiors(plan, s, per_x)
+        if part == 1:
+            break
+        for i in range(nu):
+            for j in range(nu):
+                s.block[i, j] = -s.full[plan.free[i], plan.free[j]]
+        turn_columns(plan, s.move, s.full)
+        turn_columns(plan, s.move, tw.rate_jacobian)
+        for i in range(nu):
+            for j in range(nu):
+                s.stiffness[i, j] = s.full[plan.free[i], plan.free[j]]
+                s.block[i, j] += s.stiffness[i, j]
+        for i in range(m):
+            for j in range(nu):
+                s.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
+    for i in range(nu):
+        for j in range(nu):
+            s.matrix[i, j] = s.full[plan.free[i], plan.free[j]]
+            if turned:
+                s.matrix[i, j] += s.block[i, j]
+        for k in range(m):
+            s.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]
+    turn_columns(plan, s.move, tw.jacobian)
+
+
+@part_of_kernel
+def _put_shifts(plan, state, s, per_x, per_v):
+    """Fill the columns of the shifts of positions along ``s.direction``, and the rows that hold the loops."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    for k in range(m):
+        for i in range(nu):
+            t = 0.0
+            for j in range(nu):
+                t += s.stiffness[i, j] * s.direction[k, j]
+            s.matrix[i, nu + m + k] = t
+    for i in range(m):
+        unshifted = is_unshifted(plan, state, i)
+        # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
+        o = plan.rows[i, at.ROW_HOLD]
+        k_x = plan.data[o + at.HOLD_STIFFNESS] if o > 0 else 0.0
+        k_v = plan.data[o + at.HOLD_DAMPING] if o > 0 else 1.0
+        if holds_position_alone(plan, state, i):
+            k_x, k_v = 1.0, 0.0
+        total = k_x * per_x + k_v * per_v
+        for j in range(nu):
+            x = s.tangent.jacobian[i, plan.free[j]]
+            s.matrix[nu + i, j] = 0.0 if unshifted else x
+            v = s.tangent.rate_jacobian[i, plan.free[j]]
+            s.matrix[nu + m + i, j] = (k_x * per_x * x + k_v * v) / total
+        for k in range(m):
+            t = 0.0
+            r = 0.0
+            for j in range(nu):
+                x = s.tangent.jacobian[i, plan.free[j]]
+                t += x * s.direction[k, j]
+                r += (k_x * per_x * x + k_v * s.rate_stiffness[i, j]) * s.direction[k, j]
+            own = 1.0 if i == k else 0.0
+            s.matrix[nu + i, nu + k] = 0.0
+            s.matrix[nu + m + i, nu + k] = -own / total if o > 0 else 0.0
+            s.matrix[nu + i, nu + m + k] = own if unshifted else t
+            s.matrix[nu + m + i, nu + m + k] = r / total
+
+
+@kernel
+def _note_firmness(plan, state, s):
+    """Take note of how firmly the rows hold, by ``s.direction``."""
+    m = plan.rows.shape[0]
+    for i in range(m):
+        for k in range(i + 1):
+            s.hold[i, k] = 0.0
+            for j in range(plan.free.shape[0]):
+                s.hold[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.direction[k, j]
+    rank = factor_rows(state, LENGTH, s.hold, s.hold_order)
+    s.firmness[0] = s.hold[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
+
+
+@part_of_kernel
+def linearise(plan, work, state, s, h):
+    """Build and factor the iteration matrix at the last trial; False if it is singular."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    n = nu + 2 * m
+    per_x, per_v = coefficients(state.numbers, h)
+    state.counts[st.FACTORISATIONS] += 1
+    state.numbers[STEP_FACTORED] = h
+    state.numbers[CONTRACTION] = 1.0
+    _put_derivatives(plan, work, s, per_x, per_v)
+    if m > 0:
+        # what a unit reaction would move: along it go the shifts of positions, where there are any
+        for i in range(nu):
+            for j in range(nu):
+                s.block[i, j] = s.matrix[i, j]
+            for k in range(m):
+                s.direction[k, i] = s.matrix[i, nu + k]
+        if factor(plan.lapack, s.block, s.block_pivot, s.sizes) != 0:
+            return False
+        solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.direction)
+        _note_firmness(plan, state, s)
+        _put_shifts(plan, state, s, per_x, per_v)
+    for i in range(n):
+        for j in range(n):
+            if not np.isfinite(s.matrix[i, j]):
+                return False
+    s.pivot[0] = _OF_TREE
+    if s.lines.shape[0] > 0 and factor_tree(s.lines, s.matrix):
+        return True
+    if s.lines.shape[0] > 0:  # without pivots it failed, and is spoilt
+        for i in range(nu):
+            for j in range(nu):
+                s.matrix[i, j] = s.full[plan.free[i], plan.free[j]]
+    return factor(plan.lapack, s.matrix, s.pivot, s.sizes) == 0
+
+
+@kernel
+def solve_factored(plan, s, rhs):
+    """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
+    if s.pivot[0] == _OF_TREE:
+        solve_tree(s.lines, s.matrix, rhs)
+    else:
+        solve(plan.lapack, s.matrix, s.pivot, s.sizes, rhs)

@@ -1,0 +1,292 @@
+"""One implicit step of generalized-alpha: its equations, their linearisation, Newton's iteration.
+
+The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
+loops' reactions, which close the loops at position level while velocities fulfil them too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha.layout import (
+    ALPHA_F,
+    ALPHA_M,
+    AUXILIARY,
+    BEFORE,
+    BETA,
+    CONTRACTION,
+    EARLIER,
+    EARLIEST,
+    GAMMA,
+    KNOWN_BEFORE,
+    NU_BEFORE,
+    NU_EARLIER,
+    PATIENCE,
+    RENEWALS,
+    STEP_EARLIER,
+    STEP_FACTORED,
+    coefficients,
+    holds_position_alone,
+    is_unshifted,
+)
+from flexmbd.integrate.alpha.matrix import linearise, solve_factored
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.kernels.physics.joints import retract
+
+_MAX_ITERATIONS = 10
+_RENEW = 0.15  # a slower contraction than this renews the factors at the next step
+#: What round-off makes of corrections, of the scales, where rows hold firmly.
+ROUND_OFF = 1e-14
+_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
+
+
+@kernel
+def update(plan, work, state, s, h, unknown):
+    """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
+    number = state.numbers
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    beta = number[BETA]
+    gamma = number[GAMMA]
+    per_x, _ = coefficients(number, h)
+    for k in range(s.move.shape[0]):
+        s.move[k] = 0.0
+    for j in range(nu):
+        k = plan.free[j]
+        new = unknown[j]
+        auxiliary = (
+            (1.0 - number[ALPHA_F]) * new
+            + number[ALPHA_F] * state.a[k]
+            - number[ALPHA_M] * state.memory[AUXILIARY, k]
+        ) / (1.0 - number[ALPHA_M])
+        s.a[k] = new
+        s.auxiliary[k] = auxiliary
+        s.move[k] = h * state.v[k] + h * h * (
+            (0.5 - beta) * state.memory[AUXILIARY, k] + beta * auxiliary
+        )
+        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.memory[AUXILIARY, k] + gamma * auxiliary)
+    for i in range(m):
+        s.multipliers[i] = unknown[nu + i]
+        shift = per_x * unknown[nu + m + i]
+        for j in range(nu):
+            s.move[plan.free[j]] += shift * s.direction[i, j]
+    retract(plan, state.x, s.move, s.x)
+    drive(plan, work, s.x, s.v, s.a)
+
+
+@kernel
+def trial(plan, work, state, s, h, unknown, equation):
+    """Evaluate the step's equations at ``unknown``."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    update(plan, work, state, s, h, unknown)
+    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.out)
+    state.counts[st.EVALUATIONS] += 1
+    for j in range(nu):
+        equation[j] = s.out[plan.free[j]]
+    if m > 0:
+        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+        for i in range(m):
+            if is_unshifted(plan, state, i):
+                equation[nu + i] = unknown[nu + m + i]
+            else:
+                equation[nu + i] = s.phi[i] / per_x
+            equation[nu + m + i] = s.phi_rate[i] / per_v
+            if holds_position_alone(plan, state, i):
+                equation[nu + m + i] = s.phi[i] / per_x
+            o = plan.rows[i, at.ROW_HOLD]
+            if o > 0:  # the reaction is what stiffness and damping give, beyond that of the pass before
+                k = plan.data[o + at.HOLD_STIFFNESS]
+                c = plan.data[o + at.HOLD_DAMPING]
+                gap = s.known[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+                equation[nu + m + i] = gap / (k * per_x + c * per_v)
+
+
+@part_of_kernel
+def correct(plan, state, s, h):
+    """Take Newton's correction with the factors at hand into ``s.unknown``; its largest parts over the scales.
+
+    Returns the motion's and the forces'.  Of multipliers counts what they push: together with the acceleration's own
+    correction it is what the forces out of balance would make of the machine's masses, were it free of its loops.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    for i in range(s.equation.shape[0]):
+        s.correction[0, i] = s.equation[i]
+    solve_factored(plan, s, s.correction)
+    size = 0.0
+    unbalanced = 0.0
+    for i in range(s.unknown.shape[0]):
+        s.unknown[i] -= s.correction[0, i]
+    for j in range(nu):
+        k = plan.free[j]
+        move = s.correction[0, j]
+        part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+        if m > 0:
+            for i in range(m):
+                move += s.correction[0, nu + i] * s.direction[i, j]
+            unbalanced = max(unbalanced, abs(move) * per_v / s.scale_v[k])
+        for i in range(m):
+            part = max(
+                part,
+                abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
+            )
+        if not part <= size:
+            size = part
+            state.counts[st.WORST] = k
+    return size, unbalanced
+
+
+@kernel
+def _left(contraction):
+    """The error left after a linear iteration, over its last correction."""
+    return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
+
+
+@part_of_kernel
+def _newton(plan, work, state, s, h, tolerance, evaluated, last):
+    """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
+
+    ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
+    """
+    loops = plan.rows.shape[0] > 0
+    before = 0.0
+    unbalanced_before = 0.0
+    # what the same factors did in the step before lets a good guess pass after one iteration
+    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    for iteration in range(_MAX_ITERATIONS):
+        if iteration > 0 or not evaluated:
+            trial(plan, work, state, s, h, s.unknown, s.equation)
+        state.counts[st.ITERATIONS] += 1
+        size, unbalanced = correct(plan, state, s, h)
+        if not np.isfinite(size + unbalanced):
+            return -1
+        balanced = unbalanced <= tolerance
+        if iteration > 0:
+            contraction = size / before if before > 0.0 else 0.0
+            tightening = unbalanced / unbalanced_before if unbalanced_before > 0.0 else 0.0
+            balanced = balanced or unbalanced * _left(tightening) <= tolerance
+            stalled = (contraction > 0.7 and size > tolerance) or (tightening > 0.7 and not balanced)
+            if stalled:
+                # what rows hardly hold, round-off of positions moves, and of the rows' slopes with them velocities
+                if not last or max(size, unbalanced) > ROUND_OFF / s.firmness[0]:
+                    return 0
+                update(plan, work, state, s, h, s.unknown)
+                state.numbers[CONTRACTION] = 1.0
+                return 1
+        before = size
+        unbalanced_before = unbalanced
+        # near singular positions old factors lose their worth within a step
+        left = 1.0 if iteration == 0 and loops else _left(contraction)
+        if balanced and (size * left <= tolerance or size <= 1e-15):
+            update(plan, work, state, s, h, s.unknown)
+            if iteration == 0:  # unmeasured, so it is trusted a little less at each step
+                state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
+                return 1
+            state.numbers[CONTRACTION] = min(contraction, 1.0)
+            if contraction > _RENEW:
+                state.numbers[STEP_FACTORED] = 0.0
+            return 1
+    return 0
+
+
+@kernel
+def _foretell(state, h, now, before, earlier):
+    """The next value on the parabola through the last three."""
+    h1 = state.numbers[st.STEP_BEFORE]
+    h2 = state.numbers[STEP_EARLIER]
+    slope = (now - before) / h1
+    half_curve = (slope - (before - earlier) / h2) / (h1 + h2)
+    return now + h * (slope + (h + h1) * half_curve)
+
+
+@kernel
+def _foretell_as_before(state, k):
+    """Coordinate k's next acceleration after equal steps, by what would have foretold the last one best.
+
+    Where a step does not resolve a vibration that is no change at all, and where it does a line or a parabola.
+    """
+    memory = state.memory
+    first = state.a[k] - memory[BEFORE, k]
+    before = memory[BEFORE, k] - memory[EARLIER, k]
+    second = first - before
+    third = second - (before - (memory[EARLIER, k] - memory[EARLIEST, k]))
+    guess = state.a[k]
+    if abs(second) < abs(first):
+        guess += first
+        if abs(third) < abs(second):
+            guess += second
+    return guess
+
+
+@part_of_kernel
+def start_newton(plan, state, s, h, extrapolate):
+    """First guess: accelerations and multipliers as they were, or as their last ones foretell.
+
+    With a fixed step in trees alone: how far it resolves the motion of loops is not known.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    known = state.counts[KNOWN_BEFORE]
+    fixed = state.counts[st.FIXED_STEP] == 1
+    memory = state.memory
+    follows = extrapolate and known > 1 and not fixed
+    for j in range(nu):
+        k = plan.free[j]
+        s.unknown[j] = state.a[k]
+        if follows:
+            s.unknown[j] = _foretell(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
+        elif extrapolate and known > 2 and fixed and m == 0:
+            s.unknown[j] = _foretell_as_before(state, k)
+    for i in range(m):
+        s.unknown[nu + i] = state.multipliers[i]
+        if follows:
+            s.unknown[nu + i] = _foretell(
+                state, h, state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i]
+            )
+        s.unknown[nu + m + i] = 0.0
+
+
+@kernel
+def solve_step(plan, work, state, s, h, tolerance):
+    """Newton with the old factors where they still serve, with new ones otherwise.
+
+    Returns whether it converged; if so ``s`` holds the step's end.
+    """
+    renew = state.counts[RENEWALS] > 0
+    for attempt in range(3):
+        if attempt == 0:
+            if renew or state.numbers[STEP_FACTORED] != h:
+                continue
+            start_newton(plan, state, s, h, True)
+        elif attempt == 1:
+            start_newton(plan, state, s, h, renew)
+        finite = True
+        for i in range(s.unknown.shape[0]):
+            finite = finite and np.isfinite(s.unknown[i])
+        if not finite:
+            break
+        # the second time linearised where the first iterations led
+        if attempt > 0:
+            trial(plan, work, state, s, h, s.unknown, s.equation)
+            if not linearise(plan, work, state, s, h):
+                state.counts[st.OUTCOME] = st.RANK_LOST
+                break
+        evaluated = attempt > 0 and plan.rows.shape[0] == 0
+        if _newton(plan, work, state, s, h, tolerance, evaluated, attempt == 2) == 1:
+            if renew:
+                state.counts[RENEWALS] -= 1
+            elif attempt == 0:
+                state.counts[PATIENCE] = 0
+            return True
+        if attempt == 0:
+            state.counts[RENEWALS] = state.counts[PATIENCE]
+            state.counts[PATIENCE] = min(_LONGEST_RENEWAL, 2 * state.counts[PATIENCE] + 1)
+    state.numbers[STEP_FACTORED] = 0.0
+    return False

@@ -1,0 +1,4 @@
+"""The discrete-gradient method that keeps energy and momenta.
+
+Entered by `flexmbd.integrate`.
+"""

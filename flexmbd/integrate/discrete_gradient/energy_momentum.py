@@ -1,0 +1,382 @@
+"""Energy-momentum: a discrete-gradient method on the canonical form of the tree, order 2.
+
+Keeps the energy of a machine that neither loads nor dampers act on, at any step, and the momenta of
+symmetries: of coordinates that energy does not depend on, linear and angular momentum of a flying
+machine, vertical angular momentum of one that hangs in a ball joint.  Loads and dampers act by their
+value in the middle of the step; the energy's balance with their work is exact.  Sources: Gonzalez
+1996 (discrete gradient); Simo & Wong 1991 (rotations).  Derivation: docs/integrators.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
+from flexmbd.integrate.discrete_gradient import gradient as step
+from flexmbd.integrate.discrete_gradient.gradient import Scratch
+from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
+from flexmbd.integrate.discrete_gradient.newton import bind, remember, solve_step
+from flexmbd.integrate.discrete_gradient.step import kinetic_energy
+from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, note_scales, survey
+from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
+from flexmbd.integrate.history import refuse_interiors
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work, new_work
+from flexmbd.multibody.kernels.base.native import solve
+from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+FloatArray = NDArray[np.float64]
+
+ORDER = 2
+
+# The step changes seldom, for each change costs a factorisation.
+_RULE = Rule(exponent=1.0 / 3.0, shortest=1.0 / 64.0)
+_SAMPLES = 8  # states that tell which coordinates energy depends on
+_NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
+
+#: Force elements that store what they take.
+_STORING = (
+    at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.ON_ENERGY,
+    at.BETWEEN_SPRING, at.BETWEEN_BUSHING, at.BETWEEN_PENALTY,
+)  # fmt: skip
+#: Where the data of each holds its damper: first entry and how many.
+_DAMPERS = {
+    at.ON_SPRING: (2, 1),
+    at.ON_CHARACTERISTIC: (1, 1),
+    at.ON_STOP: (3, 1),
+    at.ON_ENERGY: (0, 0),
+    at.BETWEEN_SPRING: (2, 1),
+    at.BETWEEN_PENALTY: (1, 1),
+    at.BETWEEN_BUSHING: (36, 36),
+}
+
+
+@dataclass(frozen=True)
+class EnergyMomentum:
+    """Choice of the method.
+
+    ``newton`` is what Newton's iteration leaves of a step's error, relative to the machine's sizes and
+    speeds: energy is kept to about that at each step.
+
+    Loops are closed at the end of each step, in position and velocity.
+    With error control the steps differ in length; energy and momenta are kept at each of them as at
+    equal ones.  A fixed step whose equations Newton's iteration does not solve is taken in parts, of
+    1/64 at least, which stand in the trajectory as steps.  Where a motion is
+    prescribed its drive does work, energy is not kept, and the method is the implicit midpoint rule.
+
+    Raises:
+        SceneError: ``newton`` does not lie between 0 and 0.001.
+    """
+
+    newton: float = 1e-12
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.newton <= 1e-3:
+            raise SceneError(f"newton must lie between 0 and 0.001, got {self.newton}")
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        return f"energy-momentum (discrete gradient), Newton to {self.newton:g}, order {ORDER}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions and velocities."""
+        return ORDER
+
+    @property
+    def memory_rows(self) -> int:
+        """Scales of loops; momenta; accelerations at the step before; own rates; velocities, multipliers of steps."""
+        return step.N_MEMORY
+
+    def check(self, scene: CompiledScene) -> None:
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it asks for potential energies")
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
+        """See ``integrate.protocol.Integrator``."""
+        plan = scene.plan
+        stored = storing_plan(plan)
+        scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored))
+        loops = new_loops(plan, state)
+        bind(plan, stored, work, loops, state, groups, scratch)
+
+        def drop_factors() -> None:
+            state.numbers[step.STEP_FACTORED] = 0.0
+
+        def begin() -> None:
+            drop_factors()
+            state.numbers[st.SAFETY] = SAFETY
+            state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
+            state.counts[step.SPLITS] = splits(plan)
+            survey(scene, state, work)
+            state.memory[step.BEFORE] = state.a
+            momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
+            forward(plan, work, state.x, scratch.none, scratch.none)
+            kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
+            state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
+
+        drop_factors()
+        method = Method(plan, stored, work, loops, scratch, self.newton)
+        return Stepper(driver(advance, method, _RULE, state, groups), begin, drop_factors)
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    stored_plan: Plan
+    work: Work
+    loops: Loops
+    scratch: Scratch
+    newton: float
+
+
+def is_driven(plan: Plan) -> bool:
+    """Whether a motion is prescribed, on a coordinate, a constraint row or a penalty."""
+    times = np.concatenate([plan.rows[:, at.ROW_TIME], plan.penalties[:, at.ROW_TIME]])
+    return len(plan.driven) > 0 or bool((times >= 0).any())
+
+
+def splits(plan: Plan) -> bool:
+    """Whether loads or dampers act, beside what stores energy."""
+    damped = len(plan.flex) > 0 and bool((plan.flex[:, at.MODAL_DAMPING] >= 0).any())
+    return damped or len(plan.forces) > 0 or len(plan.elements) > 0
+
+
+def storing_plan(plan: Plan) -> Plan:
+    """``plan`` without loads and dampers: what remains stores the energy it takes."""
+    flex, data = plan.flex.copy(), plan.data.copy()
+    flex[:, at.MODAL_DAMPING] = -1
+    elements = plan.elements[np.isin(plan.elements[:, at.EL_KIND], _STORING)]
+    for row in elements:
+        first, count = _DAMPERS[int(row[at.EL_KIND])]
+        o = int(row[at.EL_DATA]) + first
+        data[o : o + count] = 0.0
+    return plan._replace(flex=flex, data=data, elements=elements, forces=np.zeros((0, at.N_FORCE), np.int64))
+
+
+def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
+    """(2 bodies + nv, 9) see ``discrete_gradient.Scratch.projector``.
+
+    Which directions of a joint energy does not depend on is read off its gradients at a few states, turned
+    into the axes of the joint's outer frame.
+    """
+    plan, nv = scene.plan, scene.nv
+    bodies = len(plan.tree)
+    size = scene.group_full[scene.group_of]
+    seen = _gradients(scene, stored, size)
+    joints = [k for slots in scene.joint_slots.values() for k in range(slots.v.start, slots.v.stop)]
+    joints += [k for k in range(nv) if k not in joints and not _is_modal(scene, k)]
+    nothing = _NOTHING * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
+    kept = np.zeros((2 * bodies + nv, 9))
+    kept[2 * bodies :, 0] = 1.0
+    for i, row in enumerate(plan.tree):
+        kind, o = int(row[at.JOINT]), int(row[at.JOINT_V])
+        if kind in (at.REVOLUTE, at.PRISMATIC, at.SCREW):
+            if np.abs(seen[:, o]).max() * size[o] <= nothing:
+                kept[2 * bodies + o, 0] = 0.0
+        elif kind == at.FREE:
+            kept[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
+            kept[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
+        elif kind == at.SPHERICAL:
+            kept[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
+    return kept
+
+
+def _is_modal(scene: CompiledScene, k: int) -> bool:
+    return any(slots.v.start <= k < slots.v.stop for slots in scene.modal_slots.values())
+
+
+def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
+    """Projection on what the gradients (k, 3) span, row by row."""
+    _, values, axes = np.linalg.svd(seen)
+    kept = axes[values * size > nothing]
+    return (kept.T @ kept).ravel()
+
+
+def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArray:
+    """(k, nv) gradients of energy at a few states, turning ones in the axes of the joint's outer frame.
+
+    The speeds are those at which the kinetic energy is as large as the potential one, whatever units these are in;
+    where there is no potential one any will do.
+    """
+    plan, nv = scene.plan, scene.nv
+    modal = np.array([_is_modal(scene, k) for k in range(nv)], bool)
+    none, random = np.zeros(nv), np.random.default_rng(0)
+    share = size * np.where(modal, 1e-3, 1.0)
+    places = [random.standard_normal(nv) * share for _ in range(_SAMPLES)]
+    still = np.array([_gradient(scene, stored, place, none, np.zeros(len(plan.rows))) for place in places])
+    potential = float(np.abs(still * share).max(initial=0.0))
+    inertia = float(plan.rigid[:, at.MASS].sum()) * scene.extent**2
+    rate = math.sqrt(potential / inertia) if potential > 0.0 and inertia > 0.0 else 1.0
+    pull = inertia / scene.extent * rate**2
+    return np.array(
+        [
+            _gradient(
+                scene, stored, place, random.standard_normal(nv) * share * rate,
+                random.standard_normal(len(plan.rows)) * pull,
+            )
+            for place in places
+        ]
+    )  # fmt: skip
+
+
+def _gradient(
+    scene: CompiledScene, stored: Plan, place: FloatArray, v: FloatArray, pull: FloatArray
+) -> FloatArray:
+    """(nv,) gradient of energy, with multipliers ``pull``, at ``place`` from the scene's start and velocities v."""
+    plan, work = scene.plan, new_work(scene.plan)
+    none, p, x, gradient = np.zeros(scene.nv), np.zeros(scene.nv), np.empty(scene.nx), np.zeros(scene.nv)
+    retract(plan, scene.start, place, x)
+    wrench = np.zeros((len(plan.tree), 6))
+    canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
+    for i, row in enumerate(plan.tree):
+        if row[at.JOINT] in (at.SPHERICAL, at.FREE):
+            o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
+            turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
+            gradient[o : o + 3] = turn @ gradient[o : o + 3]
+    return gradient
+
+
+@part_of_kernel
+def _turned(move, before, after, a_before, a_after, o, h, error):
+    """Local error of the rotation ``move``, against a quadrature of 4th order with Magnus' first bracket."""
+    turn = load3(move, o)
+    angle = math.sqrt(dot3(turn, turn))
+    share = 2.0 * math.atan(0.5 * angle) / angle if angle > 1e-8 else 1.0
+    bracket = scale3(h * h * h / 12.0, cross3(load3(before, o), load3(a_before, o)))
+    lack = add3(scale3(share - 1.0, turn), scale3(-1.0, bracket))
+    store3(error, o, add3(load3(error, o), lack))
+
+
+@part_of_kernel
+def _filter(plan, s, error):
+    """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
+
+    That takes out what stiff parts make of it, and what rows forbid.  ``s.full`` must hold the mass matrix.
+    """
+    free = plan.free
+    for i in range(s.correction.shape[1]):
+        s.correction[0, i] = 0.0
+    for i in range(free.shape[0]):
+        for j in range(free.shape[0]):
+            s.correction[0, i] += s.full[free[i], free[j]] * error[free[j]]
+    solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
+
+
+@part_of_kernel
+def _local_error(plan, state, groups, s, a_end, h, rate):
+    """The step's error over what is tolerated, against quadratures of the velocities and accelerations it leaves."""
+    h1 = state.numbers[st.STEP_BEFORE]
+    v_end = s.v_end
+    for k in range(a_end.shape[0]):
+        bend = h * h / 12.0 * (state.a[k] - a_end[k])
+        s.error_x[k] = s.move[k] - 0.5 * h * (state.v[k] + v_end[k]) - bend
+        # the integral of the parabola through the last three accelerations
+        curve = 0.0
+        if h1 > 0.0:
+            slope = (state.a[k] - state.memory[step.BEFORE, k]) / h1
+            curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
+        mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
+        s.error_v[k] = v_end[k] - state.v[k] - h * mean
+        s.own[k] = curve
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.JOINT] == at.SPHERICAL or row[at.JOINT] == at.FREE:
+            o = row[at.JOINT_V] + (3 if row[at.JOINT] == at.FREE else 0)
+            _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
+    for j in range(plan.free.shape[0]):
+        s.error_x[j] = s.error_x[plan.free[j]]
+    _filter(plan, s, s.own)
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        s.own[k] = own_rate_by(groups, k, s.correction[0, j])
+    _filter(plan, s, s.error_v)
+    rates = state.memory[step.RATE]
+    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own, rates, h, rate, 0.0)
+
+
+@part_of_kernel
+def _accept(plan, loops, state, s, a_end, h):
+    """Make the trial state the current one."""
+    remember(plan, state, s, h)
+    for k in range(state.v.shape[0]):
+        state.memory[step.BEFORE, k] = state.a[k]
+        state.memory[step.MOMENTUM, k] = s.p_end[k]
+        state.memory[step.RATE, k] = st.own_rate(s.own[k], state.memory[step.RATE, k], state.numbers[st.RATE])
+        state.v[k] = s.v_end[k]
+        state.a[k] = a_end[k]
+    for k in range(state.x.shape[0]):
+        state.x[k] = s.x_end[k]
+    for i in range(state.multipliers.shape[0]):
+        state.multipliers[i] = s.nu_end[i]
+    note_scales(loops, state)
+    state.numbers[step.ENERGY] += state.numbers[step.WORK]
+
+
+@part_of_kernel
+def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
+    """A trial step of h; False if Newton's iteration failed."""
+    t = state.numbers[st.TIME]
+    if plan.driven.shape[0] + plan.rows.shape[0] > 0:
+        evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
+        for i in range(plan.rows.shape[0]):
+            if plan.rows[i, at.ROW_TIME] >= 0:
+                s.row_end[i, 0] = work.time[plan.rows[i, at.ROW_TIME], 0]
+                s.row_end[i, 1] = work.time[plan.rows[i, at.ROW_TIME], 1]
+        for i in range(plan.driven.shape[0]):
+            for k in range(3):
+                s.driven[i, k] = work.time[plan.driven[i, at.DRIVEN_TIME], k]
+    evaluate_times(plan, t + 0.5 * h, work.time)
+    st.set_scales(state, groups, s, rate, newton)
+    return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
+
+
+@part_of_kernel
+def _attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, stored_plan, work, loops, s, newton = method
+    number = state.numbers
+    count = state.counts
+    rate = number[st.RATE]
+    solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
+    if solved and plan.flag[0] == 0:
+        evaluate_times(plan, st.latest(state, number[st.STEP_END]), work.time)
+        accelerate_end(plan, work, loops, s)
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+    elif solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+        ratio = 0.0
+        if count[st.FIXED_STEP] == 0:
+            ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
+        number[st.RATIO] = ratio
+        if ratio <= 1.0:
+            _accept(plan, loops, state, s, s.a_end, h)
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

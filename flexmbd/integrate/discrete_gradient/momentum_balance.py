@@ -1,0 +1,283 @@
+"""The motion of a discrete-gradient step and the balance of its momenta, rotations among them.
+
+A rotation of the step is Cayley's map of h times its angular velocity; E is half of it.  Equations:
+docs/integrators.md, "Energy-momentum".  ``s`` is ``discrete_gradient.Scratch``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    load3,
+    quaternion_matrix,
+    quaternion_product,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.physics.elasticity import stretch
+from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
+
+
+@kernel
+def _load4(x, o):
+    return (x[o], x[o + 1], x[o + 2], x[o + 3])
+
+
+@kernel
+def _half_turn(turn):
+    """Half of the rotation of Cayley's vector ``turn`` as a unit quaternion, and kappa = 1 / cos(half the angle)."""
+    kappa = math.sqrt(1.0 + 0.25 * dot3(turn, turn))
+    s = 1.0 / math.sqrt(2.0 * kappa * (kappa + 1.0))
+    return (s * (kappa + 1.0), 0.5 * s * turn[0], 0.5 * s * turn[1], 0.5 * s * turn[2]), kappa
+
+
+@kernel
+def _mean_turn(turn, kappa, v):
+    """(E + E^T) v / 2, E being half of the step's rotation."""
+    return add3(scale3(1.0 / kappa, v), scale3(dot3(turn, v) / (4.0 * kappa * (kappa + 1.0)), turn))
+
+
+@kernel
+def _turn_joint(x, o, turn, x_mid, x_end):
+    half, _ = _half_turn(turn)
+    middle = quaternion_product(_load4(x, o), half)
+    end = quaternion_product(middle, half)
+    for k in range(4):
+        x_mid[o + k] = middle[k]
+        x_end[o + k] = end[k]
+
+
+@kernel
+def place(plan, x, s, h):
+    """Positions in the middle and at the end of a step of h with velocities ``s.u``, and its increments."""
+    for k in range(s.u.shape[0]):
+        s.half[k] = 0.5 * s.u[k]
+        s.move[k] = h * s.u[k]
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        kind = row[at.JOINT]
+        ox = row[at.JOINT_X]
+        ov = row[at.JOINT_V]
+        if has_one_coordinate(kind):
+            s.x_mid[ox] = x[ox] + 0.5 * s.move[ov]
+            s.x_end[ox] = x[ox] + s.move[ov]
+        elif kind == at.SPHERICAL:
+            _turn_joint(x, ox, load3(s.move, ov), s.x_mid, s.x_end)
+        elif kind == at.FREE:
+            turn = load3(s.move, ov + 3)
+            _turn_joint(x, ox + 3, turn, s.x_mid, s.x_end)
+            _, kappa = _half_turn(turn)
+            # the rotation in the middle keeps the axis that it turns about
+            turn_F = rotate(quaternion_matrix(_load4(s.x_mid, ox + 3)), turn)
+            shift = _mean_turn(turn_F, kappa, load3(s.move, ov))
+            store3(s.move, ov, shift)
+            for k in range(3):
+                s.x_mid[ox + k] = x[ox + k] + 0.5 * shift[k]
+                s.x_end[ox + k] = x[ox + k] + shift[k]
+        if row[at.FLEX] >= 0:
+            qx = row[at.MODAL_X]
+            qv = row[at.MODAL_V]
+            for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
+                s.x_mid[qx + k] = x[qx + k] + 0.5 * s.move[qv + k]
+                s.x_end[qx + k] = x[qx + k] + s.move[qv + k]
+    for i in range(plan.driven.shape[0]):
+        s.x_end[plan.driven[i, at.DRIVEN_X]] = s.driven[i, 0]
+
+
+@kernel
+def _orbital(u, o, R, turn, kappa, p):
+    """Rate of the step's shift times momentum p (of the parent's axes): what leaves the spin; in R's axes."""
+    return cross3(_mean_turn(turn, kappa, rotate_back(R, load3(u, o))), rotate_back(R, p))
+
+
+@kernel
+def _balance_turn(before, middle, half, torque, h):
+    """Spin at the end, and (change of the spatial spin) / h + torque in the axes of the middle."""
+    end = sub3(scale3(2.0, middle), before)
+    gained = sub3(rotate(half, end), rotate_back(half, before))
+    return end, add3(scale3(1.0 / h, gained), torque)
+
+
+@part_of_kernel
+def balance_momenta(plan, p, s, h):
+    """Write ``s.p_end`` = 2 M u - p and ``s.balance`` = (p_end - p) / h + force, turned where joints turn.
+
+    Returns the change of kinetic energy by momenta, u . (p_end - p).
+    """
+    work = 0.0
+    for k in range(p.shape[0]):
+        s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
+        s.balance[k] = (s.p_end[k] - p[k]) / h + s.force[k]
+        work += s.u[k] * (s.p_end[k] - p[k])
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        kind = row[at.JOINT]
+        if kind != at.SPHERICAL and kind != at.FREE:
+            continue
+        o = row[at.JOINT_V] + (3 if kind == at.FREE else 0)
+        turn = load3(s.move, o)
+        half, kappa = _half_turn(turn)
+        E = quaternion_matrix(half)
+        torque = load3(s.force, o)
+        if kind == at.FREE:
+            shift = o - 3
+            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            start = rotate_back(R, load3(p, shift))
+            own = rotate(E, start)
+            own_end = sub3(scale3(2.0, rotate_back(R, load3(s.p_mid, shift))), own)
+            end = rotate(E, own_end)
+            u = load3(s.u, shift)
+            work += dot3(rotate_back(R, u), sub3(own_end, own))
+            for k in range(3):
+                work -= u[k] * (s.p_end[shift + k] - p[shift + k])
+            store3(s.p_end, shift, rotate(R, end))
+            store3(s.balance, shift, add3(scale3(1.0 / h, rotate(R, sub3(end, start))), load3(s.force, shift)))
+            mean = scale3(0.5, add3(start, end))
+            torque = add3(torque, cross3(_mean_turn(turn, kappa, rotate_back(R, u)), mean))
+        end, rest = _balance_turn(load3(p, o), load3(s.p_mid, o), E, torque, h)
+        store3(s.p_end, o, end)
+        store3(s.balance, o, rest)
+    return work
+
+
+@part_of_kernel
+def settle_momenta(plan, p, s, h):
+    """Write joints' part of ``s.p_end`` from the momenta's balance, so that what no force acts on stays to round-off.
+
+    Modes keep what their velocities say: no symmetry is theirs, and where a step does not resolve them their balance
+    makes much of what Newton's iteration leaves.  What a projection onto loops took from either is given back.
+    """
+    for k in range(p.shape[0]):
+        s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        kind = row[at.JOINT]
+        shift = row[at.JOINT_V]
+        if has_one_coordinate(kind) or kind == at.FREE:
+            for k in range(shift, shift + (3 if kind == at.FREE else 1)):
+                s.p_end[k] = p[k] - h * s.force[k]
+        if kind != at.SPHERICAL and kind != at.FREE:
+            continue
+        o = shift + (3 if kind == at.FREE else 0)
+        turn = load3(s.move, o)
+        half, kappa = _half_turn(turn)
+        E = quaternion_matrix(half)
+        torque = load3(s.force, o)
+        if kind == at.FREE:
+            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
+            torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
+        spin = sub3(rotate_back(E, load3(p, o)), scale3(h, torque))
+        store3(s.p_end, o, rotate_back(E, spin))
+
+
+@kernel
+def _strain_gradient(plan, flex, o, q, out):
+    """out = C q, the derivatives of the strain q^T C q / 2 whose triangle begins at o."""
+    modal = plan.modal
+    n = flex[at.N_MODES]
+    for i in range(n):
+        t = modal[o + i] * q[i]
+        for j in range(i):
+            t += modal[o + j] * q[j]
+            out[j] += modal[o + j] * q[i]
+        out[i] = t
+        o += i + 1
+
+
+@part_of_kernel
+def average_strain(plan, s, h):
+    """Make the forces of modes' strains of second order those of the mean strain, in place of the middle's.
+
+    The mean of a quadratic form's values at both ends is more than its value in the middle by that of half the
+    step's motion.  With the mean strain the forces are a discrete gradient of the strain energy as they stand.
+    """
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.FLEX] < 0:
+            continue
+        flex = plan.flex[row[at.FLEX]]
+        n = flex[at.N_MODES]
+        qx = row[at.MODAL_X]
+        qv = row[at.MODAL_V]
+        for r in range(flex[at.N_STRETCH]):
+            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            force = more * h * h
+            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            for j in range(n):
+                s.bend[0, j] += plan.modal[c + j]
+                s.force[qv + j] += force * s.bend[0, j]
+                s.stored[qv + j] += force * s.bend[0, j]
+
+
+@part_of_kernel
+def vary_average_strain(plan, s, h):
+    """Add to ``s.full`` h / 2 times the derivative by u of what ``average_strain`` adds."""
+    for i in range(plan.tree.shape[0]):
+        row = plan.tree[i]
+        if row[at.FLEX] < 0:
+            continue
+        flex = plan.flex[row[at.FLEX]]
+        n = flex[at.N_MODES]
+        qx = row[at.MODAL_X]
+        qv = row[at.MODAL_V]
+        for r in range(flex[at.N_STRETCH]):
+            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            stiffness = 0.25 * h * h
+            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            _strain_gradient(plan, flex, o, s.half[qv : qv + n], s.bend[1, :n])
+            for a in range(n):
+                s.bend[0, a] += plan.modal[c + a]
+            for a in range(n):
+                for b in range(n):
+                    s.full[qv + a, qv + b] += stiffness * h * s.bend[0, a] * s.bend[1, b]
+                for b in range(a + 1):
+                    t = stiffness * h * h * more * plan.modal[o + b]
+                    s.full[qv + a, qv + b] += t
+                    if b < a:
+                        s.full[qv + b, qv + a] += t
+                o += a + 1
+
+
+@kernel
+def _projected(projector, i, R, v):
+    """The projector i, given in the axes that R turns to, times v of R's own axes."""
+    w = rotate(R, v)
+    m = projector[i]
+    return rotate_back(
+        R,
+        (
+            m[0] * w[0] + m[1] * w[1] + m[2] * w[2],
+            m[3] * w[0] + m[4] * w[1] + m[5] * w[2],
+            m[6] * w[0] + m[7] * w[1] + m[8] * w[2],
+        ),
+    )
+
+
+@kernel
+def drop_symmetries(plan, s, out):
+    """Take from the velocities or momenta ``out`` (nv,) what belongs to motions that energy does not depend on."""
+    bodies = plan.tree.shape[0]
+    for k in range(out.shape[0]):
+        out[k] *= s.projector[2 * bodies + k, 0]
+    for i in range(bodies):
+        row = plan.tree[i]
+        kind = row[at.JOINT]
+        o = row[at.JOINT_V]
+        if kind == at.FREE:
+            unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+            store3(out, o, _projected(s.projector, 2 * i, unturned, load3(out, o)))
+            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            store3(out, o + 3, _projected(s.projector, 2 * i + 1, R, load3(out, o + 3)))
+        elif kind == at.SPHERICAL:
+            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X]))
+            store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))

@@ -1,0 +1,86 @@
+"""Explicit central differences (velocity Verlet): one forward dynamics a step, and nothing solved.
+
+    x_n+1 = x_n moved by h v_n + h^2/2 a_n,    a_n+1 = a(x_n+1, v_n + h a_n),    v_n+1 = v_n + h/2 (a_n + a_n+1)
+
+Stable while h is below 2 over the fastest vibration's angular frequency, the most that one evaluation a step can
+reach; it damps nothing.  Sources: Verlet 1967; Newmark 1959 (beta = 0, gamma = 1/2); on rotations Krysl & Endres 2005.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.given import refuse_no_truth
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY, Stepper, driver, no_factors
+from flexmbd.integrate.explicit.central_step import RULE, Method, Scratch, advance
+from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
+from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, survey
+from flexmbd.integrate.history import refuse_implicit_only
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+ORDER = 2
+
+
+
+@dataclass(frozen=True)
+class CentralDifference:
+    """Explicit central differences, order 2: the cheapest step there is.
+
+    For impacts, waves and other motions whose fastest vibration is to be seen anyhow, and for soft bodies.  Where the
+    scene holds bodies with history the machine steps with them: by a given h, or by a share of their stable step.
+
+    Attributes:
+        subcycle: let bodies with history take several steps within one of the machine's, where h is too long for them.
+
+    Raises:
+        SceneError: ``subcycle`` is neither True nor False.
+    """
+
+    subcycle: bool = False
+
+    def __post_init__(self) -> None:
+        refuse_no_truth(subcycle=self.subcycle)
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        return f"explicit central differences, order {ORDER}{', bodies subcycled' if self.subcycle else ''}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions, velocities and multipliers."""
+        return ORDER
+
+    @property
+    def memory_rows(self) -> int:
+        """The scales of the loops' rows, and the acceleration of the step before."""
+        return N_MEMORY + 1
+
+    def check(self, scene: CompiledScene) -> None:
+        """Runs every scene whose bodies with history step explicitly."""
+        refuse_implicit_only(scene, self.name)
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
+        """See ``integrate.protocol.Integrator``."""
+        plan, zeros, nv = scene.plan, np.zeros, scene.nv
+        scratch = Scratch(zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)), zeros(nv), zeros(nv))
+        parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
+        method = Method(*parts, scratch)
+        drive = driver(advance, method, RULE, state, groups)
+        interiors = None
+        if scene.interiors is not None:
+            interiors = ExplicitInteriors(scene.interiors, method, drive, state, subcycle=self.subcycle)
+
+        def begin() -> None:
+            state.numbers[st.SAFETY] = SAFETY
+            survey(scene, state, work)
+            if interiors is not None:
+                interiors.choose_step()
+
+        return Stepper(drive if interiors is None else interiors.advance, begin, no_factors)

@@ -1,0 +1,155 @@
+"""A step of explicit central differences and its error."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import Rule, next_step
+from flexmbd.integrate.explicit.loop_dynamics import (
+    N_MEMORY,
+    Loops,
+    accelerate,
+    is_nearly_singular,
+    note_scales,
+    project,
+)
+from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Row of State.memory: the acceleration of the step before.
+_BEFORE = N_MEMORY
+
+#: How its steps follow from their errors: each may be of another length, for nothing is factored.
+RULE = Rule(exponent=1.0 / 3.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0, hold=0)
+_UNSEEN = 3.0  # the error over what is seen of it: forces also feel that the velocity at the step's end is foretold
+
+
+class Scratch(NamedTuple):
+    """The step's end, its displacement u, and the local errors."""
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    u: FloatArray
+    multipliers: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    aw: ArticulatedWork
+    loops: Loops
+    plain: IntArray
+    quaternions: IntArray
+    scratch: Scratch
+
+
+@part_of_kernel
+def foretell(plan, work, plain, quaternions, state, s, h):
+    """Put the positions of the step's end and the velocities expected there into ``s``."""
+    for k in range(s.v.shape[0]):
+        s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
+        s.v[k] = state.v[k] + h * state.a[k]
+    move(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
+    evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
+    if plan.flag[0] == 0:
+        drive(plan, work, s.x, s.v, s.a)
+
+
+@part_of_kernel
+def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
+    """Take the step h; False if loops do not close or the end is not finite."""
+    foretell(plan, work, plain, quaternions, state, s, h)
+    if plan.flag[0] != 0:
+        return False
+    looped = plan.rows.shape[0] > 0
+    for off in range(2):
+        if off == 1 and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+            state.counts[st.OUTCOME] = st.LOOPS_OPEN
+            return False
+        accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
+        state.counts[st.EVALUATIONS] += 1
+        if not looped or not is_nearly_singular(loops):
+            break
+    total = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        s.v[k] = state.v[k] + 0.5 * h * (state.a[k] + s.a[k])
+        total += s.v[k]
+    if looped and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+        state.counts[st.OUTCOME] = st.LOOPS_OPEN
+        return False
+    return np.isfinite(total)
+
+
+@part_of_kernel
+def _error(plan, state, groups, s, h, rate):
+    """The step's error over what is tolerated: what the accelerations' slope and curvature add."""
+    before = state.numbers[st.STEP_BEFORE]
+    known = before > 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        change = s.a[k] - state.a[k]
+        s.error_x[k] = h * h / 6.0 * change
+        s.error_v[k] = 0.0
+        if known:
+            bend = change / h - (state.a[k] - state.memory[_BEFORE, k]) / before
+            s.error_v[k] = h**3 / 6.0 * bend / (h + before)
+    return _UNSEEN * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
+
+
+@part_of_kernel
+def _accept(state, s):
+    """Make the step's end the current state."""
+    for k in range(state.v.shape[0]):
+        state.memory[_BEFORE, k] = state.a[k]
+        state.v[k] = s.v[k]
+        state.a[k] = s.a[k]
+    for k in range(state.x.shape[0]):
+        state.x[k] = s.x[k]
+    for i in range(state.multipliers.shape[0]):
+        state.multipliers[i] = s.multipliers[i]
+
+
+@part_of_kernel
+def _attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, aw, loops, plain, quaternions, s = method
+    rate = state.numbers[st.RATE]
+    found = _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate)
+    ratio = np.inf
+    if plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+    elif found:
+        ratio = 0.0 if state.counts[st.FIXED_STEP] == 1 else _error(plan, state, groups, s, h, rate)
+        if ratio <= 1.0:
+            _accept(state, s)
+            if plan.rows.shape[0] > 0:
+                note_scales(loops, state)
+    state.numbers[st.RATIO] = ratio
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

@@ -1,0 +1,155 @@
+"""Central differences with bodies that have a history: the machine and the interiors step side by side.
+
+Where the machine's positions at a step's end are known, which needs no force of the step, the interiors step towards
+them; the wrenches that they reach there act in the machine's accelerations at the end.  So both take the same
+trapezoidal impulse, and linear momentum is kept to round-off.  Where interiors take several steps meanwhile, the mean
+of their wrenches takes the place of that of both ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import NO_KNOTS
+from flexmbd.integrate.explicit.central_step import Method, foretell
+from flexmbd.integrate.explicit.loop_dynamics import accelerate
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior
+from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_motions
+
+FloatArray = NDArray[np.float64]
+
+#: The step taken without a given h, as a share of the shortest stable one; asked for anew every so many steps.
+SHARE = 0.9
+_RENEWAL = 10
+
+
+@entry_kernel
+def foretell_frames(plan, work, plain, quaternions, rows, state, s, h, start, end):
+    """Motions (k, N_MOTION) of the frames in ``rows`` at the step's start and, as far as known, at its end."""
+    store_motions(plan, work, rows, state.x, state.v, state.a, start)
+    for k in range(s.a.shape[0]):
+        s.a[k] = state.a[k]
+    foretell(plan, work, plain, quaternions, state, s, h)
+    store_motions(plan, work, rows, s.x, s.v, s.a, end)
+
+
+@entry_kernel
+def accelerate_anew(plan, work, aw, loops, state):
+    """Accelerations and multipliers at the state, with the wrenches that act now."""
+    accelerate(plan, work, aw, loops, state.x, state.v, state.a, state.multipliers)
+
+
+class ExplicitInteriors:
+    """Steps a machine and its interiors by central differences.
+
+    Args:
+        interiors: all of them ``ExplicitInterior``.
+        method: what an attempt of the machine works with.
+        drive: ``Stepper.advance`` of the machine alone.
+        state: where it stands.
+        subcycle: whether a step longer than an interior's stable one is the interior's affair.
+    """
+
+    def __init__(
+        self, interiors: Interiors, method: Method, drive: Callable[[st.Record, FloatArray], int], state: st.State,
+        *, subcycle: bool,
+    ) -> None:
+        self._interiors = interiors
+        self._method, self._drive, self._state = method, drive, state
+        self._plan, self._work = method.plan, method.work
+        self._subcycle = subcycle
+        self._rows = interiors.rows
+        self._motions = np.zeros((2, len(self._rows), N_MOTION))
+
+    def advance(self, record: st.Record, knots: FloatArray) -> int:
+        """See ``controller.Stepper``; each step is so short that it spans no two knots, for it follows the body's."""
+        number, count = self._state.numbers, self._state.counts
+        fixed, t_end, room = bool(count[st.FIXED_STEP]), float(number[st.TIME_END]), int(count[st.ROOM])
+        code = st.DONE
+        try:
+            while code == st.DONE and number[st.TIME] < t_end:
+                if count[st.STORED] == min(len(record.t), room):
+                    code = st.OUTPUT
+                else:
+                    if count[st.STEPS] % _RENEWAL == 0:
+                        self._choose_step(fixed)
+                    code = self._step(record, t_end)
+                    if not fixed:
+                        number[st.REST] = 0.0
+        except SceneError as reason:
+            self._interiors.failure.append(reason)
+            return st.INTERIOR_FAILED
+        finally:
+            count[st.FIXED_STEP], number[st.TIME_END] = fixed, t_end
+        return code
+
+    def choose_step(self) -> None:
+        """Set the first step from the interiors' stable ones; raises as it is told below."""
+        self._choose_step(bool(self._state.counts[st.FIXED_STEP]))
+
+    def _choose_step(self, fixed: bool) -> None:
+        """Set the step from the interiors' stable ones.
+
+        Raises:
+            SceneError: a given step is longer; or an interior failed to tell.
+        """
+        number = self._state.numbers
+        answers = self._interiors.ask(
+            lambda k, body: (np.array(_explicit(body).stable_step()),), doing="to tell its stable step"
+        )
+        limits = [float(answer) for (answer,) in answers]
+        limit = min(limits)
+        if not fixed:
+            number[st.STEP] = SHARE * limit
+        elif number[st.STEP] > limit and not self._subcycle:
+            raise SceneError(
+                f"the step h = {number[st.STEP]:.4g} s is above the stable step at t = {number[st.TIME]:.6g} s of body "
+                f"{self._interiors.bodies[limits.index(limit)].name!r}, {limit:.4g} s; take a smaller h, none (then "
+                "the step follows the body's), or fm.CentralDifference(subcycle=True)"
+            )
+
+    def _step(self, record: st.Record, t_end: float) -> int:
+        """One step: the interiors towards the positions foretold, then the machine with what they push."""
+        plan, state, interiors = self._plan, self._state, self._interiors
+        number, t = state.numbers, float(state.numbers[st.TIME])
+        h = float(number[st.REST] if number[st.REST] > 0.0 else number[st.STEP])
+        end = t_end if t_end - t <= h * (1.0 + 1e-6) else t + h
+        h_taken = end - t
+        before = interiors.acting(plan)
+        number[st.TIME_END] = end
+        number[st.STEP_END] = end
+        method = self._method
+        slots = method.plain, method.quaternions, self._rows
+        first, last = self._motions
+        foretell_frames(plan, self._work, *slots, state, method.scratch, h_taken, first, last)
+        starts, ends = (interiors.split_motions(part) for part in self._motions)
+        answers = interiors.ask(
+            lambda k, body: _explicit(body).advance(h_taken, starts[k], ends[k]),
+            doing=f"in the step from t = {t:.6g} s to {end:.6g} s",
+        )
+        push, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
+        interiors.put(plan, 2.0 * mean - before if self._subcycle else push)
+        state.counts[st.FIXED_STEP] = 1
+        code = self._drive(record, NO_KNOTS)
+        if code != st.DONE:
+            return code
+        if self._subcycle:
+            interiors.put(plan, push)
+            accelerate_anew(plan, self._work, method.aw, method.loops, state)
+            record.a[state.counts[st.STORED] - 1] = state.a
+            record.multipliers[state.counts[st.STORED] - 1] = state.multipliers
+        interiors.buffer.append(interiors.row(plan))
+        return code
+
+
+def _explicit(body: ContinuumBody) -> ExplicitInterior:
+    """The body's interior, which ``CentralDifference.check`` found to be one that steps explicitly."""
+    interior: ExplicitInterior = body.interior  # type: ignore[assignment]
+    return interior

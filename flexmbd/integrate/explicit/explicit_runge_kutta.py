@@ -1,0 +1,333 @@
+"""Explicit Runge-Kutta pairs on the state's manifold, with projection onto closed loops.
+
+In each step the configuration is x = x_n moved by local coordinates u, with du/dt the inverse
+differential of the move applied to v, and dv/dt the forward dynamics; so the pair keeps its order for
+rotations too; of round bodies the spin is left out (``kernels.round_bodies``).  Sources: Munthe-Kaas
+1999; Dormand & Prince 1980; Hairer, Norsett & Wanner 1993 (sections II.4, II.10); projection: Hairer &
+Wanner 1996, section VII.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step, no_factors
+from flexmbd.integrate.explicit.loop_dynamics import (
+    N_MEMORY,
+    Loops,
+    accelerate,
+    drop_normal_part,
+    is_nearly_singular,
+    new_loops,
+    note_scales,
+    project,
+    survey,
+)
+from flexmbd.integrate.explicit.tableau import Pair, Tableau
+from flexmbd.integrate.history import refuse_interiors
+from flexmbd.multibody.kernels.algebra import rotation_update
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, move, turn_rates
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
+from flexmbd.multibody.kernels.forward_dynamics.round_bodies import (
+    round_axes,
+    slow_rates,
+    spin_on,
+    spin_vectors,
+    steady_spin,
+)
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# The longest step, in characteristic times of the machine, is well below half a turn; shares of the exponent as
+# Gustafsson 1991.
+_RULE = Rule(
+    exponent=0.0, proportional=0.7, integral=0.4, least=0.2, most=6.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0,
+    hold=1, longest=2.0,
+)  # fmt: skip
+
+
+class Rotations(IntEnum):
+    """How local coordinates turn a quaternion; see ``kernels.rotation_update``."""
+
+    EXPONENTIAL = rotation_update.EXPONENTIAL
+    CAYLEY = rotation_update.CAYLEY
+    QUATERNION = rotation_update.QUATERNION
+
+
+class Scratch(NamedTuple):
+    """Work arrays of a step: the stage at hand and the derivatives of all stages.
+
+    rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
+    axes, spins (k, 3): see ``round_bodies``; no rows where no body is round.
+    """
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    u: FloatArray
+    multipliers: FloatArray
+    rate_x: FloatArray
+    rate_v: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+    axes: FloatArray
+    spins: FloatArray
+
+
+@dataclass(frozen=True)
+class ExplicitRungeKutta:
+    """Choice of the method: ``pair`` of formulas, and how ``rotations`` are updated.
+
+    A step costs one forward dynamics a stage and nothing else of weight.  For machines without stiff
+    springs or fast modes, which would dictate the step; and the cheapest way to many digits there.
+    """
+
+    pair: Pair = Pair.DORMAND_PRINCE_5
+    rotations: Rotations = Rotations.EXPONENTIAL
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        way = "" if self.rotations == Rotations.EXPONENTIAL else f", {self.rotations.name.lower()} rotations"
+        return f"explicit Runge-Kutta, {self.pair.value}{way}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions, velocities and multipliers."""
+        return self.pair.order
+
+    @property
+    def memory_rows(self) -> int:
+        """The scales of the loops' rows."""
+        return N_MEMORY
+
+    def check(self, scene: CompiledScene) -> None:
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it evaluates several stages a step")
+
+    @property
+    def rule(self) -> Rule:
+        """How its steps follow from its errors."""
+        return _RULE._replace(exponent=1.0 / (8.0 if self.pair is Pair.DORMAND_PRINCE_8 else 5.0))
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
+        """See ``integrate.protocol.Integrator``.
+
+        Raises:
+            SceneError: error control is asked of a method without an error estimate.
+        """
+        if state.counts[st.FIXED_STEP] == 0 and not self.pair.estimates_error:
+            raise SceneError(
+                f"{self.pair.value} has no error estimate: give a step h, or take "
+                "fm.Pair.DORMAND_PRINCE_5"
+            )
+        method = new_method(scene, self, self.pair.tableau, state, work)
+
+        def begin() -> None:
+            state.numbers[st.SAFETY] = SAFETY
+            survey(scene, state, work)
+
+        return Stepper(driver(advance, method, self.rule, state, groups), begin, no_factors)
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    aw: ArticulatedWork
+    loops: Loops
+    plain: IntArray
+    quaternions: IntArray
+    way: int
+    tableau: Tableau
+    scratch: Scratch
+
+
+def new_method(
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, state: st.State, work: Work
+) -> Method:
+    """Allocate what an attempt with a tableau works with."""
+    plain, quaternions = coordinate_slots(scene.plan)
+    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
+    return Method(
+        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, state), plain, quaternions,
+        int(choice.rotations), tableau, scratch,
+    )  # fmt: skip
+
+
+def _new_scratch(scene: CompiledScene, stages: int, axes: FloatArray) -> Scratch:
+    nv = scene.nv
+    if not axes.any():
+        axes = axes[:0]
+    zeros = np.zeros
+    return Scratch(
+        x=zeros(scene.nx),
+        v=zeros(nv),
+        a=zeros(nv),
+        u=zeros(nv),
+        multipliers=zeros(len(scene.plan.rows)),
+        rate_x=zeros((stages + 1, nv)),
+        rate_v=zeros((stages + 1, nv)),
+        error_x=zeros((2, nv)),
+        error_v=zeros((2, nv)),
+        axes=axes,
+        spins=zeros((len(axes), 3)),
+    )
+
+
+@part_of_kernel
+def _combine(tableau, i, state, s, h):
+    """s.u, s.v: local coordinates and velocities of stage i."""
+    for k in range(s.u.shape[0]):
+        s.u[k] = 0.0
+        s.v[k] = state.v[k]
+    for j in range(min(i, tableau.a.shape[1])):
+        share = h * tableau.a[i, j]
+        if share != 0.0:
+            for k in range(s.u.shape[0]):
+                s.u[k] += share * s.rate_x[j, k]
+                s.v[k] += share * s.rate_v[j, k]
+
+
+@part_of_kernel
+def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate):
+    """The step's error over what is tolerated; two estimates are combined as DOP853 does.
+
+    Errors across the loops do not count: projection takes them away.
+    """
+    for e in range(2):
+        for k in range(s.u.shape[0]):
+            s.error_x[e, k] = 0.0
+            s.error_v[e, k] = 0.0
+        for j in range(tableau.estimates.shape[1]):
+            share = h * tableau.estimates[e, j]
+            if share != 0.0:
+                for k in range(s.u.shape[0]):
+                    s.error_x[e, k] += share * s.rate_x[j, k]
+                    s.error_v[e, k] += share * s.rate_v[j, k]
+        spin_vectors(quaternions, s.axes, s.spins, s.error_x[e])
+        spin_vectors(quaternions, s.axes, s.spins, s.error_v[e])
+        if plan.rows.shape[0] > 0:
+            drop_normal_part(plan, work, aw, loops, s.error_x[e])
+            drop_normal_part(plan, work, aw, loops, s.error_v[e])
+    lower = st.error_ratio(plan.free, state, groups, s.error_x[1], s.error_v[1], h, rate)
+    ratio = st.error_ratio(plan.free, state, groups, s.error_x[0], s.error_v[0], h, rate)
+    if lower > 0.0:
+        return ratio * ratio / np.sqrt(ratio * ratio + 0.01 * lower * lower)
+    return ratio
+
+
+@part_of_kernel
+def _accept(state, s):
+    """Make the step's end the current state."""
+    for k in range(state.v.shape[0]):
+        state.v[k] = s.v[k]
+        state.a[k] = s.a[k]
+    for k in range(state.x.shape[0]):
+        state.x[k] = s.x[k]
+    for i in range(state.multipliers.shape[0]):
+        state.multipliers[i] = s.multipliers[i]
+
+
+@kernel
+def _finite(s):
+    """Whether the step's end is a number."""
+    total = 0.0
+    for k in range(s.v.shape[0]):
+        total += abs(s.v[k]) + abs(s.a[k])
+    return np.isfinite(total)
+
+
+@part_of_kernel
+def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate):
+    """Take the step h, or find that its error is too large.
+
+    Returns its error ratio (0 for a fixed step), infinite where loops do not close or nothing finite
+    came out; ``s`` holds the step's end where it is at most one.
+    """
+    stages = tableau.a.shape[1]
+    fixed = state.counts[st.FIXED_STEP] == 1
+    uses_end = tableau.estimates[0, stages] != 0.0
+    ratio = 0.0
+    for k in range(s.v.shape[0]):
+        s.rate_x[0, k] = state.v[k]
+        s.rate_v[0, k] = state.a[k]
+    steady_spin(quaternions, s.axes, state.v, s.spins)
+    slow_rates(quaternions, s.axes, s.spins, s.rate_x[0], s.rate_v[0])
+    instant = np.nan
+    for i in range(1, stages + 1):
+        end = i == stages
+        _combine(tableau, i, state, s, h)
+        move(plain, quaternions, way, state.x, s.u, s.x)
+        node = tableau.nodes[i]
+        spin_on(quaternions, s.axes, s.spins, node * h, s.x, s.v)
+        if node != instant:
+            t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
+            evaluate_times(plan, st.latest(state, t), work.time)
+            instant = node
+        if plan.flag[0] != 0:
+            return np.inf
+        drive(plan, work, s.x, s.v, s.a)
+        if end and not uses_end and not fixed:
+            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
+            if not ratio <= 1.0:
+                return ratio
+        for attempt in range(2):
+            if plan.rows.shape[0] > 0 and (end or attempt == 1):
+                closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v)
+                if end and not closed:
+                    state.counts[st.OUTCOME] = st.LOOPS_OPEN
+                    return np.inf
+            accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
+            state.counts[st.EVALUATIONS] += 1
+            if end or plan.rows.shape[0] == 0 or not is_nearly_singular(loops):
+                break
+        for k in range(s.v.shape[0]):
+            s.rate_x[i, k] = s.v[k]
+            s.rate_v[i, k] = s.a[k]
+        slow_rates(quaternions, s.axes, s.spins, s.rate_x[i], s.rate_v[i])
+        if quaternions.shape[0] > 0:
+            turn_rates(quaternions, way, s.u, s.rate_x[i])
+    if uses_end and not fixed:
+        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
+    return ratio if _finite(s) else np.inf
+
+
+@part_of_kernel
+def _attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, aw, loops, plain, quaternions, way, tableau, s = method
+    rate = state.numbers[st.RATE]
+    ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
+    state.numbers[st.RATIO] = ratio
+    if plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+    elif ratio <= 1.0:
+        _accept(state, s)
+        if plan.rows.shape[0] > 0:
+            note_scales(loops, state)
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

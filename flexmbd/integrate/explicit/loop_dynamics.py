@@ -1,0 +1,239 @@
+"""Closed loops for explicit methods: accelerations with multipliers, and projection onto the loops.
+
+The multipliers nu solve C M^-1 C^T nu = C a_tree + gamma, a = a_tree - M^-1 C^T nu (Ambrosio &
+Nikravesh 1992, eq. 76-77).  Positions and velocities go back onto the loops along M^-1 C^T, that is by
+the shortest way in the mass metric.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
+from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
+from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import scaled_jacobian
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Where the smallest pivot of C M^-1 C^T falls below this share of its usual size, stages are projected too,
+# for a stage off the loops would ask for reactions in excess.
+_NEAR = 1e-2
+# Below this one a stage does without the reaction in the direction that is about to come free: it acts
+# across the motion alone, and projection makes up for it.
+NO_REACTION = 1e-10
+
+_MAX_ITERATIONS = 8
+_CLOSED = 1e-13  # a correction below this share of the scales is not worth another
+_ACCEPTED = 1e-9  # where round-off stops the iteration, this share still counts as closed
+
+
+#: Rows of ``State.memory`` that the loops' scales take.
+N_MEMORY = 2
+
+
+class Loops(NamedTuple):
+    """Scratch of m constraint rows.
+
+    paths: C, and what leads to C M^-1 C^T.  small: (m, m) its factors.
+    order: (m,) its pivots.  scale: (m,) the largest norms that the rows of C had at a step's end, in the
+    metric of M^-1.  usual: (1,) the largest that the smallest pivot was there.  norm: (m,) norms at hand.
+    phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
+    force, moved: (1, nv) generalised forces of the rows and what they move.  move: (nv,) correction.
+    rank: (1,) of the factors.  none: (0,).
+    """
+
+    paths: RowPaths
+    small: FloatArray
+    order: IntArray
+    scale: FloatArray
+    usual: FloatArray
+    norm: FloatArray
+    phi: FloatArray
+    rate: FloatArray
+    rate2: FloatArray
+    solution: FloatArray
+    scratch: FloatArray
+    force: FloatArray
+    moved: FloatArray
+    move: FloatArray
+    rank: IntArray
+    none: FloatArray
+
+
+def new_loops(plan: Plan, state: st.State) -> Loops:
+    """Allocate for the rows of ``plan``; scales lie in the first N_MEMORY rows of ``state.memory``."""
+    m, nv = len(plan.rows), len(state.v)
+    zeros = np.zeros
+    return Loops(
+        paths=new_row_paths(plan),
+        small=zeros((m, m)),
+        order=zeros(m, np.int64),
+        scale=state.memory[0, :m],
+        usual=state.memory[1, :1],
+        norm=zeros(m),
+        phi=zeros(m),
+        rate=zeros(m),
+        rate2=zeros(m),
+        solution=zeros(m),
+        scratch=zeros(m),
+        force=zeros((1, nv)),
+        moved=zeros((1, nv)),
+        move=zeros(nv),
+        rank=zeros(1, np.int64),
+        none=zeros(0),
+    )
+
+
+def survey(scene: CompiledScene, state: st.State, work: Work) -> None:
+    """Set the scales at the start of an integration; ``work.time`` must be up to date.
+
+    A row that a singular start leaves without effect takes the largest scale of the others.
+    """
+    m = len(scene.plan.rows)
+    if m == 0 or len(scene.plan.free) == 0:
+        return
+    rows = scaled_jacobian(scene, work, state.x)
+    norms = np.linalg.norm(rows, axis=1)
+    norms[norms == 0.0] = norms.max() if norms.any() else 1.0
+    pivots = np.abs(np.diag(scipy.linalg.qr((rows / norms[:, None]).T, mode="r", pivoting=True)[0])) ** 2
+    state.memory[0, :m] = norms
+    state.memory[1, 0] = pivots[pivots > RANK_FLOOR].min(initial=1.0)
+
+
+@part_of_kernel
+def accelerate(plan, work, aw, loops, x, v, a, multipliers):
+    """Write the free accelerations and the multipliers at (x, v); keep the factors in ``loops``.
+
+    Reads from ``loops.usual`` how large rows and pivots are away from singular positions.
+    """
+    m = plan.rows.shape[0]
+    run_forward_dynamics(plan, work, aw, x, v, a, loops.none)
+    if m == 0:
+        return
+    forward(plan, work, x, v, a)
+    constraints(plan, work, loops.phi, loops.rate, loops.rate2)
+    solve_rows(plan, work, aw, loops.paths, loops.small)
+    for i in range(m):
+        loops.norm[i] = np.sqrt(loops.small[i, i])
+    loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
+    rank = loops.rank[0]
+    while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual[0]:
+        rank -= 1
+    respond(plan, work, aw, loops, rank, loops.rate2, loops.move)
+    for i in range(m):
+        multipliers[i] = loops.solution[i]
+    for k in range(a.shape[0]):
+        a[k] -= loops.move[k]
+
+
+@kernel
+def note_scales(loops, state):
+    """Take note of how large the rows and the smallest pivot are where they were last factored, at a step's end."""
+    for i in range(loops.scale.shape[0]):
+        loops.scale[i] = max(loops.scale[i], loops.norm[i])
+    rank = loops.rank[0]
+    pivot = loops.small[rank - 1, rank - 1] ** 2 if rank > 0 else 0.0
+    loops.usual[0] = max(loops.usual[0], pivot)
+    if loops.norm.shape[0] > 0:
+        st.watch_rows(state, pivot if rank == loops.norm.shape[0] else 0.0)
+
+
+@kernel
+def factor_rows(state, length, matrix, order):
+    """Factor C B^-1 C^T of an implicit method's rows and watch these; the rank.
+
+    ``state.memory[length]`` keeps the largest lengths of the rows.
+    """
+    m = matrix.shape[0]
+    longest = state.memory[length]
+    for i in range(m):
+        longest[i] = max(longest[i], np.sqrt(max(matrix[i, i], 0.0)))
+        if longest[i] == 0.0:
+            longest[i] = 1.0
+    rank = factor_semidefinite(matrix, order, longest)
+    st.watch_rows(state, matrix[m - 1, m - 1] ** 2 if rank == m else 0.0)
+    return rank
+
+
+@kernel
+def is_nearly_singular(loops):
+    """Whether the smallest pivot is well below its usual size."""
+    rank = loops.rank[0]
+    return rank < loops.norm.shape[0] or loops.small[rank - 1, rank - 1] ** 2 < _NEAR * loops.usual[0]
+
+
+@kernel
+def drop_normal_part(plan, work, aw, loops, out):
+    """Take from the tangent vector ``out`` (nv,) what projection onto the loops would take."""
+    for i in range(loops.phi.shape[0]):
+        loops.phi[i] = row_times(loops.paths, i, out)
+    respond(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
+    for k in range(out.shape[0]):
+        out[k] -= loops.move[k]
+
+
+@kernel
+def respond(plan, work, aw, loops, rank, rows, out):
+    """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left."""
+    solve_semidefinite(
+        loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution
+    )
+    for k in range(out.shape[0]):
+        loops.force[0, k] = 0.0
+    for i in range(rows.shape[0]):
+        if loops.solution[i] != 0.0:
+            add_row(loops.paths, i, loops.solution[i], loops.force[0])
+    solve_mass(plan, work, aw, loops.force, loops.moved)
+    for k in range(out.shape[0]):
+        out[k] = loops.moved[0, k]
+
+
+@part_of_kernel
+def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v):
+    """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
+
+    Newton's iteration with those factors; it ends where corrections vanish or round-off stops them.
+    """
+    on_positions = True
+    closed = True
+    before = np.inf
+    for _ in range(2 * _MAX_ITERATIONS):
+        forward(plan, work, x, v, v)
+        constraints(plan, work, loops.phi, loops.rate, loops.rate2)
+        respond(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        size = 0.0
+        for k in range(v.shape[0]):
+            g = groups.of[k]
+            scale = groups.position[g] if on_positions else st.group_speed(groups, g, rate)
+            part = abs(loops.move[k]) / scale
+            loops.move[k] = -loops.move[k]
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
+        if size <= _CLOSED or not size < 0.5 * before:
+            closed = size <= _ACCEPTED
+            if not closed or not on_positions:
+                break
+            on_positions = False
+            before = np.inf
+        elif on_positions:
+            before = size
+            move(plain, quaternions, EXPONENTIAL, x, loops.move, x)
+        else:
+            before = size
+            for k in range(v.shape[0]):
+                v[k] += loops.move[k]
+    return closed and not on_positions

@@ -1,0 +1,4 @@
+"""Radau IIA of order 5.
+
+Entered by `flexmbd.integrate`.
+"""

@@ -1,0 +1,155 @@
+"""Accelerations and multipliers at the end of a Radau IIA step, of its order: the last stage's are of order 3.
+
+M a + C^T nu = f and C a = -gamma at the stage's positions and velocities, solved by corrections of a and nu with
+factors of M and of C M^-1 C^T that may be those of an earlier step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows
+from flexmbd.integrate.radau.coefficients import STAGES
+from flexmbd.integrate.radau.matrix import derive
+from flexmbd.integrate.radau.stages import LENGTH, evaluate_stage
+from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
+from flexmbd.multibody.kernels.physics.joints import retract
+
+_LAST = STAGES - 1
+_MAX_ITERATIONS = 10
+_RENEW = 0.05  # a slower contraction than this renews the factors
+_ROUND_OFF = 1e-13
+_STALLED = 0.5  # a slower contraction is none
+
+
+@kernel
+def _factor_end(plan, work, state, s):
+    """Factor M and C M^-1 C^T at the last stage, which was evaluated last; whether M is regular."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    derive(plan, work, s, _LAST, 0.0, 0.0, 1.0)
+    for i in range(nu):
+        for j in range(nu):
+            s.final[i, j] = s.full[plan.free[i], plan.free[j]]
+    if factor(plan.lapack, s.final, s.pivot_final, s.sizes) != 0:
+        return False
+    for r in range(m):
+        for j in range(nu):
+            s.reach_end[r, j] = s.tangent.jacobian[r, plan.free[j]]
+            s.response[r, j] = s.reach_end[r, j]
+    solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.response)
+    for r in range(m):
+        for q in range(r + 1):
+            total = 0.0
+            for j in range(nu):
+                total += s.reach_end[r, j] * s.response[q, j]
+            s.hold[r, q] = total
+        if not np.isfinite(s.hold[r, r]):
+            return False
+    rank = factor_rows(state, LENGTH, s.hold, s.hold_order)
+    for r in range(m):
+        s.hold_length[r] = state.memory[LENGTH, r]
+    # what is about to come free keeps the stage's own: round-off would tell it what to do
+    while rank > 1 and s.hold[rank - 1, rank - 1] ** 2 < NO_REACTION:
+        rank -= 1
+    s.hold_rank[0] = rank
+    return True
+
+
+@kernel
+def _hold(s):
+    """The reactions (C M^-1 C^T)^-1 ``s.lacking``."""
+    solve_semidefinite(s.hold, s.hold_rank[0], s.hold_order, s.hold_length, s.lacking, s.hold_scratch, s.reaction)
+
+
+@kernel
+def _close(plan, s, what, scale, rows, level):
+    """Bring positions or velocities ``what`` (nv,) onto the loops, which ``rows`` (m,) open; the largest share moved.
+
+    The stages' iteration, with slopes of another place, closes slowly what rows hardly hold.
+    """
+    m = plan.rows.shape[0]
+    for r in range(m):
+        s.lacking[r] = rows[r] if plan.rows[r, at.ROW_LEVEL] <= level else 0.0
+    _hold(s)
+    size = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        change = 0.0
+        for r in range(m):
+            change -= s.response[r, j] * s.reaction[r]
+        what[k] += change
+        size = max(size, abs(change) / scale[k])
+    return size
+
+
+@kernel
+def _balance(plan, state, s, h):
+    """Correct a and nu; the largest share of the correction, and what a relative round-off makes of such shares.
+
+    What forces are out of balance counts by the acceleration that it would make of masses free of the loops.
+    """
+    m = plan.rows.shape[0]
+    for j in range(plan.free.shape[0]):
+        s.rhs_final[0, j] = -s.equation[_LAST, j]
+    solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.rhs_final)
+    for r in range(m):
+        s.lacking[r] = s.phi_rate2[r]
+        for j in range(plan.free.shape[0]):
+            s.lacking[r] += s.reach_end[r, j] * s.rhs_final[0, j]
+    _hold(s)
+    size = 0.0
+    noise = 1.0 / s.hold[s.hold_rank[0] - 1, s.hold_rank[0] - 1] if s.hold_rank[0] > 0 else 1.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        unbalanced = s.rhs_final[0, j]
+        change = unbalanced
+        weight = 0.0
+        for r in range(m):
+            change -= s.response[r, j] * s.reaction[r]
+            weight += abs(s.response[r, j] * s.multipliers[_LAST, r])
+        s.a[_LAST, k] += change
+        part = max(abs(change), abs(unbalanced)) * h / s.scale_v[k]
+        if not part <= size:
+            size = part
+            state.counts[st.WORST] = k
+        noise = max(noise, weight * h / s.scale_v[k])
+    for r in range(m):
+        s.multipliers[_LAST, r] += s.reaction[r]
+    return size, noise
+
+
+@kernel
+def close_end(plan, work, state, s, h, tolerance):
+    """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance."""
+    before = 0.0
+    moved_before = np.inf
+    contraction = np.inf
+    for _ in range(_MAX_ITERATIONS):
+        evaluate_stage(plan, work, state, s, _LAST)
+        if contraction > _RENEW:
+            before = 0.0
+            if not _factor_end(plan, work, state, s):
+                state.counts[st.OUTCOME] = st.RANK_LOST
+                return False
+        if moved_before > 0.0:
+            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, at.LEVEL_POSITION)
+            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, at.LEVEL_VELOCITY))
+            # round-off of the rows moves what they hardly hold to and fro: then it stays
+            moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
+        size, noise = _balance(plan, state, s, h)
+        if not np.isfinite(size):
+            return False
+        contraction = size / before if before > 0.0 else 0.0
+        settled = moved_before == 0.0 and before > 0.0 and size * contraction <= tolerance
+        if settled or (moved_before == 0.0 and size <= _ROUND_OFF * noise):
+            retract(plan, state.x, s.u[_LAST], s.x[_LAST])
+            drive(plan, work, s.x[_LAST], s.v[_LAST], s.a[_LAST])
+            return True
+        before = size
+    return False

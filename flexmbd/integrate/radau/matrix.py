@@ -1,0 +1,201 @@
+"""Iteration matrices of a Radau IIA step: the tangent, a real and a complex factorisation, their use."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
+from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.separate import call_separate
+
+
+@kernel
+def _take_free(plan, s, out):
+    for i in range(out.shape[0]):
+        for j in range(out.shape[0]):
+            out[i, j] = s.full[plan.free[i], plan.free[j]]
+
+
+@kernel
+def _take_rows(plan, rows, out):
+    for r in range(out.shape[0]):
+        for j in range(plan.free.shape[0]):
+            out[r, j] = rows[r, plan.free[j]]
+
+
+@kernel
+def derive(plan, work, s, i, per_x, per_v, per_a):
+    """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full``."""
+    call_separate(
+        s.kernels[TANGENT_AFTER_RESIDUAL],
+        (plan, work, s.tangent, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.full),
+    )
+
+
+@kernel
+def take_tangent(plan, work, state, s, place):
+    """M, damping, stiffness and the rows' derivatives at the guess of stage ``place``; whether all is finite."""
+    nu = plan.free.shape[0]
+    s.is_even[0] = 0
+    evaluate_stage(plan, work, state, s, place)
+    derive(plan, work, s, place, 1.0, 0.0, 0.0)
+    _take_free(plan, s, s.stiffness)
+    _take_rows(plan, s.tangent.rate_jacobian, s.turn)
+    derive(plan, work, s, place, 0.0, 1.0, 0.0)
+    _take_free(plan, s, s.damping)
+    derive(plan, work, s, place, 0.0, 0.0, 1.0)
+    _take_free(plan, s, s.mass)
+    _take_rows(plan, s.tangent.jacobian, s.reach)
+    state.counts[TANGENT] = 1
+    state.numbers[STEP_FACTORED] = 0.0
+    for i in range(nu):
+        for j in range(nu):
+            if not np.isfinite(s.stiffness[i, j] + s.damping[i, j] + s.mass[i, j]):
+                return False
+    return True
+
+
+@kernel
+def _fill(plan, s, step, matrix):
+    """Iteration matrix of one eigenvalue: ``step`` is the step over it.
+
+    Unknowns a, nu, kappa; rows of the motion, of positions over step^2, of rates over step.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    for i in range(nu):
+        for j in range(nu):
+            matrix[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
+        for r in range(m):
+            push = 0.0
+            for j in range(nu):
+                push += s.stiffness[i, j] * s.direction[r, j]
+            matrix[i, nu + r] = s.reach[r, i]
+            matrix[i, nu + m + r] = step * step * push
+    for r in range(m):
+        for j in range(nu):
+            matrix[nu + r, j] = s.reach[r, j]
+            matrix[nu + m + r, j] = s.reach[r, j] + step * s.turn[r, j]
+        for q in range(m):
+            gain = 0.0
+            swing = 0.0
+            for j in range(nu):
+                gain += s.reach[r, j] * s.direction[q, j]
+                swing += s.turn[r, j] * s.direction[q, j]
+            matrix[nu + r, nu + q] = 0.0
+            matrix[nu + m + r, nu + q] = 0.0
+            matrix[nu + r, nu + m + q] = gain
+            matrix[nu + m + r, nu + m + q] = step * swing
+        if plan.rows[r, at.ROW_LEVEL] == at.LEVEL_VELOCITY:  # no position to shift: kappa = 0
+            for j in range(nu):
+                matrix[nu + r, j] = 0.0
+            for q in range(m):
+                matrix[nu + r, nu + m + q] = 1.0 if q == r else 0.0
+
+
+@kernel
+def _aim_shifts(plan, s, h):
+    """D: what a unit reaction would move within the step, stiffness included; False if singular."""
+    nu = plan.free.shape[0]
+    step = h / REAL
+    for i in range(nu):
+        for j in range(nu):
+            s.block[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
+    for r in range(plan.rows.shape[0]):
+        for j in range(nu):
+            s.aim[r, j] = s.reach[r, j]
+    if factor(plan.lapack, s.block, s.pivot_real, s.sizes) != 0:
+        return False
+    solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.aim)
+    for r in range(plan.rows.shape[0]):
+        holds = plan.rows[r, at.ROW_LEVEL] == at.LEVEL_POSITION
+        for j in range(nu):
+            s.direction[r, j] = s.aim[r, j] if holds else 0.0
+        for q in range(plan.rows.shape[0]):
+            s.gain[r, q] = 0.0
+            for j in range(nu):
+                s.gain[r, q] += s.reach[r, j] * s.aim[q, j]
+    return True
+
+
+@kernel
+def factor_step(plan, state, s, h):
+    """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
+    state.counts[st.FACTORISATIONS] += 1
+    state.numbers[STEP_FACTORED] = h
+    if plan.rows.shape[0] > 0 and not _aim_shifts(plan, s, h):
+        return False
+    _fill(plan, s, h / REAL + 0.0, s.real)
+    _fill(plan, s, h / COMPLEX, s.complex)
+    if factor(plan.lapack, s.real, s.pivot_real, s.sizes) != 0:
+        return False
+    return factor(s.lapack_complex, s.complex, s.pivot_complex, s.sizes) == 0
+
+
+@kernel
+def _even_equations(s, nu, m):
+    """Bring what rows leave open at the stages to the rows of the tangent (see ``radau_singular``)."""
+    for i in range(STAGES):
+        for r in range(m):
+            s.evened[0, r] = 0.0
+            s.evened[1, r] = 0.0
+            for q in range(m):
+                s.evened[0, r] += s.even[i, r, q] * s.equation[i, nu + q]
+                s.evened[1, r] += s.even[i, r, q] * s.equation[i, nu + m + q]
+        for r in range(m):
+            s.equation[i, nu + r] = s.evened[0, r]
+            s.equation[i, nu + m + r] = s.evened[1, r]
+
+
+@kernel
+def correct_stages(plan, s, h):
+    """One Newton correction of the stages' unknowns by their equations (Hairer & Wanner 1996, eq. IV.8.8-8.10)."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    n = nu + 2 * m
+    equation = s.equation
+    if s.is_even[0] == 1:
+        _even_equations(s, nu, m)
+    for j in range(n):
+        factor_real = -1.0
+        factor_complex = complex(-1.0, 0.0)
+        if j >= nu + m:
+            factor_real *= REAL / h
+            factor_complex *= COMPLEX / h
+        elif j >= nu:
+            if plan.rows[j - nu, at.ROW_LEVEL] == at.LEVEL_VELOCITY:
+                for i in range(STAGES):
+                    equation[i, j] = s.shift[i, j - nu]
+            else:
+                factor_real *= (REAL / h) ** 2
+                factor_complex *= (COMPLEX / h) ** 2
+        e0, e1, e2 = equation[0, j], equation[1, j], equation[2, j]
+        s.rhs_real[0, j] = factor_real * (
+            BASIS_INVERSE[0, 0] * e0 + BASIS_INVERSE[0, 1] * e1 + BASIS_INVERSE[0, 2] * e2
+        )
+        s.rhs_complex[0, j] = factor_complex * complex(
+            BASIS_INVERSE[1, 0] * e0 + BASIS_INVERSE[1, 1] * e1 + BASIS_INVERSE[1, 2] * e2,
+            BASIS_INVERSE[2, 0] * e0 + BASIS_INVERSE[2, 1] * e1 + BASIS_INVERSE[2, 2] * e2,
+        )
+    solve(plan.lapack, s.real, s.pivot_real, s.sizes, s.rhs_real)
+    solve(s.lapack_complex, s.complex, s.pivot_complex, s.sizes, s.rhs_complex)
+    for j in range(n):
+        w0 = s.rhs_real[0, j]
+        w1 = s.rhs_complex[0, j].real
+        w2 = s.rhs_complex[0, j].imag
+        for i in range(STAGES):
+            change = BASIS[i, 0] * w0 + BASIS[i, 1] * w1 + BASIS[i, 2] * w2
+            if j < nu:
+                s.a[i, plan.free[j]] += change
+            elif j < nu + m:
+                if s.is_even[0] == 0:
+                    s.multipliers[i, j - nu] += change
+                else:
+                    for r in range(m):
+                        s.multipliers[i, r] += s.even[i, j - nu, r] * change
+            else:
+                s.shift[i, j - nu - m] += change

@@ -1,0 +1,113 @@
+"""Newton's iteration of a Radau IIA step, with old factors while they serve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.radau.coefficients import STAGES
+from flexmbd.integrate.radau.end import close_end
+from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
+from flexmbd.integrate.radau.singular import choose_place, even_stage
+from flexmbd.integrate.radau.stages import (
+    CONTRACTION,
+    NEWTON,
+    POLYNOMIAL,
+    RENEWALS,
+    STEP_FACTORED,
+    TANGENT,
+    evaluate_stage,
+    guess_stages,
+    place_stages,
+)
+from flexmbd.multibody.kernels.base.compiling import kernel
+
+MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
+_MAX_FIXED = 20
+_RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
+_ROUND_OFF = 1e-13
+_RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
+_MIDDLE = STAGES // 2
+_EVEN = 3  # attempts before the two that even out the rows of the stages, from both guesses
+_SWEEPS = 3  # of rotations at the first guess
+
+
+@kernel
+def _iterate(plan, work, state, s, h, tolerance):
+    """Iterate with the factors at hand; whether the stages converged."""
+    before = 0.0
+    # what the same factors did in the step before lets a good guess pass after one iteration
+    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
+    for iteration in range(most):
+        for i in range(STAGES):
+            evaluate_stage(plan, work, state, s, i)
+            if s.is_even[0] == 1 and not even_stage(plan, work, s, i):
+                return False
+        state.counts[st.ITERATIONS] += 1
+        state.counts[NEWTON] = iteration + 1
+        correct_stages(plan, s, h)
+        size = place_stages(plan, state, s, h)
+        if not np.isfinite(size):
+            return False
+        if iteration > 0:
+            contraction = size / before if before > 0.0 else 0.0
+        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1e300
+        # round-off of the residual may leave no better
+        stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
+        if size * left <= tolerance or size <= 1e-15 or stalled:
+            # unmeasured, it is trusted a little less at each step
+            state.numbers[CONTRACTION] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+            return True
+        # rows brought to others are so by where the stages were: only later corrections tell how fast they shrink
+        if iteration > (2 if s.is_even[0] == 1 else 0):
+            remaining = most - 1 - iteration
+            if contraction > 0.9 or size * left * contraction**remaining > tolerance:
+                return False
+        before = size
+    return False
+
+
+@kernel
+def solve_step(plan, work, state, s, h, tolerance):
+    """Solve the stages with the old factors where they still serve, with new ones otherwise.
+
+    Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
+    """
+    known = state.counts[POLYNOMIAL] == 1
+    for attempt in range(_EVEN + 2 if plan.rows.shape[0] > 0 else _EVEN):
+        new_factors = state.numbers[STEP_FACTORED] != h
+        if attempt == 0 and (state.counts[TANGENT] == 0 or (new_factors and state.numbers[RENEWALS] > 0.0)):
+            continue
+        if not known and (attempt == 2 or attempt == _EVEN):  # they differ from those that follow by the guess alone
+            continue
+        guess_stages(plan, state, s, h, known and attempt != 2 and attempt != _EVEN + 1)
+        s.u[:, :] = 0.0
+        for _ in range(_SWEEPS if s.quaternions.shape[0] > 0 else 1):
+            place_stages(plan, state, s, h)
+        place = _MIDDLE
+        if attempt >= _EVEN:
+            place = choose_place(plan, work, state, s)
+            if place < 0:
+                continue
+        if attempt > 0:
+            state.numbers[CONTRACTION] = 1.0
+            if not take_tangent(plan, work, state, s, place):
+                continue
+        if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
+            state.counts[st.OUTCOME] = st.RANK_LOST
+            continue
+        s.is_even[0] = 1 if attempt >= _EVEN else 0
+        if not _iterate(plan, work, state, s, h, tolerance):
+            if attempt == 0:
+                state.numbers[RENEWALS] = _RENEWALS
+            continue
+        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance):
+            continue
+        slow = state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
+        if slow or attempt >= _EVEN:
+            state.counts[TANGENT] = 0
+        state.numbers[RENEWALS] = max(0.0, state.numbers[RENEWALS] - 1.0)
+        return True
+    state.counts[TANGENT] = 0
+    return False

@@ -1,0 +1,148 @@
+"""Radau IIA of order 5 on the manifold, with error control and reuse of the iteration matrices.
+
+Three stages, stiffly accurate; positions, velocities, and the accelerations and multipliers recorded at the step's
+end are of order 5.  Sources: Hairer & Wanner 1996, section IV.8 (transformed Newton, error estimate, step control);
+Gear, Leimkuhler & Gupta 1985 (stabilised index 2); Hairer, Lubich & Roche 1989 (its order).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import Rule, Stepper, driver, next_step
+from flexmbd.integrate.history import refuse_interiors
+from flexmbd.integrate.radau.coefficients import ORDER, STAGES
+from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_scales
+from flexmbd.integrate.radau.newton import solve_step
+from flexmbd.integrate.radau.stages import (
+    N_MEMORY,
+    POLYNOMIAL,
+    STAGE_A,
+    STAGE_NU,
+    STEP_FACTORED,
+    STEP_POLYNOMIAL,
+    TANGENT,
+    Scratch,
+    evaluate_stage_times,
+    new_scratch,
+)
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base.native import complex_lapack_addresses
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+_NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
+# The ratio to the power 3/2 goes with the step's fifth power.  Some room below the longest step: the rate may grow,
+# and each change costs factors.
+_RULE = Rule(
+    exponent=0.3, trend=1.0, least_before=1e-2, most=8.0, failed=0.4, tight=0.92, shrunk=1.0, hold=4, longest=1.0,
+    room=0.8,
+)  # fmt: skip
+
+
+class Method(NamedTuple):
+    """What an attempt works with."""
+
+    plan: Plan
+    work: Work
+    scratch: Scratch
+
+
+@dataclass(frozen=True)
+class RadauIIA:
+    """Choice of the method: order 5, stiffly accurate, for smooth motion to tight tolerance and for stiff machines.
+
+    What vibrates faster than the step is damped out; to follow it, tighten rtol.
+    """
+
+    @property
+    def name(self) -> str:
+        """How ``explain`` calls the method."""
+        return f"Radau IIA, order {ORDER}"
+
+    @property
+    def order(self) -> int:
+        """Order of positions, velocities and multipliers."""
+        return ORDER
+
+    @property
+    def memory_rows(self) -> int:
+        """Accelerations and multipliers of the last step's stages, and each coordinate's rate."""
+        return N_MEMORY
+
+    def check(self, scene: CompiledScene) -> None:
+        """Runs every scene without bodies that have a history."""
+        refuse_interiors(scene, self.name, why="it solves for several stages of a step at once")
+
+    def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
+        """See ``integrate.protocol.Integrator``."""
+        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, lapack_complex=complex_lapack_addresses())
+
+        def drop_factors() -> None:
+            state.counts[TANGENT] = 0
+            state.numbers[STEP_FACTORED] = 0.0
+
+        drop_factors()
+        method = Method(scene.plan, work, scratch)
+        return Stepper(driver(advance, method, _RULE, state, groups), drop_factors, drop_factors)
+
+
+@part_of_kernel
+def _accept(state, s, h):
+    """Make the last stage the current state, and remember the stages."""
+    end = STAGES - 1
+    for i in range(STAGES):
+        for k in range(state.v.shape[0]):
+            state.memory[STAGE_A + i, k] = s.a[i, k]
+        for r in range(state.multipliers.shape[0]):
+            state.memory[STAGE_NU + i, r] = s.multipliers[i, r]
+    for k in range(state.v.shape[0]):
+        state.v[k] = s.v[end, k]
+        state.a[k] = s.a[end, k]
+    for k in range(state.x.shape[0]):
+        state.x[k] = s.x[end, k]
+    for r in range(state.multipliers.shape[0]):
+        state.multipliers[r] = s.multipliers[end, r]
+    state.numbers[STEP_POLYNOMIAL] = h
+    state.counts[POLYNOMIAL] = 1
+
+
+@part_of_kernel
+def _attempt(method, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    plan, work, s = method
+    number = state.numbers
+    count = state.counts
+    rate = number[st.RATE]
+    limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
+    st.set_scales(state, groups, s, rate, limit)
+    widen_scales(state, s, h, rate)
+    solved = False
+    if evaluate_stage_times(plan, work, state, s, h):
+        solved = solve_step(plan, work, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))
+    set_safety(state)
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+    elif solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+        ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, state, groups, s, h, rate)
+        number[st.RATIO] = ratio
+        if ratio <= 1.0:
+            _accept(state, s, h)
+            if count[st.FIXED_STEP] == 0:
+                remember_roughness(plan, state, groups, s, h)
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@entry_kernel
+def advance(method, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(method.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        _attempt(method, state, groups, h)

@@ -1,0 +1,298 @@
+"""The stages of a Radau IIA step on the manifold: where they are and what their equations leave.
+
+Stage i lies at x = retract(x_n, u_i), u' = J(u)^-1 (v + D^T mu), v' = a, with J the differential of the exponential map
+for rotations, the identity for all else; M a + b + C^T nu = f.  Loops are closed at the level of positions and of
+velocities: mu shifts the positions along D (stabilised index 2; Gear, Leimkuhler & Gupta 1985).  The unknowns of a
+stage are a, nu and the rate kappa of mu.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base.separate import address_of, call_separate
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ComplexArray = NDArray[np.complex128]
+
+# The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
+# iteration leaves of the error; how many steps still take a new tangent where they take new factors.
+STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RENEWALS = range(st.METHOD, st.METHOD + 4)
+# Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, iterations of
+# the last step; whether the roughness of the steps before is known,
+# and whether the step at hand is as smooth as they were.
+POLYNOMIAL, TANGENT, NEWTON, ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# Rows of State.memory: accelerations and multipliers of the last step's stages; each coordinate's own rate (1/s); its
+# roughness, the estimate of its velocity's error over the fourth power of the step; the largest lengths of the rows.
+STAGE_A, STAGE_NU, RATE, ROUGHNESS, LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
+# Scratch.kernels: what is called by its address.
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
+
+
+class Scratch(NamedTuple):
+    """Work arrays of a step; nu free velocities, m rows, n = nu + 2 m unknowns a stage.
+
+    x, v, a, u, p: (3, ...) of the stages; p is the rate of u.  multipliers, shift: (3, m) nu and kappa.
+    time: (3, times, 3) functions of time at the stages.  equation: (3, n).
+    mass, damping, stiffness: (nu, nu) the tangent.  reach: (m, nu) C.  turn: (m, nu) d(C v)/dx.
+    direction: (m, nu) D.  aim: (m, nu) B^-1 C^T, which it is but for rows that hold velocities alone.
+    even: (3, m, m) what brings each stage's rows to those of the tangent; is_even: (1,) whether it is used.
+    gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
+    real, complex: the iteration matrices.
+    final: (nu, nu) factors of M at a step's end; reach_end, response: (m, nu) C and C M^-1 there.  hold: (m, m) factors
+    of C M^-1 C^T, with hold_order, hold_length (m,) and hold_rank (1,).  lacking, reaction, hold_scratch: (m,).
+    own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
+    kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
+    """
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    u: FloatArray
+    p: FloatArray
+    multipliers: FloatArray
+    shift: FloatArray
+    time: FloatArray
+    equation: FloatArray
+    out: FloatArray
+    full: FloatArray
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    reach: FloatArray
+    turn: FloatArray
+    direction: FloatArray
+    aim: FloatArray
+    even: FloatArray
+    is_even: IntArray
+    gain: FloatArray
+    gain_here: FloatArray
+    evened: FloatArray
+    pivot_gain: NDArray[np.int32]
+    real: FloatArray
+    complex: ComplexArray
+    final: FloatArray
+    reach_end: FloatArray
+    response: FloatArray
+    hold: FloatArray
+    hold_order: IntArray
+    hold_length: FloatArray
+    hold_rank: IntArray
+    hold_scratch: FloatArray
+    lacking: FloatArray
+    reaction: FloatArray
+    block: FloatArray
+    rhs_real: FloatArray
+    rhs_complex: ComplexArray
+    rhs_final: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+    scale_x: FloatArray
+    scale_v: FloatArray
+    own: FloatArray
+    phi: FloatArray
+    phi_rate: FloatArray
+    phi_rate2: FloatArray
+    quaternions: IntArray
+    lapack_complex: IntArray
+    pivot_real: NDArray[np.int32]
+    pivot_complex: NDArray[np.int32]
+    pivot_final: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+    kernels: IntArray
+    tangent: TangentWork
+
+
+def new_scratch(
+    plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: IntArray
+) -> Scratch:
+    """Allocate the work arrays of a step for ``plan``."""
+    m, nu = len(plan.rows), len(plan.free)
+    n = nu + 2 * m
+    zeros = np.zeros
+    tangent = new_tangent_work(plan, nv)
+    phi, full = zeros((3, m)), zeros((nv, nv))
+    state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
+    kernels = zeros(N_KERNELS, np.int64)
+    kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
+    kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
+    kernels[TANGENT_AFTER_RESIDUAL] = address_of(
+        tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
+    )
+    return Scratch(
+        x=zeros((STAGES, nx)),
+        v=zeros((STAGES, nv)),
+        a=zeros((STAGES, nv)),
+        u=zeros((STAGES, nv)),
+        p=zeros((STAGES, nv)),
+        multipliers=zeros((STAGES, m)),
+        shift=zeros((STAGES, m)),
+        time=zeros((STAGES, *work.time.shape)),
+        equation=zeros((STAGES, n)),
+        out=zeros(nv),
+        full=full,
+        mass=zeros((nu, nu)),
+        damping=zeros((nu, nu)),
+        stiffness=zeros((nu, nu)),
+        reach=zeros((m, nu)),
+        turn=zeros((m, nu)),
+        direction=zeros((m, nu)),
+        aim=zeros((m, nu)),
+        even=zeros((STAGES, m, m)),
+        is_even=zeros(1, np.int64),
+        gain=zeros((m, m)),
+        gain_here=zeros((m, m)),
+        evened=zeros((2, m)),
+        pivot_gain=zeros(max(1, m), np.int32),
+        real=zeros((n, n)),
+        complex=zeros((n, n), np.complex128),
+        final=zeros((nu, nu) if m else (0, 0)),
+        reach_end=zeros((m, nu)),
+        response=zeros((m, nu)),
+        hold=zeros((m, m)),
+        hold_order=zeros(m, np.int64),
+        hold_length=zeros(m),
+        hold_rank=zeros(1, np.int64),
+        hold_scratch=zeros(m),
+        lacking=zeros(m),
+        reaction=zeros(m),
+        block=zeros((nu, nu)),
+        rhs_real=zeros((1, n)),
+        rhs_complex=zeros((1, n), np.complex128),
+        rhs_final=zeros((1, nu)),
+        error_x=zeros(nu),
+        error_v=zeros(nu),
+        scale_x=zeros(nv),
+        scale_v=zeros(nv),
+        own=zeros(nv),
+        phi=phi[0],
+        phi_rate=phi[1],
+        phi_rate2=phi[2],
+        quaternions=np.ascontiguousarray(coordinate_slots(plan)[1][:, 1]),
+        lapack_complex=lapack_complex,
+        pivot_real=zeros(max(1, n), np.int32),
+        pivot_complex=zeros(max(1, n), np.int32),
+        pivot_final=zeros(max(1, n), np.int32),
+        sizes=zeros(4, np.int32),
+        kernels=kernels,
+        tangent=tangent,
+    )
+
+
+@kernel
+def evaluate_stage_times(plan, work, state, s, h):
+    """Functions of time at the instants of the stages; False where a callable failed, its time in ``work``."""
+    for i in range(STAGES):
+        t = state.numbers[st.TIME] + NODES[i] * h
+        if i == STAGES - 1:
+            t = state.numbers[st.STEP_END]
+        evaluate_times(plan, st.latest(state, t), work.time)
+        for k in range(work.time.shape[0]):
+            for j in range(3):
+                s.time[i, k, j] = work.time[k, j]
+        if plan.flag[0] != 0:
+            return False
+    return True
+
+
+@kernel
+def guess_stages(plan, state, s, h, extrapolate):
+    """Stages' accelerations and multipliers on the last step's polynomial, or as they are at the start."""
+    step = h / state.numbers[STEP_POLYNOMIAL] if extrapolate else 0.0
+    memory = state.memory
+    for i in range(STAGES):
+        # values of the polynomial through the last stages, as weights of these
+        t = 1.0 + NODES[i] * step
+        w0 = TO_POWERS[0, 0] + t * (TO_POWERS[1, 0] + t * TO_POWERS[2, 0])
+        w1 = TO_POWERS[0, 1] + t * (TO_POWERS[1, 1] + t * TO_POWERS[2, 1])
+        w2 = TO_POWERS[0, 2] + t * (TO_POWERS[1, 2] + t * TO_POWERS[2, 2])
+        for k in range(state.a.shape[0]):
+            s.a[i, k] = state.a[k]
+            if extrapolate:
+                s.a[i, k] = w0 * memory[STAGE_A, k] + w1 * memory[STAGE_A + 1, k] + w2 * memory[STAGE_A + 2, k]
+        for r in range(plan.rows.shape[0]):
+            s.shift[i, r] = 0.0
+            s.multipliers[i, r] = state.multipliers[r]
+            if extrapolate:
+                s.multipliers[i, r] = (
+                    w0 * memory[STAGE_NU, r] + w1 * memory[STAGE_NU + 1, r] + w2 * memory[STAGE_NU + 2, r]
+                )
+
+
+@kernel
+def place_stages(plan, state, s, h):
+    """Velocities and local coordinates of the stages; returns the largest change over its scale.
+
+    Rates of rotation vectors depend on these themselves: each call is one sweep of a fixed-point iteration that
+    contracts by about a twelfth of the squared turn, besides Newton's own.
+    """
+    m = plan.rows.shape[0]
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        for i in range(STAGES):
+            gain = WEIGHTS[i, 0] * s.a[0, k] + WEIGHTS[i, 1] * s.a[1, k] + WEIGHTS[i, 2] * s.a[2, k]
+            v = state.v[k] + h * gain
+            part = abs(v - s.v[i, k]) / s.scale_v[k]
+            if not part <= largest:
+                largest = part
+                state.counts[st.WORST] = k
+            s.v[i, k] = v
+            for r in range(m):
+                drift = (
+                    WEIGHTS[i, 0] * s.shift[0, r] + WEIGHTS[i, 1] * s.shift[1, r] + WEIGHTS[i, 2] * s.shift[2, r]
+                )
+                v += h * drift * s.direction[r, j]
+            s.p[i, k] = v
+    for q in range(s.quaternions.shape[0]):
+        o = s.quaternions[q]
+        for i in range(STAGES):
+            back = scale3(-1.0, load3(s.u[i], o))  # body axes: the right Jacobian
+            store3(s.p[i], o, left_jacobian_inverse(back, load3(s.p[i], o)))
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        for i in range(STAGES):
+            u = h * (WEIGHTS[i, 0] * s.p[0, k] + WEIGHTS[i, 1] * s.p[1, k] + WEIGHTS[i, 2] * s.p[2, k])
+            part = abs(u - s.u[i, k]) / s.scale_x[k]
+            if not part <= largest:
+                largest = part
+                state.counts[st.WORST] = k
+            s.u[i, k] = u
+    return largest
+
+
+@kernel
+def evaluate_stage(plan, work, state, s, i):
+    """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
+    for f in range(work.time.shape[0]):
+        for c in range(3):
+            work.time[f, c] = s.time[i, f, c]
+    retract(plan, state.x, s.u[i], s.x[i])
+    drive(plan, work, s.x[i], s.v[i], s.a[i])
+    call_separate(s.kernels[RESIDUAL], (plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.out))
+    state.counts[st.EVALUATIONS] += 1
+    if plan.rows.shape[0] > 0:
+        call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    for j in range(nu):
+        s.equation[i, j] = s.out[plan.free[j]]
+    for r in range(m):
+        s.equation[i, nu + r] = s.phi[r]
+        s.equation[i, nu + m + r] = s.phi_rate[r]

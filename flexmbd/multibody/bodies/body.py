@@ -1,0 +1,266 @@
+"""Bodies: what the recursion asks of a body; rigid and reduced ones.
+
+A body is constant data: its mass integrals about its own frame B and, where it is flexible, its
+modes.  ``Frame`` is a marker on a body, the thing that joints connect and results are asked of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
+from flexmbd.multibody.bodies.solid import Solid, principal_axes
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.rotation import check_rotation
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A marker F on a body.
+
+    Attributes:
+        body: the body that carries it.
+        p_BF_B: (3,) m, position in the undeformed body.
+        R_BF: (3, 3) rotation from F's axes to B's.
+        modes: (6, n) displacement and small rotation of F in B's axes per unit modal
+            coordinate, or None where F does not deform against B.
+        label: how messages and plots call it.
+    """
+
+    body: Body
+    p_BF_B: FloatArray
+    R_BF: FloatArray
+    modes: FloatArray | None
+    label: str
+
+
+class Body(Protocol):
+    """What a scene asks of every kind of body."""
+
+    name: str
+
+    @property
+    def mass(self) -> float:
+        """Mass (kg)."""
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First (3,) and second (3, 3) moments of mass about B, in B (kg m, kg m^2)."""
+
+    def reduced(self) -> ReducedBody | None:
+        """The flexible part, or None for a rigid body."""
+
+
+def marker(body: Body, p: ArrayLike, R: ArrayLike | None, name: str) -> Frame:
+    """A frame of a body called ``name`` at ``p`` (3,) m with axes ``R`` (3, 3), by default the body's.
+
+    Raises:
+        SceneError: not three finite numbers, or no rotation.
+    """
+    label = f"{name}{_place(p)}"
+    position = numbers(p)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
+    rotation = np.eye(3) if R is None else check_rotation(R, f"frame {label}: R")
+    return Frame(body, position, rotation, None, label)
+
+
+def refuse_change(body: object, name: str, fixed: tuple[str, ...]) -> None:
+    """Raise SceneError where an attribute out of ``fixed`` of a body that has it already is given anew."""
+    if name in fixed and name in vars(body):
+        what = getattr(body, "name", "") or "without a name"
+        raise SceneError(
+            f"{type(body).__name__} {what}: its {name} cannot be changed, as its frames follow from it; make a new body"
+        )
+
+
+@dataclass(eq=False)
+class Ground:
+    """The inertial frame, as a body that does not move."""
+
+    name: str = "ground"
+    mass: float = 0.0
+
+    def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
+        """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in the inertial frame."""
+        return marker(self, p, R, "ground")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Zero: the ground takes no part in the dynamics."""
+        return np.zeros(3), np.zeros((3, 3))
+
+    def reduced(self) -> None:
+        """The ground does not deform."""
+        return None
+
+
+@dataclass(eq=False)
+class RigidBody:
+    """A rigid body.
+
+    What is given may be changed later: a scene takes it as it stands when it is compiled.
+
+    Attributes:
+        mass: kg, positive.
+        inertia: (3, 3) or its diagonal (3,), kg m^2, about the centre of mass, in body axes.
+        com: (3,) m, centre of mass from the body frame, in body axes.
+        name: given by ``System.add``.
+
+    Raises:
+        SceneError: values that no rigid body can have, each named.
+    """
+
+    mass: float
+    inertia: ArrayLike
+    com: Sequence[float] = (0.0, 0.0, 0.0)
+    name: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        self._inertias()
+
+    def _inertias(self) -> tuple[FloatArray, FloatArray]:
+        """Centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, as they are now.
+
+        Raises:
+            SceneError: as for the body.
+        """
+        com, tensor = numbers(self.com), numbers(self.inertia)
+        if tensor.shape == (3,):
+            tensor = np.diag(tensor)
+        faults = []
+        if not (is_number(self.mass) and self.mass > 0.0):
+            faults.append(f"mass must be positive, got {self.mass!r}")
+        if com.shape != (3,) or not np.isfinite(com).all():
+            faults.append(f"com must be three finite numbers (m), got {self.com!r}")
+        if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+            faults.append(f"inertia must be (3,) or (3, 3) and finite, got {self.inertia!r}")
+        elif np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
+            faults.append("inertia must be symmetric")
+        else:
+            low, mid, high = np.linalg.eigvalsh(tensor)
+            if low < -1e-12 * high or low + mid < high * (1.0 - 1e-9):
+                faults.append(
+                    f"principal inertias {low:.4g}, {mid:.4g}, {high:.4g} kg m^2 belong to no "
+                    "body: none may be negative nor exceed the sum of the other two"
+                )
+        if faults:
+            raise SceneError(f"rigid body{f' {self.name!r}' if self.name else ''}: " + "; ".join(faults))
+        return com, tensor
+
+    @classmethod
+    def from_solid(cls, solid: Solid) -> RigidBody:
+        """A rigid body of a solid's mass, its frame in the axes that the solid was given in."""
+        return cls(solid.mass, solid.inertia, tuple(map(float, solid.com)))
+
+    @classmethod
+    def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> RigidBody:
+        """What a closed surface encloses, as a rigid body in the points' axes; see ``Solid.from_surface``."""
+        return cls.from_solid(Solid.from_surface(points, triangles, density=density))
+
+    def principal_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Principal inertias (3,), kg m^2, ascending, and R_BP (3, 3) from their axes to the body's."""
+        return principal_axes(self._inertias()[1])
+
+    def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
+        """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
+        return marker(self, p, R, self.name or "rigid body")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First and second moments of mass about the body frame."""
+        com, tensor = self._inertias()
+        second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        return self.mass * com, second + self.mass * np.outer(com, com)
+
+    def reduced(self) -> None:
+        """A rigid body has no modes."""
+        return None
+
+
+@dataclass(eq=False)
+class FlexibleBody:
+    """A reduced elastic body in its floating frame.
+
+    Attributes:
+        record: the reduced body.
+        name: given by ``System.add``.
+    """
+
+    record: ReducedBody
+    name: str = field(default="", kw_only=True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_change(self, name, ("record",))
+        super().__setattr__(name, value)
+
+    def __post_init__(self) -> None:
+        self._q: FloatArray | None = None
+        self._q_rate: FloatArray | None = None
+
+    @property
+    def q(self) -> FloatArray | None:
+        """(n,) initial modal coordinates (m kg^(1/2)); None: not set, so zero unless loops cannot close without them.
+
+        Those that are set stay, unless nothing else closes the loops.
+        """
+        return self._q
+
+    @q.setter
+    def q(self, values: ArrayLike) -> None:
+        self._q = self._modal(values, "q")
+
+    @property
+    def q_rate(self) -> FloatArray | None:
+        """(n,) initial rates of the modal coordinates (m kg^(1/2)/s); None: not set, as for ``q``."""
+        return self._q_rate
+
+    @q_rate.setter
+    def q_rate(self, values: ArrayLike) -> None:
+        self._q_rate = self._modal(values, "q_rate")
+
+    def _modal(self, values: ArrayLike, what: str) -> FloatArray:
+        vector = numbers(values).copy()
+        if vector.shape != (self.record.n_modes,) or not np.isfinite(vector).all():
+            label = f"flexible body {self.name!r}" if self.name else "flexible body"
+            raise SceneError(
+                f"{label}: {what} takes {self.record.n_modes} finite number(s), one a mode, got {values!r}"
+            )
+        return vector
+
+    @property
+    def mass(self) -> float:
+        """Mass (kg)."""
+        return self.record.mass
+
+    def frame(self, name: str | None = None) -> Frame:
+        """Return the interface frame ``name``, or the body frame without one.
+
+        Raises:
+            InterfaceError: no interface has that name; the message lists those there are.
+        """
+        label = self.name or "flexible body"
+        if name is None:
+            return Frame(self, np.zeros(3), np.eye(3), None, label)
+        interface = self.record.interface(name)
+        modes = interface.modes if interface.modes.any() else None
+        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}")
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """First and second moments of mass of the undeformed body about the body frame."""
+        gram = self.record.gram
+        return gram[0, 1:4].copy(), gram[1:4, 1:4].copy()
+
+    def reduced(self) -> ReducedBody:
+        """The record."""
+        return self.record
+
+
+def _place(p: ArrayLike) -> str:
+    values = numbers(p).ravel()
+    return "" if not values.any() else "(" + ", ".join(f"{v:g}" for v in values) + ")"

@@ -1,0 +1,181 @@
+"""The interiors of a compiled scene: their frames in the plan, their wrenches on them, and what they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, LaidInterior, Memory
+from flexmbd.multibody.force.protocol import OffJoints, Table
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.sampling.interface_frames import (
+    M_A,
+    M_ALPHA,
+    M_P,
+    M_R,
+    M_V,
+    M_W,
+    N_MOTION,
+    frame_motions,
+    frame_twists,
+)
+from flexmbd.multibody.team import Team
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InteriorForce(OffJoints):
+    """What an interior exerts on its frames: forces in inertial axes whose numbers change with each step."""
+
+    body: ContinuumBody
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The interface frames."""
+        return tuple(self.body.frame(frame.name) for frame in self.body.interior.frames)
+
+    def check(self) -> None:
+        """Nothing to check: the body was when it was made."""
+
+    def lay(self, table: Table) -> None:
+        """One row a frame."""
+        rows, places = [], []
+        for frame in self.frames:
+            rows.append(table.frame(frame))
+            places.append(table.numbers(np.zeros(6)))
+            what = f"interior of {self.body.name} on {frame.label}"
+            table.element(at.BETWEEN_GIVEN_F, what, f=table.ground(), g=rows[-1], data=places[-1])
+        table.lay_interior(LaidInterior(self.body, tuple(rows), tuple(places)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the interiors leave beside a row of the trajectory: wrenches (k, 6), and the energies of each body."""
+
+    wrenches: FloatArray
+    energies: tuple[Mapping[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Interiors:
+    """All interiors of a scene, whose k frames stand one after the other.
+
+    Attributes:
+        laid: one a body.
+        team: who steps side by side; rank 0's wrenches count.
+        failure: why stepping stopped, if it did.
+        buffer: rows beside those of the integrator's record.
+    """
+
+    laid: tuple[LaidInterior, ...]
+    team: Team
+    failure: list[SceneError] = field(default_factory=list)
+    buffer: list[Row] = field(default_factory=list)
+
+    @property
+    def bodies(self) -> tuple[ContinuumBody, ...]:
+        """The bodies."""
+        return tuple(one.body for one in self.laid)
+
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        """(k,) rows of ``Plan.frames``."""
+        return np.array([row for one in self.laid for row in one.rows], np.int64)
+
+    @cached_property
+    def places(self) -> NDArray[np.int64]:
+        """(k, 6) where ``Plan.data`` holds the wrenches: force and moment in inertial axes."""
+        first = np.array([place for one in self.laid for place in one.places], np.int64)
+        return first[:, None] + np.arange(6)
+
+    def motions(
+        self, plan: Plan, work: Work, x: FloatArray, v: FloatArray, a: FloatArray
+    ) -> tuple[FrameMotion, ...]:
+        """Motion of each body's frames at a state of the machine."""
+        out = np.zeros((len(self.rows), N_MOTION))
+        frame_motions(plan, work, self.rows, x, v, a, out)
+        return self.split_motions(out)
+
+    def split_motions(self, out: FloatArray) -> tuple[FrameMotion, ...]:
+        """Each body's part of motions (k, N_MOTION), as copies."""
+        found, first = [], 0
+        for one in self.laid:
+            part = out[first : first + len(one.rows)]
+            first += len(one.rows)
+            linear = (part[:, o : o + 3].copy() for o in (M_V, M_W, M_A, M_ALPHA))
+            found.append(FrameMotion(part[:, M_P : M_P + 3].copy(), part[:, M_R:M_V].reshape(-1, 3, 3).copy(), *linear))
+        return tuple(found)
+
+    def twists(self, plan: Plan, work: Work, x: FloatArray) -> FloatArray:
+        """(6 k, nv) velocity and angular velocity of the frames per unit of each generalised velocity."""
+        nv = len(plan.free) + len(plan.driven)
+        out = np.zeros((6 * len(self.rows), nv))
+        frame_twists(plan, work, self.rows, x, np.zeros(nv), np.zeros(nv), out)
+        return out
+
+    def ask(
+        self, function: Callable[[int, ContinuumBody], Sequence[FloatArray]], *, doing: str
+    ) -> list[list[FloatArray]]:
+        """What a function gives of each body's interior: finite arrays, rank 0's on all ranks.
+
+        Raises:
+            SceneError: an interior failed; the message names its body, and the cause is its own error.
+        """
+        answers = []
+        for k, body in enumerate(self.bodies):
+            error: Exception | None = None
+            answer: list[FloatArray] = []
+            try:
+                answer = [np.asarray(part, dtype=np.float64) for part in function(k, body)]
+                if not all(np.isfinite(part).all() for part in answer):
+                    raise SceneError("it gave numbers that are not finite")
+            except Exception as reason:  # noqa: BLE001  (whatever a user's body raises ends in the step's failure)
+                error = reason
+            try:
+                self.team.fail(error)
+            except Exception as reason:
+                raise SceneError(f"body {body.name!r} failed {doing}: {reason}") from (error or reason)
+            answers.append([self.team.agree(part) for part in answer])
+        return answers
+
+    def put(self, plan: Plan, wrenches: FloatArray) -> None:
+        """Let wrenches (k, 6) act."""
+        plan.data[self.places] = wrenches
+
+    def acting(self, plan: Plan) -> FloatArray:
+        """(k, 6) the wrenches that act."""
+        return plan.data[self.places]
+
+    def row(self, plan: Plan) -> Row:
+        """What stands beside the machine's state now."""
+        return Row(self.acting(plan), tuple(dict(body.interior.energies()) for body in self.bodies))
+
+    def snapshot(self, plan: Plan) -> Kept:
+        """Copies of all that the interiors remember."""
+        return Kept(self.acting(plan), tuple(dict(body.interior.snapshot()) for body in self.bodies))
+
+    def restore(self, plan: Plan, kept: Kept) -> None:
+        """Go back to a snapshot."""
+        self.put(plan, kept.wrenches)
+        for body, memory in zip(self.bodies, kept.memories, strict=True):
+            body.interior.restore(memory)
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A snapshot of interiors: the wrenches (k, 6) that act, and what each remembers."""
+
+    wrenches: FloatArray
+    memories: tuple[Memory, ...]
+
+
+#: The snapshot of a scene that has no interiors.
+NOTHING_KEPT = Kept(np.zeros((0, 6)), ())

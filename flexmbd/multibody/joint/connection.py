@@ -1,0 +1,153 @@
+"""Connection: a joint between two frames of a scene, with its initial and prescribed motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import numbers, refuse_other
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.functions.time_function import TimeFunction, as_row
+from flexmbd.multibody.joint.enforcement import Enforcement, Way
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels.base import layout as at
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Connection:
+    """A joint in a scene; made by ``System.connect``.
+
+    Attributes:
+        joint: what kind of joint.
+        parent: the frame F that the coordinates are measured from.
+        child: the frame G that moves against it.
+        name: unique in the scene.
+        way: by coordinates or by constraints; None: as the scene's topology has it.
+        enforce: what enforces its constraints; None: multipliers, if the joint needs any.
+
+    Raises:
+        SceneError: the joint cannot go that way, now or where it is changed later.
+    """
+
+    joint: Joint
+    parent: Frame
+    child: Frame
+    name: str
+    way: Way | None = None
+    enforce: Enforcement | None = None
+
+    def __post_init__(self) -> None:
+        self._position: FloatArray | None = None
+        self._velocity: FloatArray | None = None
+        self._motion: TimeFunction | None = None
+        self._check(self.way, self.enforce)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute; how the joint is carried is checked whenever it changes."""
+        if name in ("way", "enforce") and "_motion" in self.__dict__:
+            self._check(**{"way": self.way, "enforce": self.enforce, name: value})
+        object.__setattr__(self, name, value)
+
+    def _check(self, way: object, enforce: object) -> None:
+        if way is not None:
+            refuse_other(way, Way, f"joint {self.name!r}: its way", wanted="fm.Way.COORDINATES or CONSTRAINTS")
+        if enforce is not None:
+            what = f"joint {self.name!r}: what enforces it"
+            refuse_other(
+                enforce, get_args(Enforcement), what, wanted="fm.Multipliers(), fm.Penalty(...) or AugmentedLagrangian"
+            )
+        if way is Way.COORDINATES and not self.joint.steps:
+            raise SceneError(
+                f"joint {self.name!r}: a {type(self.joint).__name__} has no coordinates, only constraints"
+            )
+        if way is Way.COORDINATES and enforce is not None:
+            raise SceneError(
+                f"joint {self.name!r} goes by coordinates, which leave nothing to enforce; leave out "
+                "`enforce`, or ask for Way.CONSTRAINTS"
+            )
+
+    @property
+    def may_be_coordinates(self) -> bool:
+        """Whether the tree may carry this joint."""
+        return bool(self.joint.steps) and self.way is not Way.CONSTRAINTS and self.enforce is None
+
+    @property
+    def position(self) -> FloatArray | None:
+        """Initial joint coordinates (rad or m; a quaternion where the joint has one).
+
+        None: not set, so the start's projection may move them, and so is what None is assigned to.  Setting them takes
+        a number for a joint of one coordinate.
+        """
+        return self._position
+
+    @position.setter
+    def position(self, value: ArrayLike | None) -> None:
+        if value is None:
+            self._position = None
+            return
+        x = self._vector(value, len(self.joint.start), "position")
+        for o in _quaternions(self.joint):
+            length = float(np.linalg.norm(x[o : o + 4]))
+            if abs(length - 1.0) > 1e-9:
+                raise SceneError(f"joint {self.name!r}: quaternion of length {length:g}, not 1")
+        self._position = x
+
+    @property
+    def velocity(self) -> FloatArray | None:
+        """Initial joint velocities (rad/s or m/s); None: not set, as for ``position``."""
+        return self._velocity
+
+    @velocity.setter
+    def velocity(self, value: ArrayLike | None) -> None:
+        size = len(self.joint.velocity_names)
+        self._velocity = None if value is None else self._vector(value, size, "velocity")
+
+    @property
+    def motion(self) -> TimeFunction | None:
+        """The prescribed motion, or None."""
+        return self._motion
+
+    def prescribe(self, motion: TimeFunction) -> None:
+        """Prescribe the joint's coordinate (rad or m) as a function of time (s).
+
+        Args:
+            motion: a number, ``Table``, ``Sine``, a scipy ``PPoly``, ``Motion`` of three compiled
+                functions, or a callable that returns (value, rate, acceleration).
+
+        Raises:
+            SceneError: the joint has not exactly one coordinate, or no such function.
+        """
+        if len(self.joint.velocity_names) != 1:
+            raise SceneError(
+                f"joint {self.name!r}: a {type(self.joint).__name__} has "
+                f"{len(self.joint.velocity_names)} coordinates; only a joint with one can be "
+                "prescribed"
+            )
+        as_row(motion, motion_name(self), motion=True)
+        self._motion = motion
+
+    def _vector(self, value: ArrayLike, size: int, what: str) -> FloatArray:
+        vector = np.atleast_1d(numbers(value))
+        if vector.shape != (size,) or not np.isfinite(vector).all():
+            raise SceneError(
+                f"joint {self.name!r}: {what} of a {type(self.joint).__name__} takes {size} "
+                f"finite number(s), got {value!r}"
+            )
+        return vector
+
+
+def motion_name(connection: Connection) -> str:
+    """What a joint's prescribed motion is called."""
+    return f"motion of joint {connection.name!r}"
+
+
+def _quaternions(joint: Joint) -> tuple[int, ...]:
+    """Where quaternions begin among the joint's coordinates."""
+    kinds = {step.kind for step in joint.steps}
+    return (0,) if at.SPHERICAL in kinds else (3,) if at.FREE in kinds else ()

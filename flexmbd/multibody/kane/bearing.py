@@ -1,0 +1,119 @@
+"""Friction that follows the joints' own reactions: both are found together at each evaluation of the equations.
+
+A friction force changes the accelerations, these the reactions, and those the friction.  At a given state the
+accelerations and reactions are affine in the friction forces, so that a few unit forces tell all, and what remains are
+as many scalar equations as there are such joints.  The forces then are a function of the state, and every integrator
+keeps its order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kane.equations import Machine
+from flexmbd.multibody.kane.response import Response, without_element
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 50
+_SETTLED = 1e-13  # of the largest friction force
+
+
+@dataclass(frozen=True, eq=False)
+class Bearing:
+    """A joint with friction.
+
+    Attributes:
+        connection: a revolute or prismatic joint.
+        factor: friction force or torque over the normal force: the coefficient, or it times the radius (m).
+        regularisation: m/s or rad/s.
+    """
+
+    connection: Connection
+    factor: float
+    regularisation: float
+
+
+class Bearings:
+    """The friction of all such joints of a machine, as a function of its state; ``build`` comes first."""
+
+    def __init__(self, bearings: Sequence[Bearing]) -> None:
+        self._bearings = tuple(bearings)
+        self._factor = np.array([b.factor for b in bearings])
+        self._speed = np.array([b.regularisation for b in bearings])
+
+    def build(self, scene: Machine, address: int) -> None:
+        """Take the compiled scene, whose element at ``address`` this is."""
+        self._scene = scene
+        self._response = Response(without_element(scene.plan, address), scene.extent)
+        slots = [scene.joint_slots[id(b.connection)] for b in self._bearings]
+        self._coordinate = np.array([s.v.start for s in slots])
+        self._places = [_joint_place(scene, b.connection) for b in self._bearings]
+        self._units = np.eye(scene.nv)[self._coordinate]
+
+    def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:
+        """Generalised forces (nv,).
+
+        Raises:
+            SceneError: a joint locks by its own friction.
+        """
+        answer = self._response.answer(t, x, v, self._units)
+        here = self._normal_forces(t, x, v, answer.a, answer.multipliers)
+        slopes = [
+            self._normal_forces(t, x, v, answer.a + a, answer.multipliers + nu) - here
+            for a, nu in zip(answer.a_slopes, answer.multiplier_slopes, strict=True)
+        ]
+        self._scene.refuse_failed(self._response.work)
+        sliding = self._factor * np.tanh(v[self._coordinate] / self._speed)
+        found = friction_forces(sliding, here, np.array(slopes))
+        if found is None:
+            worst = self._bearings[int(np.argmax(np.abs(sliding)))]
+            raise SceneError(
+                f"the friction of joint {worst.connection.name!r} at t = {t:g} s holds itself: the reaction that it "
+                "causes is no smaller than the one it comes from; the joint locks, take a smaller coefficient"
+            )
+        out: FloatArray = np.zeros(self._scene.nv)
+        out[self._coordinate] = found
+        return out
+
+    def _normal_forces(
+        self, t: float, x: FloatArray, v: FloatArray, a: FloatArray, multipliers: FloatArray
+    ) -> FloatArray:
+        """(k, 2) N: what each joint passes on across its axis."""
+        plan, scratch, out = self._response.plan, np.zeros(len(v)), np.zeros((len(self._places), 1, 6))
+        for (row, frame), reaction in zip(self._places, out, strict=True):
+            series = (np.array([t]), x[None], v[None], a[None], multipliers[None])
+            tree_reactions(plan, self._response.work, row, frame, *series, scratch, reaction)
+        return out[:, 0, :2]
+
+
+def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -> FloatArray | None:
+    """Forces f (k,) with f_i = -sliding_i |N_i| and N = here (k, 2) + sum of f_j slopes_j (k, 2), by Newton's method.
+
+    None where no such forces are reached from none, or only some that would grow by themselves.
+    """
+    f: FloatArray = np.zeros(len(sliding))
+    for _ in range(_ITERATIONS):
+        normal = here + np.einsum("j,jic->ic", f, slopes)
+        size = np.linalg.norm(normal, axis=1)
+        left = f + sliding * size
+        direction = normal / np.maximum(size, np.finfo(float).tiny)[:, None]
+        slope = np.eye(len(f)) + sliding[:, None] * np.einsum("ic,jic->ij", direction, slopes)
+        if np.abs(left).max() <= _SETTLED * np.abs(sliding * size).max(initial=np.finfo(float).tiny):
+            return f if np.linalg.det(slope) > 0.0 else None
+        f = f - np.linalg.lstsq(slope, left, rcond=None)[0]
+    return None
+
+
+def _joint_place(scene: Machine, connection: Connection) -> tuple[int, int]:
+    """The row of ``Plan.tree`` that a joint of one coordinate leads to, and its frame there, z along its axis."""
+    (row,) = scene.coordinate_rows[id(connection)]
+    return row, int(scene.plan.tree[row, at.FRAME_CHILD])

@@ -1,0 +1,310 @@
+"""Kane's equations of a compiled scene: partial velocities, generalised active and inertia forces.
+
+With the partial velocities v_r of points and w_r of bodies, the derivatives of their velocities by the generalised
+speed r, a force F and a torque T give the generalised active force F_r = v_r . F + w_r . T, and inertia gives
+F*_r = -sum m a . v_r over all particles, so that F_r + F*_r = 0, plus the loops' -C^T nu (Kane & Levinson 1985).
+It is a second way to the equations of motion, by definition and not by recursion: slow, for users' forces
+(``fm.force.KaneForce``), and for checking the recursion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import numbers
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.probe import with_probe
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan, Work, new_work, without_forces
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion, load_frame
+from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
+from flexmbd.multibody.topology import Topology
+from flexmbd.record.point_masses import point_masses
+from flexmbd.record.reduced_body import ReducedBody
+
+FloatArray = NDArray[np.float64]
+
+#: A force (3,) N at a frame's origin and a torque (3,) N m, both in inertial axes.
+Contribution = tuple[Frame, ArrayLike, ArrayLike]
+
+
+class Slots(Protocol):
+    """Where something lies in the configuration x and the velocity v."""
+
+    @property
+    def x(self) -> slice:
+        """In x."""
+
+    @property
+    def v(self) -> slice:
+        """In v."""
+
+
+class Machine(Protocol):
+    """What is asked of a compiled scene."""
+
+    @property
+    def plan(self) -> Plan:
+        """The flat arrays."""
+
+    @property
+    def extent(self) -> float:
+        """The machine's size (m)."""
+        ...
+
+    @property
+    def nv(self) -> int:
+        """Number of generalised speeds."""
+
+    @property
+    def topology(self) -> Topology:
+        """Tree and closures."""
+
+    @property
+    def body_row(self) -> Mapping[int, int]:
+        """Body id to row of ``plan.tree``."""
+
+    @property
+    def joint_slots(self) -> Mapping[int, Slots]:
+        """Connection id to its coordinates."""
+
+    @property
+    def coordinate_rows(self) -> Mapping[int, tuple[int, ...]]:
+        """Connection id to the row of ``plan.tree`` of each of its steps."""
+
+    @property
+    def modal_slots(self) -> Mapping[int, Slots]:
+        """Body id to its modal coordinates."""
+
+    def refuse_failed(self, work: Work) -> None:
+        """Raise the error of a user's function that failed in an evaluation, if one did."""
+
+
+class WrenchSource(Protocol):
+    """What acts on frames by wrenches that only its generalised forces tell the equations of."""
+
+    def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> Iterable[Contribution]:
+        """Force and torque on each frame that it acts on, at a time (s) and state x (nx,), v (nv,)."""
+
+
+class Kinematics:
+    """A machine's motion at an instant, asked frame by frame; vectors in inertial axes.
+
+    Attributes:
+        t: time (s).
+        x, v, a: (nx,), (nv,), (nv,) configuration, generalised speeds, their rates.
+    """
+
+    def __init__(self, scene: Machine) -> None:
+        self._scene = scene
+        self._plan = without_forces(scene.plan)
+        self._work = new_work(self._plan)
+        self._rows: dict[tuple[object, ...], int] = {}
+        self.t = 0.0
+        self.x: FloatArray = np.zeros(0)
+        self.v: FloatArray = np.zeros(scene.nv)
+        self.a: FloatArray = np.zeros(scene.nv)
+
+    def move(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray | None = None) -> Kinematics:
+        """Bring it to another instant; without ``a`` accelerations are those of constant speeds."""
+        self.t, self.x, self.v = t, np.ascontiguousarray(x), np.ascontiguousarray(v)
+        self.a = np.zeros(self._scene.nv) if a is None else np.ascontiguousarray(a)
+        forward(self._plan, self._work, self.x, self.v, self.a)
+        return self
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """All bodies but the ground."""
+        return tuple(branch.outer.body for branch in self._scene.topology.branches)
+
+    def position(self, frame: Frame) -> FloatArray:
+        """(3,) m, of the frame's origin."""
+        return self._motion(frame)[0]
+
+    def rotation(self, frame: Frame) -> FloatArray:
+        """(3, 3) rotation from the frame's axes to inertial ones."""
+        return self._motion(frame)[1]
+
+    def velocity(self, frame: Frame) -> FloatArray:
+        """(3,) m/s, of the frame's origin."""
+        return self._motion(frame)[2]
+
+    def angular_velocity(self, frame: Frame) -> FloatArray:
+        """(3,) rad/s."""
+        return self._motion(frame)[3]
+
+    def acceleration(self, frame: Frame) -> FloatArray:
+        """(3,) m/s^2, of the frame's origin."""
+        return self._motion(frame)[4]
+
+    def angular_acceleration(self, frame: Frame) -> FloatArray:
+        """(3,) rad/s^2."""
+        return self._motion(frame)[5]
+
+    def beta(self, connection: Connection) -> FloatArray:
+        """Coordinates (k,) of a joint of the tree."""
+        return self.x[self._slots(connection).x]
+
+    def beta_rate(self, connection: Connection) -> FloatArray:
+        """Velocities (k,) of a joint of the tree."""
+        return self.v[self._slots(connection).v]
+
+    def q(self, body: Body) -> FloatArray:
+        """(n,) modal coordinates."""
+        return self.x[self.modal_slots(body).x]
+
+    def q_rate(self, body: Body) -> FloatArray:
+        """(n,) rates of the modal coordinates."""
+        return self.v[self.modal_slots(body).v]
+
+    def modal_slots(self, body: Body) -> Slots:
+        """Where the body's modal coordinates lie in x and in v."""
+        slots = self._scene.modal_slots.get(id(body))
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modal coordinates in this scene")
+        return slots
+
+    def partial_velocities(self, frames: Sequence[Frame]) -> tuple[FloatArray, FloatArray]:
+        """v_r (k, 3, nv) of the origins of k frames and w_r (k, 3, nv) of their axes."""
+        rows = [self._row(frame) for frame in frames]
+        work, rest = new_work(self._plan), np.zeros(self._scene.nv)
+        linear, angular = np.zeros((2, len(rows), 3, self._scene.nv))
+        for r, unit in enumerate(np.eye(self._scene.nv)):
+            forward(self._plan, work, self.x, unit, rest)
+            for k, row in enumerate(rows):
+                _, R, velocity, spin, _, _ = frame_motion(self._plan, work, row)
+                linear[k, :, r] = np.reshape(R, (3, 3)) @ velocity
+                angular[k, :, r] = np.reshape(R, (3, 3)) @ spin
+        return linear, angular
+
+    def generalised_forces(self, contributions: Iterable[Contribution]) -> FloatArray:
+        """F_r (nv,) of forces and torques on frames, in one sweep inwards instead of column by column.
+
+        Raises:
+            SceneError: a frame of another scene, or a force or torque that is not three finite numbers.
+        """
+        loads = [_checked(*contribution) for contribution in contributions]
+        rows = [self._row(frame) for frame, _, _ in loads]
+        out = np.zeros(self._scene.nv)
+        self._work.body[:, at.B_F : at.B_T + 3] = 0.0
+        for row, (_, force, torque) in zip(rows, loads, strict=True):
+            R = np.reshape(frame_motion(self._plan, self._work, row)[1], (3, 3))
+            load_frame(self._plan, self._work, row, _triple(R.T @ force), _triple(R.T @ torque), out)
+        backward(self._plan, self._work, out)
+        return out
+
+    def _row(self, frame: Frame) -> int:
+        # by its place, for functions make the same frame anew at each call
+        modes = None if frame.modes is None else frame.modes.tobytes()
+        key = id(frame.body), frame.p_BF_B.tobytes(), frame.R_BF.tobytes(), modes
+        if key not in self._rows:
+            self._plan = with_probe(self._plan, self._scene.body_row, frame)
+            self._work = new_work(self._plan)
+            self._rows[key] = len(self._plan.frames) - 1
+            forward(self._plan, self._work, self.x, self.v, self.a)
+        return self._rows[key]
+
+    def _motion(self, frame: Frame) -> tuple[FloatArray, ...]:
+        row = self._row(frame)
+        p, R, *rates = frame_motion(self._plan, self._work, row)
+        turn = np.reshape(R, (3, 3))
+        return np.array(p), turn, *(turn @ rate for rate in rates)
+
+    def _slots(self, connection: Connection) -> Slots:
+        slots = self._scene.joint_slots.get(id(connection))
+        if slots is None:
+            raise SceneError(f"joint {connection.name!r} has no joint coordinate in this scene")
+        return slots
+
+
+def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution]) -> FloatArray:
+    """F_r = sum of v_r . F + w_r . T (nv,), by definition."""
+    loads = [_checked(*contribution) for contribution in contributions]
+    linear, angular = kinematics.partial_velocities([frame for frame, _, _ in loads])
+    force = np.array([load[1] for load in loads]).reshape(-1, 3)
+    torque = np.array([load[2] for load in loads]).reshape(-1, 3)
+    return np.einsum("kcr,kc->r", linear, force) + np.einsum("kcr,kc->r", angular, torque)
+
+
+def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
+    """F*_r (nv,) of all bodies, and the active forces of their weight with ``gravity`` (3,) m/s^2.
+
+    Rigid bodies: -m a* . v*_r - (I alpha + w x I w) . w_r at the centre of mass (eq. 3.2-3.4); flexible ones:
+    -m a . v_r over the point masses that have all their inertia integrals.
+    """
+    g = np.asarray(gravity, dtype=np.float64)
+    total = np.zeros(len(kinematics.v))
+    for body in kinematics.bodies:
+        record = body.reduced()
+        if record is not None:
+            total += _flexible_inertia(kinematics, body, record, g)
+        elif body.mass > 0.0:
+            total += _rigid_inertia(kinematics, body, g)
+    return total
+
+
+def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
+    """F_r (nv,) of the strain energy and the modal damping of all flexible bodies."""
+    out = np.zeros(len(kinematics.v))
+    for row in scene.plan.tree[scene.plan.tree[:, at.FLEX] >= 0]:
+        flex = scene.plan.flex[row[at.FLEX]]
+        n, x, v = flex[at.N_MODES], row[at.MODAL_X], row[at.MODAL_V]
+        q, qd = kinematics.x[x : x + n], kinematics.v[v : v + n]
+        add_elastic_forces(scene.plan, flex, q, qd, np.zeros(n), out[v : v + n])
+    return -out
+
+
+def _rigid_inertia(kinematics: Kinematics, body: Body, g: FloatArray) -> FloatArray:
+    first, second = body.moments()
+    com: FloatArray = np.asarray(first / body.mass, dtype=np.float64)
+    central = second - np.outer(first, com)
+    frame = Frame(body, com, np.eye(3), None, f"{body.name}'s centre of mass")
+    linear, angular = kinematics.partial_velocities([frame])
+    R = kinematics.rotation(frame)
+    inertia = R @ (np.trace(central) * np.eye(3) - central) @ R.T
+    w, alpha = kinematics.angular_velocity(frame), kinematics.angular_acceleration(frame)
+    force = -body.mass * (kinematics.acceleration(frame) - g)
+    torque = -(inertia @ alpha + np.cross(w, inertia @ w))
+    return linear[0].T @ force + angular[0].T @ torque
+
+
+def _flexible_inertia(kinematics: Kinematics, body: Body, record: ReducedBody, g: FloatArray) -> FloatArray:
+    points = point_masses(record)
+    frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
+    linear, angular = kinematics.partial_velocities([frame])
+    R = kinematics.rotation(frame)
+    slots = kinematics.modal_slots(body)
+    arm = (points.x + points.phi @ kinematics.q(body)) @ R.T
+    drift = (points.phi @ kinematics.q_rate(body)) @ R.T
+    w, alpha = kinematics.angular_velocity(frame), kinematics.angular_acceleration(frame)
+    acceleration = (
+        kinematics.acceleration(frame)
+        + np.cross(alpha, arm)
+        + np.cross(w, np.cross(w, arm))
+        + 2.0 * np.cross(w, drift)
+        + (points.phi @ kinematics.a[slots.v]) @ R.T
+    )
+    force = -points.mass[:, None] * (acceleration - g)
+    total = linear[0].T @ force.sum(axis=0) + angular[0].T @ np.cross(arm, force).sum(axis=0)
+    total[slots.v] += np.einsum("kin,ki->n", points.phi, force @ R)
+    return total
+
+
+def _checked(frame: Frame, force: ArrayLike, torque: ArrayLike) -> tuple[Frame, FloatArray, FloatArray]:
+    parts = []
+    for name, part in (("force", force), ("torque", torque)):
+        vector = numbers(part)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise SceneError(f"the {name} on {frame.label} must be three finite numbers, got {part!r}")
+        parts.append(vector)
+    return frame, parts[0], parts[1]
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])

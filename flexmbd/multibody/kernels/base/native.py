@@ -1,0 +1,163 @@
+"""Calls through addresses: LAPACK and users' compiled functions, without naming them in a type.
+
+The address travels as an integer in an array, so a kernel that calls it is compiled and cached
+once, whatever function stands behind it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import get_cython_function_address, intrinsic
+
+from flexmbd.multibody.kernels.base.compiling import kernel
+
+
+def lapack_addresses() -> np.ndarray:
+    """(2,) addresses of LAPACK's dgetrf and dgetrs, from SciPy."""
+    return _addresses("dgetrf", "dgetrs")
+
+
+def complex_lapack_addresses() -> np.ndarray:
+    """(2,) addresses of zgetrf and zgetrs, for ``factor`` and ``solve`` of complex matrices."""
+    return _addresses("zgetrf", "zgetrs")
+
+
+def _addresses(*names: str) -> np.ndarray:
+    module = "scipy.linalg.cython_lapack"
+    return np.array([get_cython_function_address(module, name) for name in names], np.int64)
+
+
+@intrinsic
+def call_scalar(typingctx, address, t):
+    """Call double f(double) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        function = builder.inttoptr(args[0], ir.FunctionType(double, [double]).as_pointer())
+        return builder.call(function, [args[1]])
+
+    return types.float64(types.int64, types.float64), codegen
+
+
+@intrinsic
+def call_row(typingctx, address, t, pointer):
+    """Call void f(double, double*) at an address, the pointer given as an integer."""
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        kind = ir.FunctionType(ir.VoidType(), [double, double.as_pointer()])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        builder.call(function, [args[1], builder.inttoptr(args[2], double.as_pointer())])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, types.int64), codegen
+
+
+@intrinsic
+def call_law(typingctx, address, t, beta, rate):
+    """Call double f(double, double, double) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double = ir.DoubleType()
+        function = builder.inttoptr(args[0], ir.FunctionType(double, [double] * 3).as_pointer())
+        return builder.call(function, args[1:])
+
+    return types.float64(types.int64, types.float64, types.float64, types.float64), codegen
+
+
+@intrinsic
+def _call_state(typingctx, address, t, sizes, pointers):
+    """Call void f(double, int64, int64, double*, double*, double*) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double, whole, pointer = ir.DoubleType(), ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [double, whole, whole, pointer, pointer, pointer])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        counts = [builder.extract_value(args[2], k) for k in range(2)]
+        addresses = [builder.inttoptr(builder.extract_value(args[3], k), pointer) for k in range(3)]
+        builder.call(function, [args[1], *counts, *addresses])
+        return context.get_dummy_value()
+
+    signature = types.void(
+        types.int64, types.float64, types.UniTuple(types.int64, 2), types.UniTuple(types.int64, 3)
+    )
+    return signature, codegen
+
+
+@kernel
+def call_state(address, t, x, v, out):
+    """Let the user's function at an address write its generalised forces (nv,) into ``out``."""
+    _call_state(
+        address, t, (x.shape[0], v.shape[0]), (x.ctypes.data, v.ctypes.data, out.ctypes.data)
+    )
+
+
+def _caller(n_pointers):
+    """Make an intrinsic that calls void f(pointer, ...) with addresses given as integers."""
+
+    def codegen(context, builder, signature, args):
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * n_pointers).as_pointer()
+        function = builder.inttoptr(args[0], kind)
+        addresses = [
+            builder.inttoptr(builder.extract_value(args[1], k), pointer)
+            for k in range(n_pointers)
+        ]
+        builder.call(function, addresses)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.UniTuple(types.int64, n_pointers)), codegen
+
+
+@intrinsic
+def _call_getrf(typingctx, address, pointers):
+    return _caller(6)
+
+
+@intrinsic
+def _call_getrs(typingctx, address, pointers):
+    return _caller(9)
+
+
+@kernel
+def factor(lapack, matrix, pivot, sizes):
+    """LU-factor the square ``matrix`` in place; return LAPACK's info (0: regular).
+
+    A C-ordered matrix is LAPACK's transpose; ``solve`` asks for the transposed system.
+    ``pivot`` and ``sizes`` (at least 4 long) are int32 scratch.
+    """
+    if matrix.shape[0] == 0:
+        return 0
+    sizes[0] = matrix.shape[0]
+    n = sizes.ctypes.data
+    _call_getrf(
+        lapack[0], (n, n, matrix.ctypes.data, n, pivot.ctypes.data, n + 4)
+    )
+    return int(sizes[1])
+
+
+@kernel
+def solve(lapack, matrix, pivot, sizes, rhs):
+    """Solve with the factors; each row of the (k, n) ``rhs`` is one right-hand side, in place."""
+    if matrix.shape[0] == 0:
+        return
+    sizes[0] = matrix.shape[0]
+    sizes[2] = rhs.shape[0]
+    sizes[3] = 84  # 'T'
+    n = sizes.ctypes.data
+    _call_getrs(
+        lapack[1],
+        (
+            n + 12,
+            n,
+            n + 8,
+            matrix.ctypes.data,
+            n,
+            pivot.ctypes.data,
+            rhs.ctypes.data,
+            n,
+            n + 4,
+        ),
+    )

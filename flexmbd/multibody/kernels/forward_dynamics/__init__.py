@@ -1,0 +1,4 @@
+"""Accelerations from forces by articulated bodies, in O(bodies).
+
+Entered by the explicit integrators and by loops.
+"""

@@ -1,0 +1,310 @@
+"""What the articulated-body recursion keeps of a plan, and its scratch space.
+
+A rigid body is re-expressed in the frame G of its inboard joint, so that a joint is a turn about z
+and a shift along z; a flexible body stays in its body frame B, for its modes are given there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import FloatArray, IntArray, Plan
+
+# Columns of ArticulatedWork.link, one row a body of the tree.
+PARENT = 0  # row of the parent, -1 the ground
+FORM = 1  # how the joint is eliminated, below
+JOINT_X = 2  # first entry of the joint in x
+JOINT_V = 3  # first entry of the joint in v
+FREEDOMS = 4  # coordinates that yield: 0 for a fixed or prescribed joint
+FLEX = 5  # row of ArticulatedWork.flex, -1 for a rigid body
+INTERFACE = 6  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
+MULTI = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
+N_LINK = 8
+
+# FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that bears no child but the next row.
+# ALIGNED: one coordinate at most, F along the axes of a rigid parent.  TURNED: one coordinate at most.
+# SEVERAL: more coordinates.
+PLAIN, ALIGNED, TURNED, SEVERAL = range(4)
+
+# Columns of ArticulatedWork.constant: position of F in the parent, mass integrals about the body's own origin
+# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate.
+C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, N_CONSTANT = 0, 3, 4, 7, 13, 14, 16
+
+# Columns of ArticulatedWork.axes: axes of F in the parent, position and axes of G in the body.
+X_R, X_OWN_P, X_OWN_R, N_AXES = 0, 9, 12, 21
+
+# Columns of ArticulatedWork.row: cosine and sine of the joint; angular velocity of the body; linear acceleration of
+# G that needs no other, in G's axes; U, 1/D and u of a joint of one coordinate.
+R_COS, R_SIN, R_SPIN, R_BIAS, R_U, R_D, R_FORCE, N_ROW = 0, 1, 2, 5, 8, 14, 15, 16
+
+# Columns of ArticulatedWork.pose, not of PLAIN bodies: axes and position of G in the parent (of the frame that
+# deforms where there is one); angular acceleration of G that needs no other; of a flexible body the acceleration of
+# B that needs none of G, in B; acceleration of the body (angular, linear).
+P_R, P_P, P_BIAS, P_OWN_BIAS, P_ANGULAR, P_LINEAR, N_POSE = 0, 9, 12, 15, 18, 21, 24
+
+# Columns of ArticulatedWork.gathered: A, B, M and the wrench that children ask of the body.
+G_A, G_B, G_M, G_TORQUE, G_FORCE, N_GATHERED = 0, 6, 15, 21, 24, 27
+
+# Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many, offset in pairs.
+F_MODES, F_FLEX, F_BODY, F_FIRST, F_COUNT, F_PAIRS, N_FLEXIBLE = range(7)
+
+# Rows of ArticulatedWork.table, one column a mode: symmetric part of the mode's first moments (xx .. zz); torque and
+# force per unit modal acceleration, six rows; vector of the skew part of the moments with the modes' rates.
+T_COUPLING, N_TABLE = 6, 15
+
+# Columns of ArticulatedWork.body, one row a flexible body: its rigid inertia and bias wrench in B.
+B_INERTIA, B_FIRST, B_TORQUE, B_FORCE, N_BODY = 0, 6, 9, 12, 15
+
+# Columns of ArticulatedWork.interface: pose of the deformed frame in B, the matrix that takes the rate of its
+# rotation vector to its angular velocity, its acceleration in B that needs no other (angular, linear), what the child
+# asks there (inertia, wrench; in B's axes about the frame), the acceleration of the frame; size of the inertia's
+# rotation and translation blocks before the joint yields, of which round-off is a share.
+I_P, I_R, I_TURN, I_BIAS_ANGULAR, I_BIAS_LINEAR = 0, 3, 12, 21, 24
+I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
+    27, 33, 42, 48, 51, 54, 57, 60, 62,
+)  # fmt: skip
+
+
+_IDENTITY = np.eye(3)
+
+
+class ArticulatedWork(NamedTuple):
+    """Constants and scratch of the articulated-body recursion of one plan.
+
+    link, constant, axes: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.
+    subspace (k, 3, 6, 6), force (k, 6): S, U, D of joints of several coordinates, and u.
+    flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
+    pairs: for each flexible body (1 + n, 9, n), the symmetric parts and the skew parts' vectors of its modes' first
+    moments with x and with each mode.  table (f, 15, n): the same of the deformed body, see N_TABLE.
+    bias, ask (f, n): modal forces that the motion asks for; scratch.
+    root, turned, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children on c frames
+    that deform, see ``articulated_interface``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S; scratch.
+    rest6: (6, 6) scratch.
+    asked: (nv,) generalised forces asked by elements and joint forces.  rest: (nv,) zeros.
+    planar: (1,) whether all hinges are parallel, see ``articulated_planar``.
+    """
+
+    link: IntArray
+    constant: FloatArray
+    axes: FloatArray
+    row: FloatArray
+    pose: FloatArray
+    gathered: FloatArray
+    subspace: FloatArray
+    force: FloatArray
+    flex: IntArray
+    body: FloatArray
+    interface: FloatArray
+    interface_frame: IntArray
+    pairs: FloatArray
+    table: FloatArray
+    bias: FloatArray
+    ask: FloatArray
+    root: FloatArray
+    turned: FloatArray
+    coupled: FloatArray
+    response: FloatArray
+    mobility: FloatArray
+    schur: FloatArray
+    load: FloatArray
+    rest6: FloatArray
+    asked: FloatArray
+    rest: FloatArray
+    planar: IntArray
+
+
+def _subspace(kind: int, pitch: float) -> tuple[float, float] | None:
+    """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
+    known = {at.FIXED: (0.0, 0.0), at.REVOLUTE: (1.0, 0.0), at.PRISMATIC: (0.0, 1.0), at.SCREW: (1.0, pitch)}
+    return known.get(kind)
+
+
+def new_articulated_work(plan: Plan) -> ArticulatedWork:
+    """Re-express ``plan`` for the articulated-body recursion and allocate its scratch space."""
+    count = len(plan.tree)
+    links = np.zeros((count, N_LINK), np.int64)
+    constants = np.zeros((count, N_CONSTANT))
+    axes = np.zeros((count, N_AXES))
+    flex, interface_frames = _flexible_bodies(plan)
+    flex_of = {int(row[F_BODY]): k for k, row in enumerate(flex)}
+    slot_of = {f: k for k, f in enumerate(interface_frames)}
+    driven = set(plan.driven[:, at.DRIVEN_V])
+    apart = {int(tree[at.PARENT]) for i, tree in enumerate(plan.tree) if tree[at.PARENT] != i - 1}
+    several = 0
+    for i, tree in enumerate(plan.tree):
+        kind = int(tree[at.JOINT])
+        _place(plan, i, constants[i], axes[i], flex_of)
+        slot = slot_of.get(int(tree[at.FRAME_PARENT]), -1)
+        subspace = _subspace(kind, plan.data[tree[at.JOINT_DATA]])
+        if subspace is not None:
+            constants[i, C_TURN : C_TURN + 2] = subspace
+            level = bool((axes[i, X_R : X_R + 9].reshape(3, 3) == _IDENTITY).all())
+            multi = -1
+            form = ALIGNED if level and slot < 0 else TURNED
+            freedoms = 0 if kind == at.FIXED or int(tree[at.JOINT_V]) in driven else 1
+            if form == ALIGNED and kind == at.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
+                form = PLAIN
+        else:
+            form, multi, freedoms = SEVERAL, several, 3 if kind == at.SPHERICAL else 6
+            several += 1
+        links[i] = [
+            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, multi
+        ]  # fmt: skip
+    modes = int(flex[:, F_MODES].max(initial=0))
+    pairs, table = _modal_moments(plan, flex, modes)
+    coupled, mobility = _frame_moments(plan, flex, interface_frames, table)
+    wide = mobility.shape[1]
+    nv = len(plan.free) + len(plan.driven)
+    zeros = np.zeros
+    return ArticulatedWork(
+        link=links,
+        constant=constants,
+        axes=axes,
+        row=zeros((count, N_ROW)),
+        pose=_resting_poses(constants),
+        gathered=zeros((count, N_GATHERED)),
+        subspace=zeros((several, 3, 6, 6)),
+        force=zeros((several, 6)),
+        flex=flex,
+        body=zeros((len(flex), N_BODY)),
+        interface=zeros((len(interface_frames), N_INTERFACE)),
+        interface_frame=np.array(interface_frames, np.int64),
+        pairs=pairs,
+        table=table,
+        bias=zeros((len(flex), modes)),
+        ask=zeros((len(flex), modes)),
+        root=zeros((len(flex), wide, 6)),
+        turned=zeros((len(flex), wide, 6)),
+        coupled=coupled,
+        response=zeros((len(flex), wide, 6)),
+        mobility=mobility,
+        schur=zeros((len(flex), wide, wide)),
+        load=zeros((len(flex), 3, wide)),
+        rest6=zeros((6, 6)),
+        asked=zeros(nv),
+        rest=zeros(nv),
+        planar=np.array([_is_planar(links, constants)], np.int64),
+    )
+
+
+def _resting_poses(constants: FloatArray) -> FloatArray:
+    """ArticulatedWork.pose with the places of hinges, which ``articulated_planar`` leaves as they are."""
+    pose = np.zeros((len(constants), N_POSE))
+    pose[:, P_P : P_P + 3] = constants[:, C_P : C_P + 3]
+    return pose
+
+
+def _is_planar(links: IntArray, constants: FloatArray) -> bool:
+    """Whether every joint is a free hinge along the axes of a rigid parent, or any free hinge on the ground."""
+    hinges = (constants[:, C_TURN] == 1.0) & (constants[:, C_SHIFT] == 0.0) & (links[:, FREEDOMS] == 1)
+    aligned = (links[:, FORM] <= ALIGNED) | (links[:, PARENT] < 0)
+    return bool((hinges & aligned & (links[:, FLEX] < 0) & (links[:, INTERFACE] < 0)).all())
+
+
+def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
+    """Rows of ArticulatedWork.flex, and the frames of all interfaces body by body."""
+    rows: list[list[int]] = []
+    frames: list[int] = []
+    offset = 0
+    for i, tree in enumerate(plan.tree):
+        if tree[at.FLEX] < 0:
+            continue
+        carriers = [int(f) for f in plan.tree[plan.tree[:, at.PARENT] == i, at.FRAME_PARENT]]
+        deforming = [f for f in carriers if plan.frame_of[f, at.FRAME_MODES] >= 0]
+        modes = int(plan.flex[tree[at.FLEX], at.N_MODES])
+        rows.append([modes, int(tree[at.FLEX]), i, len(frames), len(deforming), offset])
+        frames.extend(deforming)
+        offset += 9 * modes * (modes + 1)
+    return np.array(rows, np.int64).reshape(-1, N_FLEXIBLE), frames
+
+
+def _modal_moments(plan: Plan, flex: IntArray, modes: int) -> tuple[FloatArray, FloatArray]:
+    """Fill ArticulatedWork.pairs, and the constant rows of ArticulatedWork.table."""
+    blocks: list[FloatArray] = [np.zeros(0)]
+    table = np.zeros((len(flex), N_TABLE, modes))
+    for k, row in enumerate(flex):
+        n, offsets = int(row[F_MODES]), plan.flex[row[F_FLEX]]
+        first = plan.modal[offsets[at.MODAL_FIRST] :][: 3 * n].reshape(n, 3)
+        table[k, T_COUPLING + 3 : T_COUPLING + 6, :n] = first.T
+        # [mode, component a b, with what]: x first, then each mode
+        of_x = plan.modal[offsets[at.MODAL_SECOND] :][: 9 * n].reshape(n, 3, 3).transpose(1, 2, 0)
+        of_modes = plan.modal[offsets[at.MODAL_PAIR] :][: 9 * n * n].reshape(n, 3, 3, n)
+        for moments in (of_x, *of_modes):
+            blocks.append(np.concatenate([_symmetric_part(moments), _skew_vector(moments)]).ravel())
+    return np.concatenate(blocks), table
+
+
+def _frame_moments(
+    plan: Plan, flex: IntArray, frames: list[int], table: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """ArticulatedWork.coupled, its columns of translation, and ArticulatedWork.mobility."""
+    wide = 6 * int(flex[:, F_COUNT].max(initial=0))
+    coupled, mobility = np.zeros((len(flex), wide, 6)), np.zeros((len(flex), wide, wide))
+    for k, row in enumerate(flex):
+        n, first, size = int(row[F_MODES]), int(row[F_FIRST]), 6 * int(row[F_COUNT])
+        offsets = [int(plan.frame_of[f, at.FRAME_MODES]) for f in frames[first : first + row[F_COUNT]]]
+        modes = [plan.modal[o : o + 6 * n].reshape(2, 3, n)[::-1].reshape(6, n) for o in offsets]
+        motion = np.concatenate([np.zeros((0, n)), *modes])
+        coupled[k, :size, 3:] = motion @ table[k, T_COUPLING + 3 : T_COUPLING + 6, :n].T
+        mobility[k, :size, :size] = motion @ motion.T
+    return coupled, mobility
+
+
+def _symmetric_part(moments: FloatArray) -> FloatArray:
+    """(xx, xy, xz, yy, yz, zz) of (3, 3, n)."""
+    return (0.5 * (moments + moments.transpose(1, 0, 2)))[np.triu_indices(3)]
+
+
+def _skew_vector(moments: FloatArray) -> FloatArray:
+    """Integral of r x phi from that of phi r^T, (3, 3, n)."""
+    return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
+
+
+def _place(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: dict[int, int]) -> None:
+    """Fill the constants of body i: F in the parent's frame of reference, mass integrals, G in the body."""
+    tree, rigid = plan.tree[i], plan.rigid[i]
+    p, R = _frame(plan, int(tree[at.FRAME_PARENT]))
+    parent = int(tree[at.PARENT])
+    if parent >= 0 and parent not in flex_of:
+        p_G, R_G = _frame(plan, int(plan.tree[parent, at.FRAME_CHILD]))
+        p, R = R_G.T @ (p - p_G), _cleaned(R_G.T @ R)
+    own_p, own_R = _frame(plan, int(tree[at.FRAME_CHILD]))
+    if i in flex_of:
+        mass, first, second = _integrals(rigid)
+        tensor = second.trace() * _IDENTITY - second
+    else:
+        mass, first, tensor = body_about_joint(plan, i)
+    constant[:C_TURN] = [*p, mass, *first, *tensor[0], *tensor[1, 1:], tensor[2, 2]]
+    axes[:9], axes[9:12], axes[12:] = R.ravel(), own_p, own_R.ravel()
+
+
+def body_about_joint(plan: Plan, i: int) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, first moment (3,) and inertia tensor (3, 3) of rigid body i about its inboard joint's G, in G's axes."""
+    mass, first, second = _integrals(plan.rigid[i])
+    p, R = _frame(plan, int(plan.tree[i, at.FRAME_CHILD]))
+    cross = first[:, None] * p
+    second = second - cross - cross.T + mass * p[:, None] * p
+    second = R.T @ second @ R
+    return mass, R.T @ (first - mass * p), second.trace() * _IDENTITY - second
+
+
+def _integrals(rigid: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Mass, first and second moments about the body's origin of a row of Plan.rigid."""
+    xx, xy, xz, yy, yz, zz = rigid[at.SECOND_MOMENT :]
+    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return float(rigid[at.MASS]), rigid[at.FIRST_MOMENT : at.SECOND_MOMENT], second
+
+
+def _frame(plan: Plan, f: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position and axes of a frame in its undeformed body."""
+    row = plan.frames[f]
+    return row[:3].copy(), row[3:12].reshape(3, 3).copy()
+
+
+def _cleaned(R: FloatArray) -> FloatArray:
+    """The identity where R is it but for rounding."""
+    return _IDENTITY if np.abs(R - _IDENTITY).max() < 1e-15 else R

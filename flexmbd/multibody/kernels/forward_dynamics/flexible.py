@@ -1,0 +1,188 @@
+"""A reduced body in the articulated-body recursion: its modes are eliminated, never factored.
+
+Their mass is the identity.  With y the acceleration of B, f the wrenches that children ask at the frames that deform
+and b the forces that the motion asks for: qdd = -(C^T y + Gamma^T f + b), where the rows of Gamma are a frame's motion
+per unit of each mode; `articulated_interface` finds f.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    cross3,
+    exp_rotation,
+    left_jacobian,
+    left_jacobian_rate,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    store9,
+)
+from flexmbd.multibody.kernels.algebra.spatial import add6, load6, skew, store6, sub6, sub9, symmetric_times
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.forward_dynamics.interface import (
+    bear_children,
+    hold_children,
+    interface_modes,
+    interface_wrenches,
+)
+from flexmbd.multibody.kernels.forward_dynamics.modes import (
+    first_moments,
+    modes_asked,
+    modes_schur,
+    modes_wrench,
+    second_moments,
+    spin_forces,
+    sum_pairs,
+)
+from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
+from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
+
+
+@kernel
+def left_jacobian_matrix(theta):
+    """J_l(theta) as nine entries."""
+    x = left_jacobian(theta, (1.0, 0.0, 0.0))
+    y = left_jacobian(theta, (0.0, 1.0, 0.0))
+    z = left_jacobian(theta, (0.0, 0.0, 1.0))
+    return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
+
+
+@part_of_kernel
+def deform_interface(plan, aw, slot, x, v, w):
+    """Write pose and bias accelerations of an interface; return its angular velocity, in B.
+
+    ``w`` is that of B.  The frame is as in ``recursion.deform_frame``.
+    """
+    f = aw.interface_frame[slot]
+    fixed = plan.frames[f]
+    row = aw.interface[slot]
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    o = plan.frame_of[f, at.FRAME_MODES]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    move, theta = modal_sum(plan.modal, o, n, x[qx : qx + n])
+    rate, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
+    turning = left_jacobian_matrix(theta)
+    spin = rotate(turning, theta_rate)
+    p = add3(load3(fixed, at.FRAME_P), move)
+    store3(row, to.I_P, p)
+    store9(row, to.I_R, compose(exp_rotation(theta), load9(fixed, at.FRAME_R)))
+    store9(row, to.I_TURN, turning)
+    store3(row, to.I_BIAS_ANGULAR, add3(left_jacobian_rate(theta, theta_rate), cross3(w, spin)))
+    store3(row, to.I_BIAS_LINEAR, cross3(w, add3(cross3(w, p), scale3(2.0, rate))))
+    return add3(w, spin)
+
+
+@part_of_kernel
+def prepare_body(plan, aw, k, x, v, w):
+    """Write the rigid inertia, coupling and bias forces of flexible body k.
+
+    Bias is what the motion asks for where B turns at w without acceleration and qdd = 0: centrifugal,
+    Coriolis, elastic and viscous forces.
+    """
+    info = aw.flex[k]
+    n = info[to.F_MODES]
+    flex = plan.flex[info[to.F_FLEX]]
+    tree = plan.tree[info[to.F_BODY]]
+    qv = tree[at.MODAL_V]
+    q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
+    qd = v[qv : qv + n]
+    bias = aw.bias[k]
+    table = aw.table[k]
+    coupling = table[to.T_COUPLING : to.T_COUPLING + 6]
+    for j in range(n):
+        bias[j] = aw.asked[qv + j]
+    elastic_forces(plan.modal, flex, q, qd, aw.ask[k], bias)
+    o = info[to.F_PAIRS]
+    spins = w[0] != 0.0 or w[1] != 0.0 or w[2] != 0.0
+    sum_pairs(aw.pairs, o, n, q, qd, spins, table)
+    constant = aw.constant[info[to.F_BODY]]
+    xx, xy, xz, yy, yz, zz = second_moments(aw.pairs, o, n, q, table)
+    inertia = load6(constant, to.C_INERTIA)
+    inertia = add6(inertia, (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy))
+    first = add3(load3(constant, to.C_FIRST), first_moments(coupling, n, q))
+    torque = (0.0, 0.0, 0.0)
+    force = torque
+    if spins:
+        torque = spin_forces(n, w, qd, table, coupling, bias)
+        torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
+        coriolis = scale3(2.0, first_moments(coupling, n, qd))
+        force = cross3(w, add3(cross3(w, first), coriolis))
+    row = aw.body[k]
+    store6(row, to.B_INERTIA, inertia)
+    store3(row, to.B_FIRST, first)
+    store3(row, to.B_TORQUE, torque)
+    store3(row, to.B_FORCE, force)
+
+
+@part_of_kernel
+def eliminate_modes(plan, aw, k):
+    """Blocks A, B, M of flexible body k about B once its modes yield (a, b, m)."""
+    info = aw.flex[k]
+    row = aw.body[k]
+    coupling = aw.table[k, to.T_COUPLING : to.T_COUPLING + 6]
+    a, b, m = modes_schur(coupling, info[to.F_MODES])
+    mass = aw.constant[info[to.F_BODY], to.C_MASS]
+    a = sub6(load6(row, to.B_INERTIA), a)
+    b = sub9(skew(load3(row, to.B_FIRST)), b)
+    m = sub6((mass, 0.0, 0.0, mass, 0.0, mass), m)
+    if info[to.F_COUNT] > 0:
+        return bear_children(plan, aw, k, a, b, m)
+    return a, b, m
+
+
+@part_of_kernel
+def modal_wrench(plan, aw, k, share):
+    """(torque, force) about B that body k asks while y = 0: of its modal forces and children.
+
+    ``share``: of the children's bias accelerations, zero for a solve with the factors.
+    """
+    info = aw.flex[k]
+    n = info[to.F_MODES]
+    bias = aw.bias[k]
+    torque, force = modes_wrench(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], bias, n)
+    if info[to.F_COUNT] > 0:
+        more_torque, more_force = hold_children(plan, aw, k, share)
+        torque = add3(torque, more_torque)
+        force = add3(force, more_force)
+    return torque, force
+
+
+@part_of_kernel
+def accelerate_modes(plan, aw, k, angular, linear, share, a):
+    """Write the modal accelerations of body k, and the accelerations of its interfaces."""
+    info = aw.flex[k]
+    n = info[to.F_MODES]
+    qv = plan.tree[info[to.F_BODY], at.MODAL_V]
+    modal = plan.modal
+    qdd = a[qv : qv + n]
+    modes_asked(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
+    count = info[to.F_COUNT]
+    if count == 0:
+        return
+    interface_wrenches(aw, k, angular, linear)
+    for s in range(count):
+        slot = info[to.F_FIRST] + s
+        row = aw.interface[slot]
+        wrench = load6(aw.load[k, 2], 6 * s)
+        turn = rotate_back(load9(row, to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
+        force = (-wrench[3], -wrench[4], -wrench[5])
+        add_frame_forces(modal, interface_modes(plan, aw, slot), n, force, turn, qdd)
+    for s in range(count):
+        slot = info[to.F_FIRST] + s
+        row = aw.interface[slot]
+        shift, theta_rate2 = modal_sum(modal, interface_modes(plan, aw, slot), n, qdd)
+        dw = add3(angular, rotate(load9(row, to.I_TURN), theta_rate2))
+        d = add3(linear, add3(cross3(angular, load3(row, to.I_P)), shift))
+        dw = add3(dw, scale3(share, load3(row, to.I_BIAS_ANGULAR)))
+        d = add3(d, scale3(share, load3(row, to.I_BIAS_LINEAR)))
+        store3(row, to.I_ANGULAR, dw)
+        store3(row, to.I_LINEAR, d)

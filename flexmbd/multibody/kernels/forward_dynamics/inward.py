@@ -1,0 +1,290 @@
+"""The passes inwards of the articulated-body recursion: inertia and wrenches, or wrenches alone."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.algebra.spatial import (
+    add6,
+    add9,
+    put3,
+    put6,
+    put9,
+    rotate_block,
+    rotate_symmetric,
+    row3,
+    row6,
+    row9,
+    shift_block,
+    shift_symmetric,
+    shift_torque,
+    skew,
+    subtract_outer,
+    symmetric_times,
+    transpose,
+    turn,
+    turn_block,
+    turn_symmetric,
+)
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.forward_dynamics.flexible import eliminate_modes, modal_wrench
+from flexmbd.multibody.kernels.forward_dynamics.hinge import pass_hinge
+from flexmbd.multibody.kernels.forward_dynamics.several import pass_several, yield_several
+
+_ZERO3 = (0.0, 0.0, 0.0)
+_ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ZERO9 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@part_of_kernel
+def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
+    """Articulated inertia and asked wrench of all bodies, inwards.
+
+    What body i + 1 asks of its parent i stays in registers; the others add theirs in memory.
+    """
+    link = aw.link
+    constant = aw.constant
+    row = aw.row
+    asked = aw.asked
+    a = _ZERO6
+    b = _ZERO9
+    m = _ZERO6
+    torque = _ZERO3
+    force = _ZERO3
+    for i in range(link.shape[0] - 1, -1, -1):
+        w = row3(row, i, to.R_SPIN)
+        if link[i, to.FLEX] < 0:
+            mass = constant[i, to.C_MASS]
+            first = row3(constant, i, to.C_FIRST)
+            inertia = row6(constant, i, to.C_INERTIA)
+            if plan.tree[i, at.TURNING] == at.FREELY:
+                torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
+            force = add3(force, cross3(w, cross3(w, first)))
+            a = add6(a, inertia)
+            b = add9(b, skew(first))
+            m = (m[0] + mass, m[1], m[2], m[3] + mass, m[4], m[5] + mass)
+        if loaded:
+            torque, force = _add_load(work, aw, i, torque, force)
+        if link[i, to.FORM] == to.PLAIN:
+            o = link[i, to.JOINT_V]
+            over = 1.0 / a[5]
+            left = -asked[o] - torque[2]
+            put6(row, i, to.R_U, (a[2], a[4], a[5], b[6], b[7], b[8]))
+            row[i, to.R_D] = over
+            row[i, to.R_FORCE] = left
+            if link[i, to.PARENT] >= 0:
+                a, b, m, torque, force = pass_hinge(
+                    row[i, to.R_COS],
+                    row[i, to.R_SIN],
+                    row3(constant, i, to.C_P),
+                    a,
+                    b,
+                    m,
+                    torque,
+                    force,
+                    left,
+                    over,
+                    w,
+                    v[o],
+                    row3(row, i, to.R_BIAS),
+                )
+            kept = False
+        else:
+            a, b, m, torque, force = _yield_body(plan, aw, i, a, b, m, torque, force)
+            kept = link[i, to.INTERFACE] >= 0
+            if kept:
+                slot = link[i, to.INTERFACE]
+                put6(aw.interface, slot, to.I_A, a)
+                put9(aw.interface, slot, to.I_B, b)
+                put6(aw.interface, slot, to.I_M, m)
+                put3(aw.interface, slot, to.I_TORQUE, torque)
+                put3(aw.interface, slot, to.I_FORCE, force)
+        parent = link[i, to.PARENT]
+        if kept or parent != i - 1 or parent < 0:
+            if not kept and parent >= 0:
+                target = aw.gathered
+                put6(target, parent, to.G_A, add6(row6(target, parent, to.G_A), a))
+                put9(target, parent, to.G_B, add9(row9(target, parent, to.G_B), b))
+                put6(target, parent, to.G_M, add6(row6(target, parent, to.G_M), m))
+                put3(target, parent, to.G_TORQUE, add3(row3(target, parent, to.G_TORQUE), torque))
+                put3(target, parent, to.G_FORCE, add3(row3(target, parent, to.G_FORCE), force))
+            a = _ZERO6
+            b = _ZERO9
+            m = _ZERO6
+            torque = _ZERO3
+            force = _ZERO3
+
+
+@kernel
+def _add_load(work, aw, i, torque, force):
+    """The wrench with what elements and loops ask of body i, in the body's frame of reference."""
+    asked_force = row3(work.body, i, at.B_F)
+    asked_torque = row3(work.body, i, at.B_T)
+    if aw.link[i, to.FLEX] < 0:
+        own_R = row9(aw.axes, i, to.X_OWN_R)
+        asked_torque = sub3(asked_torque, cross3(row3(aw.axes, i, to.X_OWN_P), asked_force))
+        asked_torque = rotate_back(own_R, asked_torque)
+        asked_force = rotate_back(own_R, asked_force)
+    return add3(torque, asked_torque), add3(force, asked_force)
+
+
+@part_of_kernel
+def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
+    """The step inwards for any form: what body i passes on, about its parent's origin or deforming frame."""
+    link = aw.link
+    row = aw.row
+    a = add6(a, row6(aw.gathered, i, to.G_A))
+    b = add9(b, row9(aw.gathered, i, to.G_B))
+    m = add6(m, row6(aw.gathered, i, to.G_M))
+    torque = add3(torque, row3(aw.gathered, i, to.G_TORQUE))
+    force = add3(force, row3(aw.gathered, i, to.G_FORCE))
+    if link[i, to.FLEX] >= 0:
+        a, b, m, torque, force = _reduce_body(plan, aw, i, a, b, m, torque, force)
+    r = row3(aw.pose, i, to.P_P)
+    if link[i, to.INTERFACE] >= 0:
+        mass = m[0] + m[3] + m[5]
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE] = a[0] + a[3] + a[5] + mass * dot3(r, r)
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
+    if link[i, to.FORM] == to.SEVERAL:
+        a, b, m, torque, force = yield_several(aw, link[i], a, b, m, torque, force)
+        if link[i, to.PARENT] < 0:
+            return a, b, m, torque, force
+    else:
+        spin = aw.constant[i, to.C_TURN]
+        slide = aw.constant[i, to.C_SHIFT]
+        u = (
+            spin * a[2] + slide * b[2],
+            spin * a[4] + slide * b[5],
+            spin * a[5] + slide * b[8],
+            spin * b[6] + slide * m[2],
+            spin * b[7] + slide * m[4],
+            spin * b[8] + slide * m[5],
+        )
+        over = 0.0  # a coordinate that does not yield
+        left = 0.0
+        if link[i, to.FREEDOMS] > 0:
+            over = 1.0 / (spin * u[2] + slide * u[5])
+            left = -aw.asked[link[i, to.JOINT_V]] - spin * torque[2] - slide * force[2]
+        put6(row, i, to.R_U, u)
+        row[i, to.R_D] = over
+        row[i, to.R_FORCE] = left
+        if link[i, to.PARENT] < 0:
+            return a, b, m, torque, force
+        e = (over * u[0], over * u[1], over * u[2], over * u[3], over * u[4], over * u[5])
+        a, b, m = subtract_outer(a, b, m, u, e)
+        torque = add3(torque, scale3(left, (e[0], e[1], e[2])))
+        force = add3(force, scale3(left, (e[3], e[4], e[5])))
+    angular = row3(aw.pose, i, to.P_BIAS)
+    linear = row3(row, i, to.R_BIAS)
+    torque = add3(torque, add3(symmetric_times(a, angular), rotate(b, linear)))
+    force = add3(force, add3(rotate_back(b, angular), symmetric_times(m, linear)))
+    if link[i, to.FORM] <= to.ALIGNED:
+        c = row[i, to.R_COS]
+        s = row[i, to.R_SIN]
+        a = turn_symmetric(c, s, a)
+        b = turn_block(c, s, b)
+        m = turn_symmetric(c, s, m)
+        torque = turn(c, s, torque)
+        force = turn(c, s, force)
+    else:
+        R_AG = row9(aw.pose, i, to.P_R)
+        a = rotate_symmetric(R_AG, a)
+        b = rotate_block(R_AG, b)
+        m = rotate_symmetric(R_AG, m)
+        torque = rotate(R_AG, torque)
+        force = rotate(R_AG, force)
+    shifted = shift_block(r, b, m)
+    return shift_symmetric(r, a, b, shifted), shifted, m, shift_torque(r, torque, force), force
+
+
+@part_of_kernel
+def _reduce_body(plan, aw, i, a, b, m, torque, force):
+    """Inertia and wrench of flexible body i with its modes eliminated, about G in G's axes.
+
+    The arguments are what children at frames that do not deform ask, about B.
+    """
+    k = aw.link[i, to.FLEX]
+    own_a, own_b, own_m = eliminate_modes(plan, aw, k)
+    modal_torque, modal_force = modal_wrench(plan, aw, k, 1.0)
+    a = add6(a, own_a)
+    b = add9(b, own_b)
+    m = add6(m, own_m)
+    bias = row3(aw.pose, i, to.P_OWN_BIAS)
+    torque = add3(add3(torque, modal_torque), add3(row3(aw.body, k, to.B_TORQUE), rotate(b, bias)))
+    force = add3(add3(force, modal_force), add3(row3(aw.body, k, to.B_FORCE), symmetric_times(m, bias)))
+    r = scale3(-1.0, row3(aw.axes, i, to.X_OWN_P))
+    back = transpose(row9(aw.axes, i, to.X_OWN_R))
+    shifted = shift_block(r, b, m)
+    return (
+        rotate_symmetric(back, shift_symmetric(r, a, b, shifted)),
+        rotate_block(back, shifted),
+        rotate_symmetric(back, m),
+        rotate(back, shift_torque(r, torque, force)),
+        rotate(back, force),
+    )
+
+
+@part_of_kernel
+def gather_forces(plan, aw, rhs):
+    """Wrenches that the forces ``rhs`` (nv,) leave to the parents, inwards, with the factors at hand."""
+    for i in range(aw.link.shape[0]):
+        put6(aw.gathered, i, to.G_TORQUE, _ZERO6)
+    for i in range(aw.link.shape[0] - 1, -1, -1):
+        pass_forces(plan, aw, i, rhs)
+
+
+@part_of_kernel
+def pass_forces(plan, aw, i, rhs):
+    """The step of ``gather_forces`` at body i, whose children have passed theirs."""
+    link = aw.link
+    row = aw.row
+    gathered = aw.gathered
+    torque = row3(gathered, i, to.G_TORQUE)
+    force = row3(gathered, i, to.G_FORCE)
+    if link[i, to.FLEX] >= 0:
+        torque, force = _pass_modes(plan, aw, i, rhs, torque, force)
+    if link[i, to.FREEDOMS] > 0:
+        if link[i, to.FORM] == to.SEVERAL:
+            torque, force = pass_several(aw, link[i], rhs, torque, force)
+        else:
+            u = rhs[link[i, to.JOINT_V]]
+            u -= aw.constant[i, to.C_TURN] * torque[2] + aw.constant[i, to.C_SHIFT] * force[2]
+            row[i, to.R_FORCE] = u
+            u *= row[i, to.R_D]
+            torque = add3(torque, scale3(u, row3(row, i, to.R_U)))
+            force = add3(force, scale3(u, row3(row, i, to.R_U + 3)))
+    parent = link[i, to.PARENT]
+    if parent >= 0:
+        r = row3(aw.constant, i, to.C_P)
+        if link[i, to.FORM] != to.PLAIN:
+            r = row3(aw.pose, i, to.P_P)
+        if link[i, to.FORM] <= to.ALIGNED:
+            torque = turn(row[i, to.R_COS], row[i, to.R_SIN], torque)
+            force = turn(row[i, to.R_COS], row[i, to.R_SIN], force)
+        else:
+            R_AG = row9(aw.pose, i, to.P_R)
+            torque = rotate(R_AG, torque)
+            force = rotate(R_AG, force)
+        torque = shift_torque(r, torque, force)
+        if link[i, to.INTERFACE] >= 0:
+            put3(aw.interface, link[i, to.INTERFACE], to.I_TORQUE, torque)
+            put3(aw.interface, link[i, to.INTERFACE], to.I_FORCE, force)
+        else:
+            put3(gathered, parent, to.G_TORQUE, add3(row3(gathered, parent, to.G_TORQUE), torque))
+            put3(gathered, parent, to.G_FORCE, add3(row3(gathered, parent, to.G_FORCE), force))
+
+
+@kernel
+def _pass_modes(plan, aw, i, rhs, torque, force):
+    """What flexible body i passes on to G of the modal forces of ``rhs`` and of its children's wrenches."""
+    k = aw.link[i, to.FLEX]
+    o = plan.tree[i, at.MODAL_V]
+    for j in range(aw.flex[k, to.F_MODES]):
+        aw.bias[k, j] = -rhs[o + j]
+    modal_torque, modal_force = modal_wrench(plan, aw, k, 0.0)
+    torque = add3(torque, modal_torque)
+    force = add3(force, modal_force)
+    own_R = row9(aw.axes, i, to.X_OWN_R)
+    torque = sub3(torque, cross3(row3(aw.axes, i, to.X_OWN_P), force))
+    return rotate_back(own_R, torque), rotate_back(own_R, force)

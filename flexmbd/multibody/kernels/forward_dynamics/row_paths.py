@@ -1,0 +1,211 @@
+"""Constraint rows on the tree: C and C M^-1 C^T, each row by the bodies between its frames and the ground alone.
+
+Force inwards along its path, a row leaves at each joint what accelerates that joint against a parent at rest.  With
+these parts U and what they do to the joints, Y, C M^-1 C^T is U Y^T (the innovations form of the inverse mass matrix,
+Rodriguez, Jain & Kreutz-Delgado 1991), and two rows have to do with each other where their paths share bodies.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmbd.multibody.kernels.algebra.so3 import load9, rotate_back, store3
+from flexmbd.multibody.kernels.algebra.spatial import load6, put6
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.layout import FloatArray, IntArray, Plan
+from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
+from flexmbd.multibody.kernels.forward_dynamics.inward import pass_forces
+from flexmbd.multibody.kernels.inverse_dynamics.closure import load_relative, relative_pose
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import pass_wrench
+from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces
+from flexmbd.multibody.kernels.physics.rows import row_wrench
+
+_ZERO3 = (0.0, 0.0, 0.0)
+_ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class RowPaths(NamedTuple):
+    """Which bodies each of m rows visits, and which rows visit each body.
+
+    first: (m + 1,) where a row's bodies begin in ``body``, outermost first.
+    visited: (bodies + 1,) where a body's rows begin in ``row``, in rising order.
+    slots: (bodies, 5) of its joint the first velocity, the number of velocities, how many of them yield; first
+    velocity and number of its modes.
+    jacobian: (m, nv) C.  push, yielding: (m, nv) U and Y.  All are zero off the paths.
+    """
+
+    first: IntArray
+    body: IntArray
+    visited: IntArray
+    row: IntArray
+    slots: IntArray
+    jacobian: FloatArray
+    push: FloatArray
+    yielding: FloatArray
+
+
+def new_row_paths(plan: Plan) -> RowPaths:
+    """Find the paths of the rows of ``plan``."""
+    paths = [_path(plan, row) for row in plan.rows]
+    rows_of = [[r for r, path in enumerate(paths) if b in path] for b in range(len(plan.tree))]
+    driven = set(plan.driven[:, at.DRIVEN_V])
+    freedoms = {at.FIXED: 0, at.SPHERICAL: 3, at.FREE: 6}
+    slots = np.zeros((len(plan.tree), 5), np.int64)
+    for i, tree in enumerate(plan.tree):
+        count = freedoms.get(int(tree[at.JOINT]), 1)
+        slots[i, :3] = tree[at.JOINT_V], count, 0 if tree[at.JOINT_V] in driven else count
+        if tree[at.FLEX] >= 0:
+            slots[i, 3:] = tree[at.MODAL_V], plan.flex[tree[at.FLEX], at.N_MODES]
+    shape = (len(plan.rows), len(plan.free) + len(plan.driven))
+    return RowPaths(
+        *_flattened([sorted(path, reverse=True) for path in paths]),
+        *_flattened(rows_of),
+        slots,
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros(shape),
+    )
+
+
+def _path(plan: Plan, row: IntArray) -> set[int]:
+    """Tree rows of the bodies between a constraint row's ends and the ground."""
+    if row[at.ROW_KIND] == at.ROW_COUPLING:
+        o = row[at.ROW_DATA]
+        ends = [int(b) for b in plan.data[o + 2 :: 2][: int(plan.data[o])]]
+    else:
+        ends = [int(plan.frame_of[row[f], at.FRAME_BODY]) for f in (at.ROW_F, at.ROW_G)]
+    path: set[int] = set()
+    for end in ends:
+        body = end
+        while body >= 0:
+            path.add(body)
+            body = int(plan.tree[body, at.PARENT])
+    return path
+
+
+def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
+    first = np.cumsum([0, *(len(one) for one in lists)], dtype=np.int64)
+    return first, np.array([entry for one in lists for entry in one], np.int64)
+
+
+@entry_kernel
+def solve_rows(plan, work, aw, paths, small):
+    """Write C, U, Y into ``paths`` and the lower triangle of C M^-1 C^T into ``small`` (m, m).
+
+    Of the forward dynamics at hand, whose factors are in ``aw``, and of the kinematics in ``work``.
+    """
+    for i in range(small.shape[0]):
+        _direction(plan, work, paths, i)
+        _push(plan, aw, paths, i)
+        for j in range(i + 1):
+            small[i, j] = 0.0
+    for b in range(paths.slots.shape[0]):
+        for p in range(paths.visited[b], paths.visited[b + 1]):
+            i = paths.row[p]
+            for q in range(paths.visited[b], p + 1):
+                j = paths.row[q]
+                total = 0.0
+                for k in range(paths.slots[b, 0], paths.slots[b, 0] + paths.slots[b, 2]):
+                    total += paths.push[i, k] * paths.yielding[j, k]
+                for k in range(paths.slots[b, 3], paths.slots[b, 3] + paths.slots[b, 4]):
+                    total += paths.push[i, k] * paths.yielding[j, k]
+                small[i, j] += total
+
+
+@kernel
+def row_times(paths, i, vector):
+    """Row i of C times a vector (nv,)."""
+    total = 0.0
+    for n in range(paths.first[i], paths.first[i + 1]):
+        slot = paths.slots[paths.body[n]]
+        for k in range(slot[0], slot[0] + slot[1]):
+            total += paths.jacobian[i, k] * vector[k]
+        for k in range(slot[3], slot[3] + slot[4]):
+            total += paths.jacobian[i, k] * vector[k]
+    return total
+
+
+@kernel
+def add_row(paths, i, share, out):
+    """Add ``share`` times row i of C to ``out`` (nv,)."""
+    for n in range(paths.first[i], paths.first[i + 1]):
+        slot = paths.slots[paths.body[n]]
+        for k in range(slot[0], slot[0] + slot[1]):
+            out[k] += share * paths.jacobian[i, k]
+        for k in range(slot[3], slot[3] + slot[4]):
+            out[k] += share * paths.jacobian[i, k]
+
+
+@part_of_kernel
+def _direction(plan, work, paths, i):
+    """Row i of C, as the generalised forces of its unit multiplier."""
+    row = plan.rows[i]
+    out = paths.jacobian[i]
+    for n in range(paths.first[i], paths.first[i + 1]):
+        b = paths.body[n]
+        for k in range(paths.slots[b, 0], paths.slots[b, 0] + paths.slots[b, 1]):
+            out[k] = 0.0
+        for k in range(paths.slots[b, 3], paths.slots[b, 3] + paths.slots[b, 4]):
+            out[k] = 0.0
+        store3(work.body[b], at.B_F, _ZERO3)
+        store3(work.body[b], at.B_T, _ZERO3)
+    if row[at.ROW_KIND] == at.ROW_COUPLING:
+        o = row[at.ROW_DATA]
+        for k in range(int(plan.data[o])):
+            out[plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]] += plan.data[o + 3 + 2 * k]
+        return
+    f = row[at.ROW_F]
+    g = row[at.ROW_G]
+    d, R = relative_pose(plan, work, f, g)
+    force, torque = row_wrench(plan.data, row, d, R)
+    load_relative(plan, work, f, g, d, R, force, torque, out)
+    for n in range(paths.first[i], paths.first[i + 1]):
+        pass_wrench(plan, work, paths.body[n], out)
+
+
+@part_of_kernel
+def _push(plan, aw, paths, i):
+    """Rows i of U and Y from that of C, inwards."""
+    for n in range(paths.first[i], paths.first[i + 1]):
+        b = paths.body[n]
+        put6(aw.gathered, b, to.G_TORQUE, _ZERO6)
+        k = aw.link[b, to.FLEX]
+        if k >= 0:
+            first = aw.flex[k, to.F_FIRST]
+            for slot in range(first, first + aw.flex[k, to.F_COUNT]):
+                put6(aw.interface, slot, to.I_TORQUE, _ZERO6)
+    for n in range(paths.first[i], paths.first[i + 1]):
+        b = paths.body[n]
+        pass_forces(plan, aw, b, paths.jacobian[i])
+        o = aw.link[b, to.JOINT_V]
+        if aw.link[b, to.FORM] == to.SEVERAL:
+            left = aw.force[aw.link[b, to.MULTI]]
+            for k in range(aw.link[b, to.FREEDOMS]):
+                paths.push[i, o + k] = left[k]
+                paths.yielding[i, o + k] = left[k]
+        elif aw.link[b, to.FREEDOMS] > 0:
+            paths.push[i, o] = aw.row[b, to.R_FORCE]
+            paths.yielding[i, o] = aw.row[b, to.R_FORCE] * aw.row[b, to.R_D]
+        if aw.link[b, to.FLEX] >= 0:
+            _push_modes(plan, aw, paths, i, aw.link[b, to.FLEX])
+
+
+@kernel
+def _push_modes(plan, aw, paths, i, k):
+    """The modes' part of ``_push``, after flexible body k has passed its wrench on."""
+    accelerate_modes(plan, aw, k, _ZERO3, _ZERO3, 0.0, paths.yielding[i])
+    n = aw.flex[k, to.F_MODES]
+    o = plan.tree[aw.flex[k, to.F_BODY], at.MODAL_V]
+    push = paths.push[i, o : o + n]
+    for j in range(n):
+        push[j] = paths.jacobian[i, o + j]
+    first = aw.flex[k, to.F_FIRST]
+    for slot in range(first, first + aw.flex[k, to.F_COUNT]):
+        wrench = load6(aw.interface[slot], to.I_TORQUE)
+        turn = rotate_back(load9(aw.interface[slot], to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
+        modes = plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
+        add_frame_forces(plan.modal, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, push)

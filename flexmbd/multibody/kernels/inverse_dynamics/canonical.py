@@ -1,0 +1,237 @@
+"""The machine in canonical form: momenta p = M(x) v, what their rates ask, and stored energy.
+
+With the kinetic energy T = v^T M(x) v / 2 and the potential V the equations are
+
+    dp/dt = dT/dx - dV/dx + loads                     (coordinates that add)
+    d(R p)/dt = R (dT/dx - dV/dx + loads)             (rotations: R = R_FG, p and d/dx in body axes)
+
+where the derivatives of T hold v fixed; for a free joint they hold the linear velocity fixed in
+body axes.  All are got in O(bodies): momenta go inwards as wrenches do, and what a joint's motion
+changes in T is seen at the joint alone, from the momentum of all that lies beyond it.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    left_jacobian_transposed,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
+from flexmbd.multibody.kernels.algebra.turning import turning_torque
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
+from flexmbd.multibody.kernels.inverse_dynamics.elements import elements_energy, load_elements, push_coordinates
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion
+from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
+from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
+from flexmbd.multibody.kernels.physics.inertia import add_rigid_wrench, flexible_inertia, rigid_second_moment
+from flexmbd.multibody.kernels.physics.joints import joint_force, joint_size
+
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@kernel
+def _body_momentum(plan, i, x, v, none, row, out):
+    """Write the momentum of body i about its origin as its wrench, and its modal momenta.
+
+    The momentum is the wrench that the velocities would ask for as accelerations from rest.
+    """
+    w = load3(row, at.B_W)
+    store3(row, at.B_DW, w)
+    store3(row, at.B_A, load3(row, at.B_V))
+    store3(row, at.B_W, _ZERO)
+    tree = plan.tree[i]
+    if tree[at.FLEX] < 0:
+        rigid = plan.rigid[i]
+        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), at.NEVER, row)
+    else:
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qx = tree[at.MODAL_X]
+        qv = tree[at.MODAL_V]
+        flexible_inertia(plan, i, x[qx : qx + n], none[:n], v[qv : qv + n], row, out[qv : qv + n])
+    store3(row, at.B_W, w)
+
+
+@entry_kernel
+def momenta(plan, work, x, v, none, out):
+    """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
+    forward(plan, work, x, v, none)
+    for i in range(plan.tree.shape[0]):
+        _body_momentum(plan, i, x, v, none, work.body[i], out)
+    backward(plan, work, out)
+
+
+@kernel
+def _first_moment(plan, i, x):
+    """First moment of mass of body i, deformed, about its origin in its axes."""
+    first = load3(plan.rigid[i], at.FIRST_MOMENT)
+    tree = plan.tree[i]
+    if tree[at.FLEX] >= 0:
+        flex = plan.flex[tree[at.FLEX]]
+        for j in range(flex[at.N_MODES]):
+            first = add3(first, scale3(x[tree[at.MODAL_X] + j], load3(plan.modal, flex[at.MODAL_FIRST] + 3 * j)))
+    return first
+
+
+@entry_kernel
+def potential_energy(plan, work, x):
+    """Gravitational, strain and springs' energy (J) at x, whose kinematics ``work`` must hold."""
+    g = load3(plan.gravity, 0)
+    energy = 0.0
+    for i in range(plan.tree.shape[0]):
+        row = work.body[i]
+        mass = plan.rigid[i, at.MASS]
+        moment = rotate(load9(row, at.B_R), _first_moment(plan, i, x))
+        energy -= mass * dot3(g, load3(row, at.B_P)) + dot3(g, moment)
+        tree = plan.tree[i]
+        if tree[at.FLEX] >= 0:
+            flex = plan.flex[tree[at.FLEX]]
+            energy += elastic_energy(plan, flex, x[tree[at.MODAL_X] : tree[at.MODAL_X] + flex[at.N_MODES]])
+    if plan.elements.shape[0] > 0:
+        energy += elements_energy(plan, work, x)
+    return energy
+
+
+@kernel
+def write_potential(plan, work, x, out):
+    """out[0] = `potential_energy`."""
+    out[0] = potential_energy(plan, work, x)
+
+
+@part_of_kernel
+def _ask(plan, work, x, v, half, none, wrench, p, out):
+    """Write each body's momentum into ``wrench`` and ``p``, and its weight as its asked wrench.
+
+    ``half`` is v / 2, ``none`` zeros.  ``out`` gets the modes' part of -dT/dx + dV/dx + damping.
+    ``work`` must hold the kinematics of (x, v).
+    """
+    g = load3(plan.gravity, 0)
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        row = work.body[i]
+        _body_momentum(plan, i, x, v, none, row, p)
+        for k in range(6):
+            wrench[i, k] = row[at.B_F + k]
+        weight = rotate_back(load9(row, at.B_R), scale3(-1.0, g))
+        if tree[at.FLEX] >= 0:
+            flex = plan.flex[tree[at.FLEX]]
+            n = flex[at.N_MODES]
+            qx = tree[at.MODAL_X]
+            qv = tree[at.MODAL_V]
+            # -dT/dq is what the motion asks of the modes with all of v held, but for half of Coriolis' part
+            store3(row, at.B_DW, _ZERO)
+            store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
+            force = out[qv : qv + n]
+            flexible_inertia(plan, i, x[qx : qx + n], half[qv : qv + n], none[:n], row, force)
+            scratch = work.generalized[qv : qv + n]
+            elastic_forces(plan.modal, flex, x[qx : qx + n], v[qv : qv + n], scratch, force)
+        store3(row, at.B_F, scale3(plan.rigid[i, at.MASS], weight))
+        store3(row, at.B_T, cross3(_first_moment(plan, i, x), weight))
+
+
+@kernel
+def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
+    """Hand momentum at frame f (about its origin, in its axes) to its body: wrench, modes, and dT/dq."""
+    b = plan.frame_of[f, at.FRAME_BODY]
+    if b < 0:
+        return
+    row = work.frame[f]
+    R_BF = load9(row, at.F_R)
+    l_B = rotate(R_BF, l_F)
+    h_B = rotate(R_BF, h_F)
+    o = plan.frame_of[f, at.FRAME_MODES]
+    place = load3(row, at.F_P)
+    if o >= 0:
+        body = work.body[b]
+        w = load3(body, at.B_W)
+        speed = add3(load3(body, at.B_V), add3(cross3(w, place), load3(row, at.F_V)))
+        spin = add3(w, load3(row, at.F_W))
+        theta = load3(row, at.F_THETA)
+        tree = plan.tree[b]
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qv = tree[at.MODAL_V]
+        _, rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
+        turn = left_jacobian_transposed(theta, h_B)
+        slide = cross3(w, l_B)
+        twist = sub3(
+            left_jacobian_transposed(theta, add3(cross3(speed, l_B), cross3(spin, h_B))),
+            rotate(turning_torque(theta, h_B), rate),
+        )
+        modal = plan.modal
+        for k in range(n):
+            t0, t1, t2 = modal[o + k], modal[o + n + k], modal[o + 2 * n + k]
+            r0, r1, r2 = modal[o + 3 * n + k], modal[o + 4 * n + k], modal[o + 5 * n + k]
+            p[qv + k] += t0 * l_B[0] + t1 * l_B[1] + t2 * l_B[2] + r0 * turn[0] + r1 * turn[1] + r2 * turn[2]
+            out[qv + k] += (
+                t0 * slide[0] + t1 * slide[1] + t2 * slide[2] + r0 * twist[0] + r1 * twist[1] + r2 * twist[2]
+            )
+    row = wrench[b]
+    store3(row, 0, add3(load3(row, 0), l_B))
+    store3(row, 3, add3(load3(row, 3), add3(h_B, cross3(place, l_B))))
+
+
+@part_of_kernel
+def _gather(plan, work, v, wrench, p, part, out):
+    """Carry the momenta inwards: the joints' into ``p``, and -dT/dx added to ``out``.
+
+    ``part`` is (6,) scratch.  ``work`` must hold the kinematics of v.
+    """
+    for i in range(plan.tree.shape[0] - 1, -1, -1):
+        tree = plan.tree[i]
+        row = work.body[i]
+        kind = tree[at.JOINT]
+        pitch = plan.data[tree[at.JOINT_DATA]]
+        child = plan.frames[tree[at.FRAME_CHILD]]
+        R_BG = load9(child, at.FRAME_R)
+        l_B = load3(wrench[i], 0)
+        h_G = rotate_back(R_BG, sub3(load3(wrench[i], 3), cross3(load3(child, at.FRAME_P), l_B)))
+        l_G = rotate_back(R_BG, l_B)
+        R_FG = load9(row, at.B_JOINT_R)
+        place = load3(row, at.B_JOINT_P)
+        l_F = rotate(R_FG, l_G)
+        h_F = add3(rotate(R_FG, h_G), cross3(place, l_F))
+        joint_force(kind, pitch, l_F, h_G, p, tree[at.JOINT_V])
+        # the velocity that the joint passes on turns with it, and changes as it slides
+        _, _, v_F, w_F, _, _ = frame_motion(plan, work, tree[at.FRAME_PARENT])
+        passed = rotate_back(R_FG, add3(v_F, cross3(w_F, place)))
+        turn = add3(cross3(passed, l_G), cross3(rotate_back(R_FG, w_F), h_G))
+        for k in range(6):
+            part[k] = 0.0
+        joint_force(kind, pitch, cross3(w_F, l_F), turn, part, 0)
+        for k in range(joint_size(kind)):
+            out[tree[at.JOINT_V] + k] += part[k]
+        _pass_momentum(plan, work, tree[at.FRAME_PARENT], v, l_F, h_F, wrench, p, out)
+
+
+@entry_kernel
+def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
+    """p = M(x) v and out = -dT/dx + dV/dx - loads + C^T nu (see the module's text).
+
+    ``work.time`` must be up to date.  Leaves the kinematics of (x, v) in ``work``.
+
+    x, v: (nx,), (nv,) configuration and velocity.  half, none: (nv,) v / 2 and zeros.
+    multipliers: (m,) nu of the constraint rows.  wrench, part: (bodies, 6) and (6,) scratch.  p, out: (nv,) output.
+    """
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+    forward(plan, work, x, v, none)
+    _ask(plan, work, x, v, half, none, wrench, p, out)
+    load_constraints(plan, work, multipliers, out)
+    if plan.elements.shape[0] > 0:
+        load_elements(plan, work, out)
+    backward(plan, work, out)
+    load_couplings(plan, multipliers, out)
+    _gather(plan, work, v, wrench, p, part, out)
+    if plan.elements.shape[0] > 0:
+        push_coordinates(plan, work, x, v, out)
+    for i in range(plan.forces.shape[0]):
+        out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]

@@ -1,0 +1,248 @@
+"""The recursion over the tree: kinematics outwards, inverse dynamics inwards, both O(bodies).
+
+Forward: pose, velocity and acceleration of every body frame through rigid and flexible parents
+(Anthonis & Ramon 2003, eq. 1-6; Ambrosio & Nikravesh 1992, eq. 69-70).  Backward: the generalised forces
+that the motion asks for (eq. 71), a wrench on a flexible parent's interface going into its modes.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    compose_back,
+    cross3,
+    exp_rotation,
+    left_jacobian,
+    left_jacobian_rate,
+    left_jacobian_transposed,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    store9,
+    sub3,
+)
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
+from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
+from flexmbd.multibody.kernels.physics.inertia import (
+    add_rigid_wrench,
+    flexible_inertia,
+    rigid_second_moment,
+    unturned_inertia,
+)
+from flexmbd.multibody.kernels.physics.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
+
+
+@kernel
+def deform_frame(fixed, modal, o, q, qd, qdd, row):
+    """Write pose and motion of a frame, whose modes stand from ``o``, against its body into its work row.
+
+    The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
+    d theta/dt is exact, so that forces do the work that the motion shows.
+    """
+    n = q.shape[0]
+    shift, theta = modal_sum(modal, o, n, q)
+    velocity, theta_rate = modal_sum(modal, o, n, qd)
+    acceleration, theta_rate2 = modal_sum(modal, o, n, qdd)
+    store3(row, at.F_P, add3(load3(fixed, at.FRAME_P), shift))
+    store9(row, at.F_R, compose(exp_rotation(theta), load9(fixed, at.FRAME_R)))
+    store3(row, at.F_THETA, theta)
+    store3(row, at.F_V, velocity)
+    store3(row, at.F_W, left_jacobian(theta, theta_rate))
+    store3(row, at.F_A, acceleration)
+    store3(
+        row,
+        at.F_DW,
+        add3(left_jacobian(theta, theta_rate2), left_jacobian_rate(theta, theta_rate)),
+    )
+
+
+@kernel
+def _motion(frame_of, gravity, frames, bodies, f):
+    """`frame_motion` of what it reads, for to hand over whole plans takes longer than all of it."""
+    row = frames[f]
+    deforms = frame_of[f, at.FRAME_MODES] >= 0
+    p_BF = load3(row, at.F_P)
+    R_BF = load9(row, at.F_R)
+    b = frame_of[f, at.FRAME_BODY]
+    if b < 0:
+        g = load3(gravity, 0)
+        zero = (0.0, 0.0, 0.0)
+        return p_BF, R_BF, zero, zero, rotate_back(R_BF, scale3(-1.0, g)), zero
+    body = bodies[b]
+    w = load3(body, at.B_W)
+    dw = load3(body, at.B_DW)
+    wp = cross3(w, p_BF)
+    v = add3(load3(body, at.B_V), wp)
+    a = add3(load3(body, at.B_A), add3(cross3(dw, p_BF), cross3(w, wp)))
+    if deforms:
+        rate = load3(row, at.F_V)
+        spin = load3(row, at.F_W)
+        v = add3(v, rate)
+        a = add3(a, add3(scale3(2.0, cross3(w, rate)), load3(row, at.F_A)))
+        dw = add3(dw, add3(load3(row, at.F_DW), cross3(w, spin)))
+        w = add3(w, spin)
+    R_WB = load9(body, at.B_R)
+    p_WF = add3(load3(body, at.B_P), rotate(R_WB, p_BF))
+    return (
+        p_WF,
+        compose(R_WB, R_BF),
+        rotate_back(R_BF, v),
+        rotate_back(R_BF, w),
+        rotate_back(R_BF, a),
+        rotate_back(R_BF, dw),
+    )
+
+
+@entry_kernel
+def frame_motion(plan, work, f):
+    """World pose of frame f and its motion in its own axes.
+
+    Returns:
+        p_WF_W, R_WF, velocity of F's origin, w_WF_F, acceleration of the origin minus gravity,
+        angular acceleration; the last four in F's axes.
+    """
+    return _motion(plan.frame_of, plan.gravity, work.frame, work.body, f)
+
+
+@entry_kernel
+def forward(plan, work, x, v, a):
+    """Fill the work rows with the pose and motion of all frames and bodies."""
+    for f in range(plan.frames.shape[0]):
+        fixed = plan.frames[f]
+        row = work.frame[f]
+        o = plan.frame_of[f, at.FRAME_MODES]
+        if o < 0:
+            store3(row, at.F_P, load3(fixed, at.FRAME_P))
+            store9(row, at.F_R, load9(fixed, at.FRAME_R))
+            continue
+        tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qx, qv = tree[at.MODAL_X], tree[at.MODAL_V]
+        deform_frame(fixed, plan.modal, o, x[qx : qx + n], v[qv : qv + n], a[qv : qv + n], row)
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        row = work.body[i]
+        kind = tree[at.JOINT]
+        p_WF, R_WF, v_F, w_F, a_F, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
+        pitch = plan.data[tree[at.JOINT_DATA]]
+        ox = tree[at.JOINT_X]
+        ov = tree[at.JOINT_V]
+        p, R_FG = joint_pose(kind, pitch, x, ox)
+        p_dot, w_rel = joint_motion(kind, pitch, v, ov)
+        p_ddot, dw_rel = joint_motion(kind, pitch, a, ov)
+        if has_one_coordinate(kind):
+            store3(row, at.B_COORDINATE, (x[ox], v[ov], a[ov]))
+        store3(row, at.B_JOINT_P, p)
+        store9(row, at.B_JOINT_R, R_FG)
+        wp = cross3(w_F, p)
+        v_G = rotate_back(R_FG, add3(v_F, add3(wp, p_dot)))
+        a_G = rotate_back(
+            R_FG,
+            add3(
+                add3(a_F, add3(cross3(dw_F, p), cross3(w_F, wp))),
+                add3(scale3(2.0, cross3(w_F, p_dot)), p_ddot),
+            ),
+        )
+        w_FG = rotate_back(R_FG, w_F)
+        w_G = add3(w_FG, w_rel)
+        dw_G = add3(rotate_back(R_FG, dw_F), add3(dw_rel, cross3(w_FG, w_rel)))
+        child = plan.frames[tree[at.FRAME_CHILD]]
+        p_BG = load3(child, at.FRAME_P)
+        R_BG = load9(child, at.FRAME_R)
+        w = rotate(R_BG, w_G)
+        dw = rotate(R_BG, dw_G)
+        back = cross3(w, p_BG)
+        R_WB = compose_back(compose(R_WF, R_FG), R_BG)
+        store9(row, at.B_R, R_WB)
+        store3(row, at.B_P, sub3(add3(p_WF, rotate(R_WF, p)), rotate(R_WB, p_BG)))
+        store3(row, at.B_W, w)
+        store3(row, at.B_DW, dw)
+        store3(row, at.B_V, sub3(rotate(R_BG, v_G), back))
+        store3(row, at.B_A, sub3(rotate(R_BG, a_G), add3(cross3(dw, p_BG), cross3(w, back))))
+
+
+@kernel
+def ask_inertia(plan, work, x, v, a, out):
+    """Write each body's wrench, and its modal forces into ``out``."""
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        if tree[at.FLEX] < 0:
+            rigid = plan.rigid[i]
+            add_rigid_wrench(
+                rigid[at.MASS],
+                load3(rigid, at.FIRST_MOMENT),
+                rigid_second_moment(rigid),
+                tree[at.TURNING],
+                work.body[i],
+            )
+        else:
+            flex = plan.flex[tree[at.FLEX]]
+            n = flex[at.N_MODES]
+            qx = tree[at.MODAL_X]
+            qv = tree[at.MODAL_V]
+            q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
+            if tree[at.TURNING] == at.NEVER:
+                unturned_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
+            else:
+                flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+            elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
+
+
+@entry_kernel
+def load_frame(plan, work, f, force_F, torque_F, out):
+    """Ask of frame f's body the wrench (force, torque about F's origin; in F's axes) as well.
+
+    ``out`` gets the modal part; a wrench on the ground is dropped.
+    """
+    b = plan.frame_of[f, at.FRAME_BODY]
+    if b < 0:
+        return
+    row = work.frame[f]
+    body = work.body[b]
+    R_BF = load9(row, at.F_R)
+    force = rotate(R_BF, force_F)
+    torque = rotate(R_BF, torque_F)
+    o = plan.frame_of[f, at.FRAME_MODES]
+    if o >= 0:
+        tree = plan.tree[b]
+        n = plan.flex[tree[at.FLEX], at.N_MODES]
+        qv = tree[at.MODAL_V]
+        turn = left_jacobian_transposed(load3(row, at.F_THETA), torque)
+        add_frame_forces(plan.modal, o, n, force, turn, out[qv : qv + n])
+    store3(body, at.B_F, add3(load3(body, at.B_F), force))
+    store3(
+        body,
+        at.B_T,
+        add3(load3(body, at.B_T), add3(torque, cross3(load3(row, at.F_P), force))),
+    )
+
+
+@part_of_kernel
+def pass_wrench(plan, work, i, out):
+    """The step of ``backward`` at body i, whose children have passed theirs."""
+    tree = plan.tree[i]
+    row = work.body[i]
+    child = plan.frames[tree[at.FRAME_CHILD]]
+    R_BG = load9(child, at.FRAME_R)
+    force_B = load3(row, at.B_F)
+    torque_B = sub3(load3(row, at.B_T), cross3(load3(child, at.FRAME_P), force_B))
+    torque_G = rotate_back(R_BG, torque_B)
+    R_FG = load9(row, at.B_JOINT_R)
+    force_F = rotate(R_FG, rotate_back(R_BG, force_B))
+    pitch = plan.data[tree[at.JOINT_DATA]]
+    joint_force(tree[at.JOINT], pitch, force_F, torque_G, out, tree[at.JOINT_V])
+    torque_F = add3(rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F))
+    load_frame(plan, work, tree[at.FRAME_PARENT], force_F, torque_F, out)
+
+
+@entry_kernel
+def backward(plan, work, out):
+    """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
+    for i in range(plan.tree.shape[0] - 1, -1, -1):
+        pass_wrench(plan, work, i, out)

@@ -1,0 +1,42 @@
+"""The equations of motion of a scene as one residual (Ambrosio & Nikravesh 1992, eq. 77)."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
+from flexmbd.multibody.kernels.inverse_dynamics.elements import load_elements, push_coordinates
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import ask_inertia, backward, forward
+
+
+@entry_kernel
+def drive(plan, work, x, v, a):
+    """Set the prescribed coordinates, their rates and accelerations from ``work.time``."""
+    for i in range(plan.driven.shape[0]):
+        row = plan.driven[i]
+        f = row[at.DRIVEN_TIME]
+        x[row[at.DRIVEN_X]] = work.time[f, 0]
+        v[row[at.DRIVEN_V]] = work.time[f, 1]
+        a[row[at.DRIVEN_V]] = work.time[f, 2]
+
+
+@entry_kernel
+def residual(plan, work, x, v, a, multipliers, out):
+    """out = M(x) a + bias(x, v) + elastic - applied + C^T nu, for all generalised velocities.
+
+    ``work.time`` must be up to date.  In the rows of prescribed coordinates ``out`` is the force
+    that drives them.  Leaves the kinematics of (x, v, a) in ``work``.
+    """
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+    forward(plan, work, x, v, a)
+    ask_inertia(plan, work, x, v, a, out)
+    load_constraints(plan, work, multipliers, out)
+    if plan.elements.shape[0] > 0:
+        load_elements(plan, work, out)
+    backward(plan, work, out)
+    load_couplings(plan, multipliers, out)
+    if plan.elements.shape[0] > 0:
+        push_coordinates(plan, work, x, v, out)
+    for i in range(plan.forces.shape[0]):
+        out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]

@@ -1,0 +1,87 @@
+"""Elastic and viscous forces of a reduced body, and its strain energy."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
+
+
+@summing_kernel
+def elastic_forces(modal, flex, q, qd, scratch, out):
+    """Add the modal forces of deformation and its rate, K q + D qd and those of `stretch`; ``scratch`` (n,)."""
+    n = flex[at.N_MODES]
+    k0 = flex[at.MODAL_STIFFNESS]
+    d0 = flex[at.MODAL_DAMPING]
+    spring = modal[k0 : k0 + n]
+    for j in range(n):
+        out[j] += spring[j] * q[j]
+    if d0 >= 0:
+        damper = modal[d0 : d0 + n * n].reshape((n, n))
+        for j in range(n):
+            t = 0.0
+            for i in range(n):
+                t += damper[j, i] * qd[i]
+            out[j] += t
+    o = flex[at.STRETCH]
+    for _ in range(flex[at.N_STRETCH]):
+        slope = modal[o : o + n]
+        o += n
+        e = 0.0
+        s = 0.0
+        for i in range(n):
+            e += slope[i] * q[i]
+            row = modal[o : o + i + 1]
+            f = q[i]
+            t = 0.0
+            for j in range(i):
+                c = row[j]
+                t += c * q[j]
+                scratch[j] += c * f
+            s += f * (t + 0.5 * row[i] * f)
+            scratch[i] = t + row[i] * f
+            o += i + 1
+        force = e + s
+        for i in range(n):
+            out[i] += s * slope[i] + force * scratch[i]
+
+
+@entry_kernel
+def add_elastic_forces(plan, flex, q, qd, scratch, out):
+    """`elastic_forces`, for Python."""
+    elastic_forces(plan.modal, flex, q, qd, scratch, out)
+
+
+@kernel
+def elastic_energy(plan, flex, q):
+    """Strain energy: K q^2 / 2, and of each membrane strain e + s of `stretch` ((e + s)^2 - e^2) / 2."""
+    modal = plan.modal
+    k0 = flex[at.MODAL_STIFFNESS]
+    energy = 0.0
+    for j in range(flex[at.N_MODES]):
+        energy += 0.5 * modal[k0 + j] * q[j] * q[j]
+    for row in range(flex[at.N_STRETCH]):
+        _, _, e, s = stretch(plan, flex, q, row)
+        energy += 0.5 * s * (2.0 * e + s)
+    return energy
+
+
+@kernel
+def stretch(plan, flex, q, row):
+    """A membrane strain (`ModalStretch`): offsets of its slope c and of its matrix C, e = c q and s = q^T C q / 2.
+
+    Its energy is (e + s)^2 / 2, of which e^2 / 2 is in K; of C the lower triangle is stored, row by row.
+    """
+    modal = plan.modal
+    n = flex[at.N_MODES]
+    first = flex[at.STRETCH] + row * (n + n * (n + 1) // 2)
+    e = 0.0
+    s = 0.0
+    o = first + n
+    for i in range(n):
+        e += modal[first + i] * q[i]
+        t = 0.5 * modal[o + i] * q[i]
+        for j in range(i):
+            t += modal[o + j] * q[j]
+        s += q[i] * t
+        o += i + 1
+    return first, first + n, e, s

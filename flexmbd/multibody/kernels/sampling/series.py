@@ -1,0 +1,151 @@
+"""Series over a whole trajectory: frames, energies and driving forces, compiled."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    dot3,
+    load3,
+    load9,
+    rotate,
+    scale3,
+    store3,
+    store9,
+)
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.elements import elements_energy
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
+from flexmbd.multibody.kernels.physics.inertia import (
+    add_rigid_wrench,
+    flexible_inertia,
+    rigid_second_moment,
+)
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+
+
+@entry_kernel
+def frame_series(plan, work, f, x, v, a, out):
+    """out[k] = p_WF_W (3), R_WF (9), velocity (3), angular velocity (3), acceleration (3).
+
+    The last three are those of the frame's origin or axes, in world axes.
+    """
+    g = load3(plan.gravity, 0)
+    for k in range(x.shape[0]):
+        forward(plan, work, x[k], v[k], a[k])
+        p, R, velocity, spin, acceleration, _ = frame_motion(plan, work, f)
+        row = out[k]
+        store3(row, 0, p)
+        store9(row, 3, R)
+        store3(row, 12, rotate(R, velocity))
+        store3(row, 15, rotate(R, spin))
+        store3(row, 18, add3(rotate(R, acceleration), g))
+
+
+@kernel
+def _body_energy(plan, work, i, x, v, none, out):
+    """(kinetic, elastic, gravitational) energy of body i, its motion being in ``work``.
+
+    Kinetic energy is half of velocity times momentum, and the momentum is the wrench that the
+    same velocities would ask for as accelerations from rest.
+    """
+    tree = plan.tree[i]
+    row = work.body[i]
+    w = load3(row, at.B_W)
+    velocity = load3(row, at.B_V)
+    store3(row, at.B_DW, w)
+    store3(row, at.B_A, velocity)
+    store3(row, at.B_W, (0.0, 0.0, 0.0))
+    rigid = plan.rigid[i]
+    first = load3(rigid, at.FIRST_MOMENT)
+    elastic = 0.0
+    kinetic = 0.0
+    if tree[at.FLEX] < 0:
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), at.NEVER, row)
+    else:
+        flex = plan.flex[tree[at.FLEX]]
+        n = flex[at.N_MODES]
+        q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
+        qd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
+        flexible_inertia(plan, i, q, none[:n], qd, row, out[:n])
+        elastic = elastic_energy(plan, flex, q)
+        for j in range(n):
+            kinetic += 0.5 * qd[j] * out[j]
+            o = flex[at.MODAL_FIRST] + 3 * j
+            first = add3(first, scale3(q[j], load3(plan.modal, o)))
+    kinetic += 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(w, load3(row, at.B_T)))
+    g = load3(plan.gravity, 0)
+    moment = add3(
+        scale3(rigid[at.MASS], load3(row, at.B_P)), rotate(load9(row, at.B_R), first)
+    )
+    return kinetic, elastic, -dot3(g, moment)
+
+
+@entry_kernel
+def energy_series(plan, work, x, v, none, scratch, out):
+    """out[k] = kinetic, elastic, gravitational energy of the machine, and its springs' (J).
+
+    ``none`` is (nv,) zeros, ``scratch`` (nv,).
+    """
+    for k in range(x.shape[0]):
+        forward(plan, work, x[k], v[k], none)
+        for i in range(plan.tree.shape[0]):
+            kinetic, elastic, gravitational = _body_energy(
+                plan, work, i, x[k], v[k], none, scratch
+            )
+            out[k, 0] += kinetic
+            out[k, 1] += elastic
+            out[k, 2] += gravitational
+        if plan.elements.shape[0] > 0:
+            out[k, 3] += elements_energy(plan, work, x[k])
+
+
+@entry_kernel
+def force_series(plan, work, t, x, v, a, multipliers, out):
+    """out[k] = generalised forces that the motion asks for beyond the loops' reactions.
+
+    ``plan.forces`` must be empty: what remains is what applied and driving forces supply.
+    """
+    for k in range(x.shape[0]):
+        if plan.times.shape[0] > 0:
+            evaluate_times(plan, t[k], work.time)
+        residual(plan, work, x[k], v[k], a[k], multipliers[k], out[k])
+
+
+@entry_kernel
+def largest_residuals(plan, work, t, x, rest, scratch, out):
+    """out[i] (m or rad): largest residual of row i over configurations x (nt, nx) at t (nt,).
+
+    ``rest`` is (nv,) zeros, ``scratch`` (3, rows).
+    """
+    out[:] = 0.0
+    timed = False
+    for i in range(plan.rows.shape[0]):
+        timed = timed or plan.rows[i, at.ROW_TIME] >= 0
+    for k in range(x.shape[0]):
+        if timed:
+            evaluate_times(plan, t[k], work.time)
+        forward(plan, work, x[k], rest, rest)
+        constraints(plan, work, scratch[0], scratch[1], scratch[2])
+        for i in range(scratch.shape[1]):
+            out[i] = max(out[i], abs(scratch[0, i]))
+
+
+@entry_kernel
+def constraint_matrix(plan, work, x, unit, rest, scratch, out):
+    """out (m, nv): rates of the rows per unit of each velocity.
+
+    ``unit`` and ``rest`` are (nv,) zeros, ``scratch`` (4, m).
+    """
+    forward(plan, work, x, rest, rest)
+    constraints(plan, work, scratch[0], scratch[3], scratch[2])  # rates of prescribed rows
+    for k in range(unit.shape[0]):
+        unit[k] = 1.0
+        forward(plan, work, x, unit, rest)
+        constraints(plan, work, scratch[0], scratch[1], scratch[2])
+        unit[k] = 0.0
+        for i in range(out.shape[0]):
+            out[i, k] = scratch[1, i] - scratch[3, i]

@@ -1,0 +1,4 @@
+"""Derivatives of the equations of motion, and factors of trees.
+
+Entered by the implicit integrators and by linear machines.
+"""

@@ -1,0 +1,287 @@
+"""Columns of the tangent: how an unknown moves what lies outboard, and what that asks.
+
+A unit of an unknown displaces everything outboard of it as one rigid body: by the twist xi = (phi, r), a rotation and
+the translation of the point o, both of which go with time. Of the bodies outboard it changes the wrench, in their
+own axes, by what phi', phi'' and alpha = r'' + phi x g say (d/dt in the world): this is why three vectors a column
+serve all bodies.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    cross3,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    sub3,
+)
+from flexmbd.multibody.kernels.algebra.turning import add9, scale9, skew, turning, turning_torque
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
+from flexmbd.multibody.kernels.physics.joints import joint_size
+from flexmbd.multibody.kernels.physics.rows import column
+from flexmbd.multibody.kernels.tangent import tangent_layout as tl
+
+
+@part_of_kernel
+def composite_change(row, turn, turn2, alpha):
+    """Change of the wrench (force, torque about o) that a body asks of a moving frame.
+
+    Particles accelerate by alpha + phi'' x r + 2 phi' x r'.
+    """
+    h = load3(row, tl.C_FIRST)
+    force = add3(
+        add3(scale3(row[tl.C_MASS], alpha), cross3(turn2, h)),
+        scale3(2.0, cross3(turn, load3(row, tl.C_MOMENTUM))),
+    )
+    o = tl.C_SECOND
+    xx, xy, xz, yy, yz, zz = row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5]
+    turned = (
+        (yy + zz) * turn2[0] - xy * turn2[1] - xz * turn2[2],
+        -xy * turn2[0] + (xx + zz) * turn2[1] - yz * turn2[2],
+        -xz * turn2[0] - yz * turn2[1] + (xx + yy) * turn2[2],
+    )
+    N = load9(row, tl.C_FLOW)
+    swept = sub3(scale3(N[0] + N[4] + N[8], turn), rotate_back(N, turn))
+    return force, add3(add3(cross3(h, alpha), turned), scale3(2.0, swept))
+
+
+@part_of_kernel
+def composite_feel(row, angular, linear):
+    """What a row with this twist feels of phi', phi'' and alpha: `composite_change` transposed."""
+    h = load3(row, tl.C_FIRST)
+    N = load9(row, tl.C_FLOW)
+    o = tl.C_SECOND
+    xx, xy, xz, yy, yz, zz = row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5]
+    turned = (
+        (yy + zz) * angular[0] - xy * angular[1] - xz * angular[2],
+        -xy * angular[0] + (xx + zz) * angular[1] - yz * angular[2],
+        -xz * angular[0] - yz * angular[1] + (xx + yy) * angular[2],
+    )
+    swept = sub3(scale3(N[0] + N[4] + N[8], angular), rotate(N, angular))
+    turn = scale3(2.0, add3(cross3(load3(row, tl.C_MOMENTUM), linear), swept))
+    turn2 = add3(cross3(h, linear), turned)
+    return turn, turn2, add3(scale3(row[tl.C_MASS], linear), cross3(angular, h))
+
+
+@kernel
+def store_column(target, o, k, v):
+    """Rows o to o + 2 of column k of ``target``."""
+    target[o, k] = v[0]
+    target[o + 1, k] = v[1]
+    target[o + 2, k] = v[2]
+
+
+@kernel
+def _add(target, o, k, v):
+    target[o, k] += v[0]
+    target[o + 1, k] += v[1]
+    target[o + 2, k] += v[2]
+
+
+@kernel
+def _add_column(wrench, feel, row, k, per_x, angular, linear, turn, turn2, alpha):
+    """Wrench and feeling of column k from a twist of what ``row``, of a body, sums up."""
+    force, torque = composite_change(row, turn, turn2, alpha)
+    phi, r = scale3(per_x, angular), scale3(per_x, linear)
+    F, T = load3(row, tl.C_FORCE), load3(row, tl.C_TORQUE)
+    # the wrench itself turns with what it acts on
+    force = add3(force, cross3(phi, F))
+    torque = add3(torque, add3(cross3(phi, T), cross3(r, F)))
+    _add(wrench, 0, k, force)
+    _add(wrench, 3, k, torque)
+    f0, f1, f2 = composite_feel(row, angular, linear)
+    _add(feel, 0, k, f0)
+    _add(feel, 3, k, f1)
+    _add(feel, 6, k, f2)
+    return force, torque
+
+
+@part_of_kernel
+def _joint_column(tw, i, k, weights, F, G, angular, linear):
+    """One unknown of body i's joint: turns about ``angular`` through G, slides along ``linear``."""
+    per_x, per_v, per_a = weights
+    w_F, dw_F = F
+    c, v, a, w_G = G
+    phi = scale3(per_x, angular)
+    spun = cross3(w_F, angular)
+    turn = add3(scale3(per_x, spun), scale3(per_v, angular))
+    turn2 = add3(
+        add3(scale3(per_x, add3(cross3(dw_F, angular), cross3(w_F, spun))), scale3(per_a, angular)),
+        scale3(per_v, add3(spun, cross3(w_G, angular))),
+    )
+    slid = cross3(w_F, linear)
+    rate = add3(scale3(per_x, slid), scale3(per_v, linear))
+    rate2 = add3(
+        add3(scale3(per_x, add3(cross3(dw_F, linear), cross3(w_F, slid))), scale3(per_a, linear)),
+        scale3(2.0 * per_v, slid),
+    )
+    rate = add3(rate, add3(cross3(v, phi), cross3(c, turn)))
+    alpha = add3(add3(rate2, cross3(a, phi)), add3(scale3(2.0, cross3(v, turn)), cross3(c, turn2)))
+    at_o = add3(linear, cross3(c, angular))
+    store_column(tw.twist, 0, k, angular)
+    store_column(tw.twist, 3, k, at_o)
+    store_column(tw.motion, 0, k, turn)
+    store_column(tw.motion, 3, k, turn2)
+    store_column(tw.motion, 6, k, alpha)
+    store_column(tw.motion, 9, k, rate)
+    _add_column(tw.wrench, tw.feel, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
+
+
+@part_of_kernel
+def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
+    """Write the columns of body i's inboard joint; its composite must be complete."""
+    tree = plan.tree[i]
+    kind = tree[at.JOINT]
+    size = joint_size(kind)
+    if size == 0:
+        return
+    _, R_F, _, w_F, _, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
+    F = (rotate(R_F, w_F), rotate(R_F, dw_F))
+    body = work.body[i]
+    R = load9(body, at.B_R)
+    child = plan.frames[tree[at.FRAME_CHILD]]
+    p = load3(child, at.FRAME_P)
+    w = load3(body, at.B_W)
+    wp = cross3(w, p)
+    a = add3(load3(body, at.B_A), add3(cross3(load3(body, at.B_DW), p), cross3(w, wp)))
+    c = sub3(add3(load3(body, at.B_P), rotate(R, p)), load3(tw.origin, 0))
+    v = sub3(rotate(R, add3(load3(body, at.B_V), wp)), load3(tw.origin, 3))
+    G = (c, v, rotate(R, a), rotate(R, w))
+    R_G = compose(R, load9(child, at.FRAME_R))
+    zero = (0.0, 0.0, 0.0)
+    weights = (per_x, per_v, per_a)
+    o = tree[at.JOINT_V]
+    for k in range(size):
+        angular, linear = zero, zero
+        if kind == at.REVOLUTE:
+            angular = column(R_G, 2)
+        elif kind == at.PRISMATIC:
+            linear = column(R_F, 2)
+        elif kind == at.SCREW:
+            angular = column(R_G, 2)
+            linear = scale3(plan.data[tree[at.JOINT_DATA]], angular)
+        elif kind == at.SPHERICAL:
+            angular = column(R_G, k)
+        elif k < 3:
+            linear = column(R_F, k)
+        else:
+            angular = column(R_G, k - 3)
+        _joint_column(tw, i, o + k, weights, F, G, angular, linear)
+
+
+@kernel
+def _modes3(modal, o, n, k):
+    return (modal[o + k], modal[o + n + k], modal[o + 2 * n + k])
+
+
+@part_of_kernel
+def _add_frame_block(plan, tw, f, first, n, matrix):
+    """Add the modes' own rows of the columns that ``tw.sums`` holds: forces, moments, and what turns the rows."""
+    modal = plan.modal
+    o = plan.frame_of[f, at.FRAME_MODES]
+    edge = tw.edge_of[f]
+    for j in range(n):
+        s = _modes3(modal, o + 3 * n, n, j)
+        axis, lever = load_column(tw.edge_twist, edge + j)
+        row = matrix[first + j, first : first + n]
+        add_products(lever, axis, tw.sums, 0, row)
+        add_product(s, tw.sums, 6, 0, row)
+
+
+@kernel
+def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
+    """Columns of a body's modes as far as they move its frame f with what ``row`` sums up there.
+
+    Adds to the modes' wrenches and feelings, and to the block of the body's own modes; overwrites ``tw.sums``.
+    """
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    o = plan.frame_of[f, at.FRAME_MODES]
+    modal = plan.modal
+    first, qx, edge = tree[at.MODAL_V], tree[at.MODAL_X], tw.edge_of[f]
+    _, theta = modal_sum(modal, o, n, x[qx : qx + n])
+    _, theta1 = modal_sum(modal, o, n, v[first : first + n])
+    _, theta2 = modal_sum(modal, o, n, a[first : first + n])
+    body = work.body[plan.frame_of[f, at.FRAME_BODY]]
+    R = load9(body, at.B_R)
+    wx = skew(load3(body, at.B_W))
+    bend = add9(compose(wx, wx), skew(load3(body, at.B_DW)))
+    p_F, R_F, v_F, _, a_F, _ = frame_motion(plan, work, f)
+    c = sub3(p_F, load3(tw.origin, 0))
+    v_F = sub3(rotate(R_F, v_F), load3(tw.origin, 3))
+    a_F = rotate(R_F, a_F)
+    J, J1, J2 = turning(theta, theta1, theta2)
+    # from the modes' rotations to phi, phi', phi'', and from their translations to r', r''
+    wJ1 = add9(compose(wx, J), J1)
+    M0 = compose(R, J)
+    M1 = compose(R, add9(scale9(per_x, wJ1), scale9(per_v, J)))
+    M2 = compose(
+        R,
+        add9(
+            add9(
+                scale9(per_x, add9(compose(bend, J), add9(scale9(2.0, compose(wx, J1)), J2))),
+                scale9(2.0 * per_v, wJ1),
+            ),
+            scale9(per_a, J),
+        ),
+    )
+    unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    T1 = compose(R, add9(scale9(per_x, wx), scale9(per_v, unit)))
+    T2 = compose(R, add9(add9(scale9(per_x, bend), scale9(2.0 * per_v, wx)), scale9(per_a, unit)))
+    force, torque = load3(row, tl.C_FORCE), load3(row, tl.C_TORQUE)
+    Q = turning_torque(theta, rotate_back(R, sub3(torque, cross3(c, force))))
+    for k in range(n):
+        s, t = _modes3(modal, o + 3 * n, n, k), _modes3(modal, o, n, k)
+        angular = rotate(M0, s)
+        shift = rotate(R, t)
+        at_o = add3(shift, cross3(c, angular))
+        turn, turn2 = rotate(M1, s), rotate(M2, s)
+        phi = scale3(per_x, angular)
+        rate = add3(rotate(T1, t), add3(cross3(v_F, phi), cross3(c, turn)))
+        alpha = add3(
+            add3(rotate(T2, t), cross3(a_F, phi)),
+            add3(scale3(2.0, cross3(v_F, turn)), cross3(c, turn2)),
+        )
+        store_column(tw.edge_twist, 0, edge + k, angular)
+        store_column(tw.edge_twist, 3, edge + k, at_o)
+        store_column(tw.edge_motion, 0, edge + k, turn)
+        store_column(tw.edge_motion, 3, edge + k, turn2)
+        store_column(tw.edge_motion, 6, edge + k, alpha)
+        store_column(tw.edge_motion, 9, edge + k, rate)
+        change, moment = _add_column(tw.wrench, tw.feel, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
+        # the lever and the axes of the modes' own share go with the frame
+        moment = add3(moment, scale3(per_x, cross3(force, shift)))
+        store_column(tw.sums, 0, k, change)
+        store_column(tw.sums, 3, k, moment)
+        store_column(tw.sums, 6, k, scale3(per_x, rotate_back(Q, s)))
+    _add_frame_block(plan, tw, f, first, n, matrix)
+
+
+@kernel
+def load_column(m, k):
+    """The two vectors in rows 0 to 5 of column k."""
+    return (m[0, k], m[1, k], m[2, k]), (m[3, k], m[4, k], m[5, k])
+
+
+@kernel
+def add_product(a, m, o, k, row):
+    """row += a . (rows o to o + 2 of m, from column k)."""
+    for j in range(row.shape[0]):
+        row[j] += a[0] * m[o, k + j] + a[1] * m[o + 1, k + j] + a[2] * m[o + 2, k + j]
+
+
+@kernel
+def add_products(a, b, m, k, row):
+    """row += a . (rows 0 to 2 of m) + b . (rows 3 to 5), from column k."""
+    for j in range(row.shape[0]):
+        i = k + j
+        row[j] += (
+            a[0] * m[0, i] + a[1] * m[1, i] + a[2] * m[2, i] + b[0] * m[3, i] + b[1] * m[4, i] + b[2] * m[5, i]
+        )

@@ -1,0 +1,68 @@
+"""The tangent of force laws on coordinates; of users' functions by central differences."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.native import call_law, call_state
+from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law
+from flexmbd.multibody.kernels.physics.energies import add_energy_block
+from flexmbd.multibody.kernels.physics.joints import retract
+
+_STEP = 6e-6  # share of one plus a variable's size: the cube root of round-off
+
+
+@part_of_kernel
+def _user_slope(plan, work, row, beta, rate, per_x, per_v):
+    """Derivative of a user's law along (per_x, per_v)."""
+    size = max(abs(per_x) / (1.0 + abs(beta)), abs(per_v) / (1.0 + abs(rate)))
+    if size == 0.0:
+        return 0.0
+    step = _STEP / size
+    t = work.time[plan.times.shape[0], 0]
+    address = row[at.EL_ADDRESS]
+    up = call_law(address, t, beta + per_x * step, rate + per_v * step)
+    down = call_law(address, t, beta - per_x * step, rate - per_v * step)
+    return (up - down) / (2.0 * step)
+
+
+@part_of_kernel
+def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
+    """Derivative of a user's function of the whole state, column by column."""
+    nv = v.shape[0]
+    size = max(abs(per_x), abs(per_v))
+    if size == 0.0:
+        return
+    t = work.time[plan.times.shape[0], 0]
+    step = _STEP / size
+    for k in range(nv):
+        for sign in (-1.0, 1.0):
+            for j in range(nv):
+                tw.moved_v[j] = v[j]
+                tw.move[j] = 0.0
+            tw.moved_v[k] += sign * per_v * step
+            tw.move[k] = sign * per_x * step
+            retract(plan, x, tw.move, tw.moved_x)
+            call_state(address, t, tw.moved_x, tw.moved_v, work.generalized)
+            for j in range(nv):
+                matrix[j, k] -= sign * work.generalized[j] / (2.0 * step)
+
+
+@part_of_kernel
+def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
+    """Subtract from the tangent the derivatives of all forces on coordinates."""
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        kind = row[at.EL_KIND]
+        k = row[at.EL_V]
+        if kind <= at.ON_FRICTION:
+            _, slope_x, slope_v = coordinate_law(plan, row, x[row[at.EL_X]], v[k])
+            matrix[k, k] -= per_x * slope_x + per_v * slope_v
+        elif kind == at.ON_ENERGY:
+            add_energy_block(plan, row, x, per_x, matrix)
+        elif plan.flag[0] != 0:
+            continue
+        elif kind == at.ON_FUNCTION:
+            matrix[k, k] -= _user_slope(plan, work, row, x[row[at.EL_X]], v[k], per_x, per_v)
+        elif kind == at.ON_STATE:
+            _add_state_columns(plan, work, tw, row[at.EL_ADDRESS], x, v, per_x, per_v, matrix)

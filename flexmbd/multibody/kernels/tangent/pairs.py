@@ -1,0 +1,271 @@
+"""The tangent of what acts between two frames: reactions of constraint rows and force elements.
+
+Both give a wrench from the motion of frame G against frame F in F's axes, and its variation.  Columns that move one of
+the frames and not the other change it; that it goes along with the bodies is part of their columns already.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.physics.joints import joint_size
+from flexmbd.multibody.kernels.physics.rows import row_wrench, row_wrench_variation
+from flexmbd.multibody.kernels.tangent import tangent_layout as tl
+from flexmbd.multibody.kernels.tangent.columns import frame_columns, store_column
+from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
+
+
+@kernel
+def _enter(tw, count, k, twist, motion, column, o, sign):
+    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+    if tw.path_mark[k] == 0:
+        tw.path_mark[k] = 1
+        tw.path[count] = k
+        count += 1
+        for t in range(18):
+            tw.path_twist[t, k] = 0.0
+    for t in range(6):
+        tw.path_twist[o + t, k] = twist[t, column]
+    for t in range(3):
+        tw.path_twist[12 + t, k] += sign * motion[t, column]
+        tw.path_twist[15 + t, k] += sign * motion[9 + t, column]
+    return count
+
+
+@kernel
+def _walk(plan, tw, f, o, sign, count):
+    """Enter all unknowns that move frame f into the path, their twists at rows o; return its length."""
+    b = plan.frame_of[f, at.FRAME_BODY]
+    edge = tw.edge_of[f]
+    while b >= 0:
+        tree = plan.tree[b]
+        if edge >= 0:
+            for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
+                q = tree[at.MODAL_V] + k
+                count = _enter(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
+        for k in range(joint_size(tree[at.JOINT])):
+            j = tree[at.JOINT_V] + k
+            count = _enter(tw, count, j, tw.twist, tw.motion, j, o, sign)
+        edge = tw.edge_of[tree[at.FRAME_PARENT]]
+        b = tree[at.PARENT]
+    return count
+
+
+@kernel
+def _gather(plan, tw, f, g):
+    """Enter all unknowns that move frames f or g into the path; return their number."""
+    return _walk(plan, tw, g, 6, 1.0, _walk(plan, tw, f, 0, -1.0, 0))
+
+
+@kernel
+def _forget(tw, count):
+    for i in range(count):
+        tw.path_mark[tw.path[i]] = 0
+
+
+@kernel
+def _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
+    """Variation of G's motion against F by unknown k: whether there is one, dd, dtheta, drate, dspin (F's axes).
+
+    Also the relative twist (phi, r) itself, in world axes.
+    """
+    m = tw.path_twist
+    phi = (m[6, k] - m[0, k], m[7, k] - m[1, k], m[8, k] - m[2, k])
+    r = (m[9, k] - m[3, k], m[10, k] - m[4, k], m[11, k] - m[5, k])
+    turn = (m[12, k], m[13, k], m[14, k])
+    rate = (m[15, k], m[16, k], m[17, k])
+    any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
+    move = scale3(per_x, add3(r, cross3(phi, c_G)))
+    phi_x = scale3(per_x, phi)
+    move_rate = add3(add3(rate, cross3(turn, c_G)), cross3(phi_x, v_G))
+    dd = rotate_back(R_F, move)
+    dtheta = rotate_back(R_F, phi_x)
+    drate = rotate_back(R_F, sub3(move_rate, cross3(w_F, move)))
+    dspin = rotate_back(R_F, add3(turn, cross3(phi_x, w_G)))
+    return any_of > 0.0, dd, dtheta, drate, dspin, phi, r
+
+
+@kernel
+def _pair_frames(plan, work, tw, f, g):
+    """Places of F and G against o, velocity of G against o, angular velocities, R_WF; in world axes."""
+    p_F, R_F, _, w_F, _, _ = frame_motion(plan, work, f)
+    p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
+    o = load3(tw.origin, 0)
+    v = sub3(rotate(R_G, v_G), load3(tw.origin, 3))
+    return sub3(p_F, o), sub3(p_G, o), v, rotate(R_F, w_F), rotate(R_G, w_G), R_F
+
+
+@kernel
+def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
+    """Store what unknown k changes of the wrench between F and G, about o in world axes.
+
+    ``dforce``, ``dmoment`` about F's origin in F's axes; (force, torque) the wrench itself in world axes.
+    """
+    change = rotate(R_F, dforce)
+    store_column(tw.path_wrench, 0, k, change)
+    store_column(tw.path_wrench, 3, k, add3(rotate(R_F, dmoment), cross3(c_F, change)))
+    phi, r = scale3(per_x, phi), scale3(per_x, r)
+    store_column(tw.path_wrench, 6, k, cross3(phi, force))
+    store_column(tw.path_wrench, 9, k, add3(cross3(phi, torque), cross3(r, force)))
+
+
+@kernel
+def _add_changes(tw, count, matrix):
+    """Add the stored changes, on the unknowns that move F or G; columns without are zero."""
+    m, w = tw.path_twist, tw.path_wrench
+    for i in range(count):
+        r = tw.path[i]
+        angular = (m[6, r] - m[0, r], m[7, r] - m[1, r], m[8, r] - m[2, r])
+        linear = (m[9, r] - m[3, r], m[10, r] - m[4, r], m[11, r] - m[5, r])
+        for j in range(count):
+            k = tw.path[j]
+            t = 0.0
+            for c in range(3):
+                t += linear[c] * w[c, k] + angular[c] * w[3 + c, k]
+                t -= m[9 + c, r] * w[6 + c, k] + m[6 + c, r] * w[9 + c, k]
+            matrix[r, k] += t
+
+
+@kernel
+def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, matrix):
+    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G."""
+    for side in range(2):
+        end = f if side == 0 else g
+        if tw.edge_of[end] >= 0:
+            sign = -1.0 if side == 0 else 1.0
+            for t in range(3):
+                tw.point[tl.C_FORCE + t] = sign * force[t]
+                tw.point[tl.C_TORQUE + t] = sign * torque[t]
+            frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
+
+
+@part_of_kernel
+def _same_frames(row, other):
+    return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
+
+
+@part_of_kernel
+def _last_of_group(plan, first):
+    """One past the last row that joins the same frames as row ``first``."""
+    last = first + 1
+    while (
+        last < plan.rows.shape[0]
+        and plan.rows[last, at.ROW_KIND] != at.ROW_COUPLING
+        and _same_frames(plan.rows[first], plan.rows[last])
+    ):
+        last += 1
+    return last
+
+
+@part_of_kernel
+def _coupling_row(plan, tw, i, per_v):
+    """Jacobian of a coupling of coordinates."""
+    o = plan.rows[i, at.ROW_DATA]
+    for k in range(int(plan.data[o])):
+        v = plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]
+        tw.jacobian[i, v] += plan.data[o + 3 + 2 * k]
+        tw.rate_jacobian[i, v] += per_v * plan.data[o + 3 + 2 * k]
+
+
+@part_of_kernel
+def _total_wrench(plan, first, last, multipliers, d, R):
+    """Wrench of rows first .. last - 1 together, at G, in F's axes."""
+    force = torque = (0.0, 0.0, 0.0)
+    for i in range(first, last):
+        one, turn = row_wrench(plan.data, plan.rows[i], d, R)
+        force = add3(force, scale3(multipliers[i], one))
+        torque = add3(torque, scale3(multipliers[i], turn))
+    return force, torque
+
+
+@part_of_kernel
+def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
+    """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
+    dd, dtheta, drate, dspin, unit, turn = change
+    row = plan.rows[i]
+    force, torque = row_wrench(plan.data, row, d, R)
+    dforce, dtorque = row_wrench_variation(plan.data, row, d, R, dd, dtheta)
+    tw.jacobian[i, k] = dot3(force, unit) + dot3(torque, turn)
+    tw.rate_jacobian[i, k] = (
+        dot3(dforce, rate) + dot3(dtorque, spin) + dot3(force, drate) + dot3(torque, dspin)
+    )
+    return scale3(multiplier, dforce), scale3(multiplier, dtorque)
+
+
+@part_of_kernel
+def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix):
+    """Rows first .. last - 1, which join the same two frames."""
+    f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
+    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
+    c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
+    force, torque = _total_wrench(plan, first, last, multipliers, d, R)
+    pull = rotate(R_F, force)
+    moment = add3(rotate(R_F, torque), cross3(c_G, pull))
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    count = _gather(plan, tw, f, g)
+    for j in range(count):
+        k = tw.path[j]
+        moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        dforce = dtorque = (0.0, 0.0, 0.0)
+        if moves:
+            unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
+            change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
+            for i in range(first, last):
+                one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
+                dforce = add3(dforce, one)
+                dtorque = add3(dtorque, turn)
+        dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
+        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+    _add_changes(tw, count, matrix)
+    _forget(tw, count)
+
+
+@part_of_kernel
+def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
+    """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
+    tw.jacobian[:] = 0.0
+    tw.rate_jacobian[:] = 0.0
+    first = 0
+    while first < plan.rows.shape[0]:
+        if plan.rows[first, at.ROW_KIND] == at.ROW_COUPLING:
+            _coupling_row(plan, tw, first, per_v)
+            first += 1
+            continue
+        last = _last_of_group(plan, first)
+        _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+        first = last
+
+
+@part_of_kernel
+def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+    """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        if row[at.EL_KIND] < at.BETWEEN_SPRING:
+            continue
+        f, g = row[at.EL_F], row[at.EL_G]
+        d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
+        c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
+        force, torque = element_wrench(plan, work, row, d, R, rate, spin)
+        force, torque = scale3(-1.0, force), scale3(-1.0, torque)
+        pull = rotate(R_F, force)
+        moment = add3(rotate(R_F, torque), cross3(c_G, pull))
+        _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+        count = _gather(plan, tw, f, g)
+        for j in range(count):
+            k = tw.path[j]
+            moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+            dforce = dtorque = (0.0, 0.0, 0.0)
+            if moves:
+                dforce, dtorque = element_wrench_variation(
+                    plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin
+                )
+            dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
+            dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
+            _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+        _add_changes(tw, count, matrix)
+        _forget(tw, count)

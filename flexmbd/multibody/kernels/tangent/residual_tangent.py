@@ -1,0 +1,200 @@
+"""The tangent of a tree's residual: analytic, with nonzeros only between ancestors and descendants.
+
+One sweep outwards for each body's own moments and modes, one inwards that sums the moments up and makes the columns
+of joints and frames, and one pass over all pairs of a body and its ancestors, a few products an entry.  Closed forms
+by summed moments for rigid bodies: Singh, Russell & Wensing 2022 (doi:10.1109/LRA.2022.3141194); here moments of r and
+r' take the place of their spatial matrices, and frames that deform that of joints.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import joint_size
+from flexmbd.multibody.kernels.tangent import tangent_layout as tl
+from flexmbd.multibody.kernels.tangent.bodies import (
+    add_modal_block,
+    flexible_composite,
+    modal_columns,
+    rigid_composite,
+)
+from flexmbd.multibody.kernels.tangent.columns import (
+    add_product,
+    add_products,
+    frame_columns,
+    joint_columns,
+    load_column,
+)
+from flexmbd.multibody.kernels.tangent.laws import add_laws
+from flexmbd.multibody.kernels.tangent.pairs import add_closures, add_elements
+
+
+@part_of_kernel
+def _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+    """Each body's moments, and all about its own modes."""
+    for k in range(3):
+        tw.origin[k] = 0.0
+        tw.origin[3 + k] = 0.0
+    if plan.tree.shape[0] > 0:
+        body = work.body[0]
+        place = load3(body, at.B_P)
+        velocity = rotate(load9(body, at.B_R), load3(body, at.B_V))
+        for k in range(3):
+            tw.origin[k] = place[k]
+            tw.origin[3 + k] = velocity[k]
+    tw.wrench[:] = 0.0
+    tw.feel[:] = 0.0
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        if tree[at.FLEX] < 0:
+            rigid_composite(plan, work, tw, i)
+        else:
+            n = plan.flex[tree[at.FLEX], at.N_MODES]
+            qx = tree[at.MODAL_X]
+            qv = tree[at.MODAL_V]
+            q = x[qx : qx + n]
+            flexible_composite(plan, work, tw, i, q, v[qv : qv + n], a[qv : qv + n])
+            modal_columns(plan, work, tw, i, per_x, per_v, per_a)
+            add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix)
+
+
+@part_of_kernel
+def _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+    """Sum the moments up and make the columns of joints and of the frames they stand on."""
+    for i in range(plan.tree.shape[0] - 1, -1, -1):
+        tree = plan.tree[i]
+        joint_columns(plan, work, tw, i, per_x, per_v, per_a)
+        f = tree[at.FRAME_PARENT]
+        if plan.frame_of[f, at.FRAME_MODES] >= 0:
+            frame_columns(plan, work, tw, f, tw.body[i], x, v, a, per_x, per_v, per_a, matrix)
+        parent = tree[at.PARENT]
+        if parent >= 0:
+            for k in range(tl.C_FORCE):
+                tw.body[parent, k] += tw.body[i, k]
+
+
+@kernel
+def _feel_product(tw, r, motion, k):
+    """What row r feels of column k."""
+    t = 0.0
+    for c in range(9):
+        t += tw.feel[c, r] * motion[c, k]
+    return t
+
+
+@kernel
+def _twist_product(tw, r, k):
+    """The wrench of column k on the joint unknown r."""
+    t = 0.0
+    for c in range(3):
+        t += tw.twist[c, r] * tw.wrench[3 + c, k] + tw.twist[3 + c, r] * tw.wrench[c, k]
+    return t
+
+
+@part_of_kernel
+def _joint_block(tw, kind, o, matrix):
+    """The unknowns of one joint among themselves.
+
+    What a free joint pushes along the axes of its parent's frame does not turn with the body.
+    """
+    size = joint_size(kind)
+    for r in range(size):
+        for k in range(size):
+            if kind == at.FREE and r < 3:
+                matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
+            else:
+                matrix[o + r, o + k] += _feel_product(tw, o + r, tw.motion, o + k)
+
+
+@kernel
+def _meet_modes(tw, edge, n, first, start, stop, matrix):
+    """Unknowns start .. stop - 1 of a body outboard of a frame, with the n modes that move the frame."""
+    for r in range(start, stop):
+        row = matrix[r, first : first + n]
+        for t in range(3):
+            feel = (tw.feel[3 * t, r], tw.feel[3 * t + 1, r], tw.feel[3 * t + 2, r])
+            add_product(feel, tw.edge_motion, 3 * t, edge, row)
+    for b in range(n):
+        angular, linear = load_column(tw.edge_twist, edge + b)
+        add_products(linear, angular, tw.wrench, start, matrix[first + b, start:stop])
+
+
+@kernel
+def _meet_joint(tw, o, size, start, stop, matrix):
+    """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o."""
+    for r in range(start, stop):
+        for k in range(o, o + size):
+            matrix[r, k] += _feel_product(tw, r, tw.motion, k)
+            matrix[k, r] += _twist_product(tw, k, r)
+
+
+@part_of_kernel
+def _pair_sweep(plan, tw, matrix):
+    """Fill all entries between a body's unknowns and those of its ancestors."""
+    for i in range(plan.tree.shape[0]):
+        tree = plan.tree[i]
+        size = joint_size(tree[at.JOINT])
+        o = tree[at.JOINT_V]
+        modes = 0
+        q = tree[at.MODAL_V]
+        _joint_block(tw, tree[at.JOINT], o, matrix)
+        if tree[at.FLEX] >= 0:
+            modes = plan.flex[tree[at.FLEX], at.N_MODES]
+            _meet_joint(tw, o, size, q, q + modes, matrix)
+        child = i
+        parent = tree[at.PARENT]
+        while parent >= 0:
+            above = plan.tree[parent]
+            f = plan.tree[child, at.FRAME_PARENT]
+            edge = tw.edge_of[f]
+            if edge >= 0:
+                n = plan.flex[above[at.FLEX], at.N_MODES]
+                _meet_modes(tw, edge, n, above[at.MODAL_V], o, o + size, matrix)
+                _meet_modes(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix)
+            above_size = joint_size(above[at.JOINT])
+            _meet_joint(tw, above[at.JOINT_V], above_size, o, o + size, matrix)
+            _meet_joint(tw, above[at.JOINT_V], above_size, q, q + modes, matrix)
+            child = parent
+            parent = above[at.PARENT]
+
+
+@kernel
+def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
+    """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it."""
+    matrix[:, :] = 0.0
+    _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+    if plan.elements.shape[0] > 0:
+        add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+        add_laws(plan, work, tw, x, v, per_x, per_v, matrix)
+    _pair_sweep(plan, tw, matrix)
+
+
+@entry_kernel
+def tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
+    """matrix = per_x dr/dx + per_v dr/dv + per_a dr/da of `residual`, (nv, nv).
+
+    dx is the tangent vector of `retract` at x: rotations in the axes of the frame that they turn (rad).
+    ``work.time`` must be up to date; ``tw`` is `new_tangent_work`.  M, C and K alone by unit weights.
+    """
+    residual(plan, work, x, v, a, multipliers, tw.out)
+    tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+
+
+@kernel
+def turn_columns(plan, move, matrix):
+    """Make derivatives by x at retract(x0, move) those by ``move``: columns of rotations times J(-move).
+
+    ``matrix`` is (k, nv); `tangent` gives columns by small turns of x itself.
+    """
+    for i in range(plan.tree.shape[0]):
+        kind = plan.tree[i, at.JOINT]
+        if kind != at.SPHERICAL and kind != at.FREE:
+            continue
+        o = plan.tree[i, at.JOINT_V] + (0 if kind == at.SPHERICAL else 3)
+        turn = scale3(-1.0, load3(move, o))
+        for r in range(matrix.shape[0]):
+            store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))

@@ -1,0 +1,105 @@
+"""The scratch space of the tangent, and what its columns hold.
+
+All vectors here are in world axes and all moments about one point o that moves with the first body, so that what
+bodies add up needs no transformation.  A column belongs to one unknown (an entry of v); an edge column to one modal
+unknown of a body, as seen by what hangs on one of its frames.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Columns of TangentWork.body: mass, first moment, momentum, second moment (xx xy xz yy yz zz), the integral of
+# rho r v^T, all of the body and what hangs on it; then the wrench that it asks of its joint.
+C_MASS, C_FIRST, C_MOMENTUM, C_SECOND, C_FLOW, C_FORCE, C_TORQUE, N_COMPOSITE = 0, 1, 4, 7, 13, 22, 25, 28
+
+
+class TangentWork(NamedTuple):
+    """Scratch arrays of the tangent.
+
+    origin: (6,) place and velocity of o.
+    body: (bodies, N_COMPOSITE).
+    twist: (6, nv) rotation and translation at o that a unit of a joint's unknown causes outboard.
+    motion: (12, nv) what the column causes outboard: rate of the rotation, its second rate, second rate of the
+        translation at o as the body feels it, and its first rate.
+    wrench: (6, nv) force and torque about o that the column changes for all that lies inboard.
+    feel: (9, nv) what the row of this unknown feels of an inboard column's motion (its first nine).
+    edge_of: (frames,) first edge column of a deforming frame, -1 for the others.
+    edge_twist, edge_motion: twist and motion of the edge columns.
+    sums: (27, n) integrals of rho phi_j r^T, rho phi_j (Phi qd)^T, rho phi_j (Phi qdd)^T of one body.
+    point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
+    path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
+    path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
+    path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
+    jacobian: (rows, nv) rates of the constraint rows per unit velocity.
+    rate_jacobian: (rows, nv) derivative of the rows' rates, per_x by x and per_v by v.
+    move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.
+    out: (nv,) residual.
+    """
+
+    origin: FloatArray
+    body: FloatArray
+    twist: FloatArray
+    motion: FloatArray
+    wrench: FloatArray
+    feel: FloatArray
+    edge_of: IntArray
+    edge_twist: FloatArray
+    edge_motion: FloatArray
+    sums: FloatArray
+    point: FloatArray
+    path: IntArray
+    path_mark: IntArray
+    path_twist: FloatArray
+    path_wrench: FloatArray
+    jacobian: FloatArray
+    rate_jacobian: FloatArray
+    move: FloatArray
+    moved_x: FloatArray
+    moved_v: FloatArray
+    out: FloatArray
+
+
+def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
+    """Allocate the tangent's scratch space for ``plan`` with nv velocities."""
+    edge_of = np.full(len(plan.frames), -1, np.int64)
+    edges = 0
+    for f, (body, modes) in enumerate(plan.frame_of):
+        if modes >= 0:
+            edge_of[f] = edges
+            edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
+    most = int(plan.flex[:, at.N_MODES].max(initial=0))
+    quaternions = int(np.isin(plan.tree[:, at.JOINT], (at.SPHERICAL, at.FREE)).sum())
+    zeros = np.zeros
+    return TangentWork(
+        origin=zeros(6),
+        body=zeros((len(plan.tree), N_COMPOSITE)),
+        twist=zeros((6, nv)),
+        motion=zeros((12, nv)),
+        wrench=zeros((6, nv)),
+        feel=zeros((9, nv)),
+        edge_of=edge_of,
+        edge_twist=zeros((6, edges)),
+        edge_motion=zeros((12, edges)),
+        sums=zeros((27, most)),
+        point=zeros(N_COMPOSITE),
+        path=zeros(nv, np.int64),
+        path_mark=zeros(nv, np.int64),
+        path_twist=zeros((18, nv)),
+        path_wrench=zeros((12, nv)),
+        jacobian=zeros((len(plan.rows), nv)),
+        rate_jacobian=zeros((len(plan.rows), nv)),
+        move=zeros(nv),
+        moved_x=zeros(nv + quaternions),
+        moved_v=zeros(nv),
+        out=zeros(nv),
+    )

@@ -1,0 +1,63 @@
+"""What a machine's equations change with its state, analytically and one by one: for linearising."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of ``kernels.residual`` and of the rows, accelerations zero.
+
+    Small changes of the configuration are tangent vectors of ``kernels.joints.retract``: rotations in the axes of the
+    frame that they turn.
+
+    Attributes:
+        mass, damping, stiffness: (nv, nv) by accelerations, velocities, configuration; those of the reactions
+            J^T nu by the configuration included.
+        jacobian: (m, nv) J, of the rows by the configuration, and of their rates by velocities.
+        rate_slope: (m, nv) of the rows' rates by the configuration.
+    """
+
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    jacobian: FloatArray
+    rate_slope: FloatArray
+
+
+def derive(plan: Plan, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray) -> Derivatives:
+    """Derivatives at configuration x (nx,), velocities v (nv,) and multipliers (m,); ``work.time`` up to date."""
+    nv = len(v)
+    tw = new_tangent_work(plan, nv)
+    found = np.zeros((3, nv, nv))
+    slopes = np.zeros((3, *tw.rate_jacobian.shape))
+    for matrix, slope, (per_x, per_v, per_a) in zip(found, slopes, np.eye(3), strict=True):
+        tangent(plan, work, tw, x, v, np.zeros(nv), multipliers, per_x, per_v, per_a, matrix)
+        slope[:] = tw.rate_jacobian
+    return Derivatives(found[2], found[1], found[0], tw.jacobian.copy(), slopes[0])
+
+
+def turning(plan: Plan, v: FloatArray) -> FloatArray:
+    """A (nv, nv) of d xi/dt = dv - A xi, for small changes xi and dv of configuration and velocities v (nv,).
+
+    R exp(xi) has the angular velocity w + d xi/dt + w x xi in its own axes.
+    """
+    A = np.zeros((len(v), len(v)))
+    for row in plan.tree:
+        kind = row[at.JOINT]
+        if kind in (at.SPHERICAL, at.FREE):
+            o = row[at.JOINT_V] + (3 if kind == at.FREE else 0)
+            x, y, z = v[o : o + 3]
+            A[o : o + 3, o : o + 3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    return A

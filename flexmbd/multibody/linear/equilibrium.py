@@ -1,0 +1,223 @@
+"""Equilibria and steady motions by Newton's method, downhill where the machine is unstable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
+from flexmbd.multibody.interiors.steady import steady
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
+from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
+from flexmbd.multibody.linear.membrane_strains import MembraneStrains, membrane_strains
+from flexmbd.multibody.linear.settled import settle
+from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.start.placement import follow_mates
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 200
+_STEP = 0.3  # rad, or of the machine's extent: the longest step
+_CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
+_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
+_HALVINGS = 8
+_SLOPE = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
+_LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium that was met on the way is left
+
+
+@dataclass(frozen=True, eq=False)
+class _Machine:
+    """The scene, scratch with its functions of time, and the membrane strains of its bodies."""
+
+    scene: CompiledScene
+    work: Work
+    strains: MembraneStrains
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step (nv,), how many motions are unstable about its start, and the most unstable or softest of them (nv,)."""
+
+    along: FloatArray
+    unstable: int
+    softest: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """What is lacking at a state: (nz,) forces, and what they are made of."""
+
+    x: FloatArray
+    v: FloatArray
+    multipliers: FloatArray
+    of: Derivatives
+    by: Elimination
+    lacking: FloatArray
+    parts: FloatArray
+    mass: FloatArray
+
+
+def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
+    """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
+
+    Near it these are Newton's steps, in which the membrane forces of bodies that bend are unknowns of their own
+    (`membrane_strains`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
+    the machine is unstable, directions of negative stiffness are taken downhill, so that not the nearest equilibrium is
+    found but one that the machine would settle in. An unstable one that is met on the way is left along its most
+    unstable motion; a start that is one is kept.
+
+    Args:
+        start: the consistent start.
+        work: scratch; ``work.time`` holds the functions of time.
+
+    Raises:
+        SceneError: nothing balances; the message names the coordinate where most is lacking.
+    """
+    scene = start.scene
+    machine = _Machine(scene, work, membrane_strains(scene.plan, scene.nv))
+    here = _balance(scene, work, start.x, start.v)
+    forces = machine.strains.at(here.x)
+    for i in range(_ITERATIONS):
+        step = _newton_step(scene, here, machine.strains.stiffness(forces - machine.strains.at(here.x)))
+        size = _size(scene, step.along)
+        if size <= _CONVERGED and (step.unstable == 0 or i == 0):
+            if step.unstable == 0:
+                here, _ = _taken(machine, here, step.along, forces, searches=False)
+            t, kept = float(work.time[-1, 0]), _committed(scene)
+            return WorkingPoint(scene, t, here.x, here.v, here.multipliers, kept, step.unstable)
+        if size <= _CONVERGED:
+            along = step.softest * (_LEAVE / _size(scene, step.softest))
+        else:
+            along = step.along * min(1.0, _STEP / size)
+        here, forces = _taken(machine, here, along, forces, searches=step.unstable == 0)
+    worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
+    name = scene.velocity_names[here.by.z[worst]]
+    raise SceneError(
+        f"no equilibrium found in {_ITERATIONS} steps: at {name!r} a force of {-here.lacking[worst]:.6g} (N, N m, or "
+        "modal) stays unbalanced; nothing holds it there, or start nearer to the equilibrium, as from one under a part "
+        "of the load (about=)"
+    )
+
+
+def _size(scene: CompiledScene, step: FloatArray) -> float:
+    """Of a step (nv,): rad, or of the machine's extent."""
+    return float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
+
+
+def _taken(
+    machine: _Machine, here: _Balance, step: FloatArray, forces: FloatArray, *, searches: bool
+) -> tuple[_Balance, FloatArray]:
+    """Where a step leads, and the membrane forces there by the step's linear equations.
+
+    It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
+    """
+    scene, strains = machine.scene, machine.strains
+    along = step[here.by.z]
+    linear = strains.at(here.x) + strains.change(here.x, step)
+    failure: SceneError | None = None
+    for halvings in range(_HALVINGS + 1):
+        part = 0.5**halvings
+        x = _moved(scene, machine.work, here.x, step * part)
+        try:
+            there = _balance(scene, machine.work, x, here.v)
+        except SceneError as reason:
+            if scene.interiors is None:
+                raise
+            failure = reason
+            continue
+        failure, then = None, forces + part * (linear - forces)
+        # other coordinates are the independent ones there: no work along the step to be compared
+        if not searches or not np.array_equal(there.by.z, here.by.z):
+            break
+        open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
+        if open_forces @ along <= _SLOPE * abs(here.lacking @ along):
+            break
+    if failure is not None:
+        raise SceneError(f"no equilibrium found: on the way to it {failure}") from failure
+    return there, then
+
+
+def _committed(scene: CompiledScene) -> Kept:
+    """What bodies with history remember where they stand in balance: their last trial."""
+    if scene.interiors is None:
+        return NOTHING_KEPT
+    for body in scene.interiors.bodies:
+        steady(body).commit()
+    return scene.interiors.snapshot(scene.plan)
+
+
+def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
+    """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
+    m, nv = len(scene.plan.rows), scene.nv
+    v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    of_interiors = 0.0 if scene.interiors is None else settle(scene, scene.interiors, work, x, v)
+    force = np.zeros(nv)
+    residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
+    scene.refuse_failed(work)
+    nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
+    of = derive(scene.plan, work, x, v, np.zeros(m))
+    by = eliminate(scene, own_coordinates(scene), of, turning(scene.plan, v), nothing)
+    free = scene.plan.free
+    multipliers: FloatArray = np.zeros(m)
+    if m:
+        # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
+        mass = of.mass[np.ix_(free, free)]
+        J = of.jacobian[:, free]
+        weighted = np.linalg.solve(mass, J.T)
+        multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
+        of = derive(scene.plan, work, x, v, multipliers)
+    of = replace(of, stiffness=of.stiffness + of_interiors)
+    parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
+    mass = by.Vz.T @ of.mass @ by.Vz
+    return _Balance(x, v, multipliers, of, by, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+
+
+def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Step:
+    """Newton's own step where nothing is unstable.
+
+    Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
+    are balanced.
+
+    Args:
+        scene: the machine.
+        here: what is lacking.
+        more: (nv, nv) stiffness beside that of the state.
+    """
+    Vz = here.by.Vz
+    stiffness = Vz.T @ (here.of.stiffness + more) @ Vz
+    if not len(stiffness):
+        return _Step(np.zeros(scene.nv), 0, np.zeros(scene.nv))
+    rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
+    floor = len(rates) * 1e-15 * float(np.abs(rates).max())
+    unstable = int((rates < -floor).sum())
+    idle = np.abs(rates) <= floor
+    pull, parts = shapes.T @ here.lacking, np.abs(shapes).T @ here.parts
+    pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
+    if unstable == 0 and not idle.any():
+        step = -np.linalg.solve(stiffness, here.lacking)
+    else:
+        step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
+    return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
+
+
+def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -> FloatArray:
+    """Configuration after a step, with its loops closed."""
+    moved = np.empty_like(x)
+    retract(scene.plan, x, step, moved)
+    follow_mates(scene, work, x, step, moved)
+    try:
+        return close_loops(scene, work, moved, np.zeros(scene.nv, bool)).x
+    except AssemblyError as reason:
+        raise SceneError(
+            f"no equilibrium found: on the way to it the loops do not close ({reason}); start nearer to it"
+        ) from reason

@@ -1,0 +1,226 @@
+"""The linear equations of a machine about an equilibrium or a steady motion (Anthonis & Ramon 2003, eq. 8).
+
+With y and z of ``elimination``:  M dz/dt + C z + K y = F u,  dy/dt = Ty y + Tz z + Tu u.  Where no row holds
+velocities alone, z is made dy/dt, so that M y'' + C y' + K y = F u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.interiors.steady import InteriorModes
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
+from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
+from flexmbd.multibody.linear.output import Output, Slopes, observe
+from flexmbd.multibody.linear.ports import Ports
+from flexmbd.multibody.linear.round_off import RoundOff, cleaned, energies_at_play, round_off
+from flexmbd.multibody.linear.settled import Widening, widen
+from flexmbd.multibody.linear.working_point import WorkingPoint
+
+FloatArray = NDArray[np.float64]
+
+_STEADY = 1e-6  # of the forces at play, or of 1 rad and the machine's extent times the stiffness
+_SAME = 1e-7  # of what a coordinate's own inertia and stiffness are: what may change along a steady motion
+_AT_REST = 1e-5  # rad, or of the extent, within the slowest vibration
+_AHEAD = (0.3, 1.1)  # how far along the motion (rad, or of the extent) that is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEquations:
+    """See the module.
+
+    Attributes:
+        M, C, K: (nz, nz), (nz, nz), (nz, ny).
+        F: (nz, nu).
+        by: how changes of configuration and velocities follow from y, z, u.
+        outputs: of the equations.
+        coordinates: those of the machine, then those of interiors.
+    """
+
+    M: FloatArray
+    C: FloatArray
+    K: FloatArray
+    F: FloatArray
+    by: Elimination
+    outputs: tuple[Slopes, ...]
+    coordinates: Coordinates
+
+
+def linearize(
+    point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[Output], modes: InteriorModes
+) -> LinearEquations:
+    """Linearise about a working point, in which interiors stand; ``work.time`` of ``point.scene`` is up to date.
+
+    Raises:
+        SceneError: the motion is not steady, the constraints are singular, or an output does not fit.
+    """
+    scene = point.scene
+    wider = widen(scene, work, point.x, point.v, modes=modes)
+    own = derive(scene.plan, work, point.x, point.v, point.multipliers)
+    of, ports = wider.derivatives(own), ports.widened(wider.added)
+    turn = np.pad(turning(scene.plan, point.v), (0, wider.added))
+    by = eliminate(scene, wider.coordinates, of, turn, ports.given)
+    energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
+    rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
+    _refuse_driven_unsteadily(point, work, rate)
+    _refuse_unsteady(point, work, of, by, wider, energies)
+    slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
+    noise = round_off(of, by, wider.coordinates, energies, rate)
+    if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
+        _refuse_changing(point, work, own, rate, slopes, outputs)
+    by = replace(by, Ty=cleaned(by.Ty, noise.Ty))
+    M, C, K, F = _reduce(of, by, ports)
+    if len(by.y) == len(by.z):
+        C, K, F, by = _second_order(M, C, K, F, by, ports.given)
+    C, K = cleaned(C, noise.C), cleaned(K, noise.K)
+    slopes = tuple(slope.widened(wider.added) for slope in slopes)
+    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
+
+
+def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Put xi, dv and da = Vz dz/dt + Vy dy/dt + ... into the equations and project them on Vz."""
+    given = ports.given
+    push = by.Vz.T @ of.mass @ by.Vy
+    acceleration = by.Vu - given.motion[1]  # what follows of prescribed motions, at its rate, and these themselves
+    acceleration = acceleration @ given.rate + given.motion[2]
+    M = by.Vz.T @ of.mass @ by.Vz
+    C = by.Vz.T @ of.damping @ by.Vz + push @ by.Tz
+    K = by.Vz.T @ (of.damping @ by.Vy + of.stiffness @ by.Xy) + push @ by.Ty
+    asked = of.mass @ acceleration + of.damping @ by.Vu + of.stiffness @ by.Xu
+    F = by.Vz.T @ (ports.force - asked) - push @ by.Tu
+    return M, C, K, F
+
+
+def _second_order(
+    M: FloatArray, C: FloatArray, K: FloatArray, F: FloatArray, by: Elimination, given: Prescribed
+) -> tuple[FloatArray, FloatArray, FloatArray, Elimination]:
+    """With z = y' - Ty y - Tu u, where y and z are as many; returns C, K, F and the same elimination in y'."""
+    n = len(by.y)
+    F = F + M @ by.Tu @ given.rate + C @ by.Tu
+    K = K - C @ by.Ty
+    C = C - M @ by.Ty
+    by = replace(
+        by,
+        Vy=by.Vy - by.Vz @ by.Ty,
+        Vu=by.Vu - by.Vz @ by.Tu,
+        Ty=np.zeros((n, n)),
+        Tz=np.eye(n),
+        Tu=np.zeros_like(by.Tu),
+    )
+    return C, K, F, by
+
+
+def _refuse_driven_unsteadily(point: WorkingPoint, work: Work, rate: float) -> None:
+    """Raise SceneError where a prescribed motion has an acceleration that changes what goes on at a rate (1/s)."""
+    scene = point.scene
+    for row in scene.plan.driven:
+        k, acceleration = row[at.DRIVEN_V], work.time[row[at.DRIVEN_TIME], 2]
+        if abs(acceleration) > _STEADY * rate**2 * scene.group_full[scene.group_of[k]]:
+            raise SceneError(
+                f"the motion is not steady at t = {point.t:g} s: {scene.velocity_names[k]!r} is prescribed with an "
+                f"acceleration of {acceleration:.6g}; linearise at a time when it has none"
+            )
+
+
+def _refuse_unsteady(
+    point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening, energies: FloatArray
+) -> None:
+    """Raise SceneError where accelerations are not zero; the message tells the largest residual."""
+    scene, none = point.scene, np.zeros(point.scene.nv)
+    left, weight, held = np.zeros((3, scene.nv))
+    residual(scene.plan, work, point.x, point.v, none, point.multipliers, left)
+    light = scene.plan._replace(gravity=np.zeros(3))
+    residual(light, work, point.x, point.v, none, point.multipliers, weight)
+    residual(light, work, point.x, point.v, none, 0.0 * point.multipliers, held)
+    parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
+    lacks, size, names = wider.lacking(), wider.coordinates.size, wider.coordinates.names
+    left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
+    stiff = np.abs(of.stiffness) @ size
+    lacking = by.Vz.T @ left
+    # what little the forces on the bodies that it carries leave along a coordinate is balanced
+    scale = np.abs(by.Vz).T @ (parts + stiff + energies / size)
+    worst = int(np.argmax(np.abs(lacking) - _STEADY * scale)) if len(lacking) else 0
+    if len(lacking) and np.abs(lacking[worst]) > _STEADY * scale[worst]:
+        raise SceneError(
+            f"the motion is not steady: at {names[by.z[worst]]!r} a force of {-lacking[worst]:.6g} (N, "
+            f"N m, or modal) is not balanced, of {scale[worst]:.6g} at play; linearise about scene.equilibrium(), or "
+            "set positions and velocities that stay as they are"
+        )
+
+
+def _is_at_rest(rate: float, of: Derivatives, by: Elimination, noise: RoundOff) -> bool:
+    """Whether what moves at a rate (1/s) does so little that the machine's own vibrations are over before it shows."""
+    stiffness, mass = (by.Vz.T @ part @ by.Vz for part in (of.stiffness, of.mass))
+    if not len(mass):
+        return False
+    squares, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
+    last = np.finfo(float).eps * len(mass) * np.abs(squares).max()  # what the eigensolver tells apart
+    if stiffness.shape == noise.K.shape:
+        last += np.einsum("ik,ij,jk->k", np.abs(shapes), noise.K, np.abs(shapes))
+    swinging = np.abs(squares[np.abs(squares) > last])
+    return rate <= _AT_REST * float(np.sqrt(np.min(swinging, initial=np.inf))) < np.inf
+
+
+def _refuse_changing(
+    point: WorkingPoint,
+    work: Work,
+    of: Derivatives,
+    rate: float,
+    slopes: Sequence[Slopes],
+    outputs: Sequence[Output],
+) -> None:
+    """Raise SceneError where the equations change along the motion, for then they are not those of a steady one.
+
+    All is compared as forces at a coordinate within the motion's own time, 1 / ``rate`` (s): stiffness with damping
+    times the rate and mass times its square.
+    """
+    scene = point.scene
+    size, free = scene.group_full[scene.group_of], scene.plan.free
+    matrices = (("stiffness", 1.0), ("damping", rate), ("mass", rate**2))
+    own = np.sqrt(sum(np.abs(np.diag(getattr(of, name))) * factor for name, factor in matrices)[free])
+    rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)
+    for distance in _AHEAD:
+        x = np.empty_like(point.x)
+        retract(scene.plan, point.x, point.v * (distance / rate), x)
+        later = derive(scene.plan, work, x, point.v, point.multipliers)
+        for name, factor in matrices:
+            change = factor * np.abs(getattr(later, name) - getattr(of, name))[np.ix_(free, free)]
+            _refuse_changed(point, name, change / np.outer(own, own))
+        for old, new, scale in ((of.jacobian, later.jacobian, rows), (of.rate_slope, later.rate_slope, rows * rate)):
+            for k in np.flatnonzero(np.abs((new - old) * size).max(axis=1, initial=0.0) > _SAME * scale):
+                raise SceneError(
+                    f"the motion is not steady: along it the constraint {scene.row_names[k]!r} changes; only motions "
+                    "along which the machine looks the same can be linearised"
+                )
+        for slope, output in zip(slopes, outputs, strict=True):
+            there = observe(scene, x, point.v, output)
+            if np.abs((there.L - slope.L) * size).max() > _SAME * _largest(slope.L * size):
+                raise SceneError(
+                    f"the output {slope.names[0]!r} changes along the steady motion, so that no constant matrix gives "
+                    "it; observe a joint's coordinates, or a frame that does not turn"
+                )
+
+
+def _refuse_changed(point: WorkingPoint, name: str, change: FloatArray) -> None:
+    """``change`` (free, free): of each entry, over the geometric mean of what the two coordinates have of their own."""
+    if change.size and change.max() > _SAME:
+        k = point.scene.plan.free[np.unravel_index(int(change.argmax()), change.shape)[1]]
+        raise SceneError(
+            f"the motion is not steady: along it the {name} of {point.scene.velocity_names[k]!r} changes by "
+            f"{change.max():.3g} of the forces that the motion itself asks for; only motions along which the machine "
+            "looks the same can be linearised"
+        )
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.abs(values).max(initial=0.0))

@@ -1,0 +1,126 @@
+"""Outputs of a linearised machine: what is observed, in its own units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.linear.derivatives import derive
+from flexmbd.multibody.linear.working_point import frame_motion
+from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
+
+FloatArray = NDArray[np.float64]
+
+#: What may be observed: a frame's origin (m, inertial axes), a joint's coordinates, a body's modal coordinates.
+Observed: TypeAlias = Frame | Connection | FlexibleBody | PseudoRigidBody
+
+
+@dataclass(frozen=True, eq=False)
+class Position:
+    """The change of a frame's place (3), of a joint's coordinates or of a body's modal coordinates."""
+
+    of: Observed
+
+
+@dataclass(frozen=True, eq=False)
+class Velocity:
+    """The change of the velocity of the same."""
+
+    of: Observed
+
+
+@dataclass(frozen=True, eq=False)
+class Acceleration:
+    """The acceleration of the same."""
+
+    of: Observed
+
+
+@dataclass(frozen=True, eq=False)
+class Rotation:
+    """The small rotation (3) of a frame from where it stands (rad), about its own axes there."""
+
+    of: Frame
+
+
+Output: TypeAlias = Position | Velocity | Acceleration | Rotation
+
+#: Orders of differentiation.
+ORDERS = {Position: 0, Rotation: 0, Velocity: 1, Acceleration: 2}
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """What an output is made of: L xi, or L dv + G xi and its rate.
+
+    Attributes:
+        names: (k,).
+        order: 0 for a place, 1 for a velocity, 2 for an acceleration.
+        L, G: (k, nv).
+    """
+
+    names: tuple[str, ...]
+    order: int
+    L: FloatArray
+    G: FloatArray
+
+    def widened(self, added: int) -> Slopes:
+        """The same of a machine with further coordinates, which it does not see."""
+        return replace(self, L=np.pad(self.L, ((0, 0), (0, added))), G=np.pad(self.G, ((0, 0), (0, added))))
+
+
+def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) -> Slopes:
+    """Derivatives of an output at configuration x (nx,) and velocities v (nv,).
+
+    Raises:
+        SceneError: it is not in the scene, has no coordinates there, or is no output.
+    """
+    if type(output) not in ORDERS:
+        raise SceneError(
+            f"{output!r} is no output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "
+            "flexible body, or fm.output.Rotation of a frame"
+        )
+    order, of = ORDERS[type(output)], output.of
+    kind = type(output).__name__.lower()
+    if isinstance(of, Frame):
+        L, G = _frame_slopes(scene, x, v, of, turns=isinstance(output, Rotation))
+        return Slopes(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
+    if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody | PseudoRigidBody):
+        raise SceneError(f"an output {type(output).__name__} of {of!r}: there is none; give a frame")
+    slots = (scene.joint_slots if isinstance(of, Connection) else scene.modal_slots).get(id(of))
+    if slots is None:
+        raise SceneError(
+            f"an output of {of.name!r}: it has no coordinates in this scene, as a joint held by constraints or one of "
+            "another scene; give the positions of frames"
+        )
+    L = np.eye(scene.nv)[slots.v]
+    return Slopes(tuple(f"{kind} of {name}" for name in scene.velocity_names[slots.v]), order, L, np.zeros_like(L))
+
+
+def _frame_slopes(
+    scene: CompiledScene, x: FloatArray, v: FloatArray, frame: Frame, *, turns: bool
+) -> tuple[FloatArray, FloatArray]:
+    """L and G (3, nv), as those of constraint rows between the frame and one of the ground where it stands now."""
+    motion = frame_motion(scene, frame, x, v)
+    plan = add_probe(scene, frame)
+    here = np.concatenate([motion[:3], motion[3:12] if turns else np.eye(3).ravel()])
+    g = len(plan.frames) - 1
+    kind = at.ROW_AXIS if turns else at.ROW_TRANSLATION
+    rows = np.array([[g + 1, g, kind, k, 0, at.LEVEL_POSITION, -1, 0] for k in range(3)], np.int64)
+    plan = plan._replace(
+        frames=np.vstack([plan.frames, here]), frame_of=np.vstack([plan.frame_of, [-1, -1]]), rows=rows
+    )
+    plan = plan._replace(
+        forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.zeros((0, at.N_ELEMENT), np.int64)
+    )
+    found = derive(plan, new_work(plan), x, v, np.zeros(3))
+    return found.jacobian, found.rate_slope

@@ -1,0 +1,104 @@
+"""Round-off in linear equations: what is left of zeros in K, C and Ty, entry by entry.
+
+An entry is told from round-off by what it is the sum of, never by entries beside it, which are of other units: the
+stiffness of a slow coordinate is not lost beside that of a stiff spring.  What K sums are the forces at play on the
+coordinate, times their levers; through a body they go from joint to joint, so that those of one coordinate are what
+acts on the bodies that it carries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.linear.derivatives import Derivatives
+from flexmbd.multibody.linear.elimination import Coordinates, Elimination
+from flexmbd.multibody.linear.working_point import WorkingPoint
+
+FloatArray = NDArray[np.float64]
+
+_ROUND_OFF = 1e-14  # of the sum of all sizes: some tens of units in the last place
+
+_SPEEDS = {at.FIXED: 0, at.REVOLUTE: 1, at.PRISMATIC: 1, at.SCREW: 1, at.SPHERICAL: 3, at.FREE: 6}
+
+
+def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
+    """(nv,) J, what the forces on all bodies that a coordinate carries would do along the machine's extent, or 1 rad.
+
+    Of each body its weight, what its joints pass on and the reactions of loops, all by their sizes.
+    """
+    scene, plan = point.scene, point.scene.plan
+    residual(plan, work, point.x, point.v, np.zeros(scene.nv), point.multipliers, np.zeros(scene.nv))
+    length, rows = scene.extent, work.body[: len(plan.tree)]
+    passed = length * np.linalg.norm(rows[:, at.B_F : at.B_F + 3], axis=1)
+    passed += np.linalg.norm(rows[:, at.B_T : at.B_T + 3], axis=1)
+    at_play = passed + length * plan.rigid[: len(plan.tree), at.MASS] * np.linalg.norm(plan.gravity)
+    for row, force in zip(plan.rows, point.multipliers, strict=True):
+        lever = 1.0 if row[at.ROW_KIND] in at.ROWS_IN_RAD else length
+        for frame in row[[at.ROW_F, at.ROW_G]] if row[at.ROW_KIND] != at.ROW_COUPLING else ():
+            if plan.frame_of[frame, at.FRAME_BODY] >= 0:
+                at_play[plan.frame_of[frame, at.FRAME_BODY]] += lever * abs(force)
+    for i, parent in enumerate(plan.tree[:, at.PARENT]):
+        if parent >= 0:
+            at_play[parent] += passed[i]
+    found = np.zeros(scene.nv)
+    for i in reversed(range(len(plan.tree))):
+        row = plan.tree[i]
+        if row[at.PARENT] >= 0:
+            at_play[row[at.PARENT]] += at_play[i]
+        found[row[at.JOINT_V] : row[at.JOINT_V] + _SPEEDS[int(row[at.JOINT])]] = at_play[i]
+        if row[at.FLEX] >= 0:
+            count = int(plan.flex[row[at.FLEX], at.N_MODES])
+            found[row[at.MODAL_V] : row[at.MODAL_V] + count] = at_play[i]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class RoundOff:
+    """Sizes below which entries are round-off; all of the units of the entries.
+
+    Attributes:
+        C, K: (nz, nz), (nz, ny).
+        Ty: (ny, ny).
+    """
+
+    C: FloatArray
+    K: FloatArray
+    Ty: FloatArray
+
+
+def round_off(
+    of: Derivatives, by: Elimination, coordinates: Coordinates, energies: FloatArray, rate: float
+) -> RoundOff:
+    """Of the equations that ``by`` leaves.
+
+    Args:
+        of: the machine's derivatives.
+        by: the elimination.
+        coordinates: n of them.
+        energies: (n,) J of ``energies_at_play``.
+        rate: 1/s, the largest speed at hand over the coordinate's size.
+    """
+    size, mass = coordinates.size, np.sqrt(np.abs(np.diag(of.mass)))
+    inertia = np.outer(mass, mass) * rate  # kg m^2/s and the like: what Coriolis' and gyroscopic terms sum
+    stiffness = np.abs(of.stiffness) + np.minimum.outer(energies, energies) / np.outer(size, size) + inertia * rate
+    damping = np.abs(of.damping) + inertia
+    Vz, Vy, Xy, Ty = (np.abs(part) for part in (by.Vz, by.Vy, by.Xy, by.Ty))
+    push = Vz.T @ np.abs(of.mass)
+    C = Vz.T @ damping @ Vz + push @ Vy @ np.abs(by.Tz)
+    K = Vz.T @ (damping @ Vy + stiffness @ Xy) + push @ Vy @ Ty
+    if len(by.y) == len(by.z):  # y' takes the place of z
+        K += (C + push @ Vz @ Ty) @ Ty
+        C += push @ Vz @ Ty
+    y = size[by.y]
+    return RoundOff(_ROUND_OFF * C, _ROUND_OFF * K, _ROUND_OFF * rate * np.outer(y, 1.0 / y))
+
+
+def cleaned(matrix: FloatArray, noise: FloatArray) -> FloatArray:
+    """Round-off made zeros, so that what turns or rolls freely has eigenvalues that are zero."""
+    return np.where(np.abs(matrix) > noise, matrix, 0.0)

@@ -1,0 +1,33 @@
+"""Whether all ranks of a team have built the same machine."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.team import Team
+
+FloatArray = NDArray[np.float64]
+
+
+def refuse_different(scene: CompiledScene, x: FloatArray, v: FloatArray, team: Team) -> None:
+    """Compare scenes and what is given at the start with rank 0's.  Collective.
+
+    Functions may differ: rank 0's count.
+
+    Raises:
+        SceneError: on every rank, if those of some rank differ.
+    """
+    given = hashlib.sha256(scene.digest(functions=False).encode() + x.tobytes() + v.tobytes()).digest()
+    mine = np.frombuffer(given, np.uint8).astype(np.float64)
+    error: SceneError | None = None
+    if (team.agree(mine) != mine).any():
+        error = SceneError(
+            "the scene differs between ranks: another number or start on this rank than on rank 0; build it "
+            "from the same numbers on every rank"
+        )
+    team.fail(error)

@@ -1,0 +1,295 @@
+"""From a scene to flat arrays, and the way back from numbers to names."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.probe import with_probe
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.functions.callback import Callbacks
+from flexmbd.multibody.functions.time_function import TimeRow, as_row
+from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.joint.connection import Connection, motion_name
+from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.kane.equations import WrenchSource
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base.native import lapack_addresses
+from flexmbd.multibody.plan.forces import ForceRows, lay_forces
+from flexmbd.multibody.plan.numbering import Numbering, Slots
+from flexmbd.multibody.plan.rows import lay_penalties, lay_rows
+from flexmbd.multibody.plan.turning import decide_turning
+from flexmbd.multibody.team import Team
+from flexmbd.multibody.topology import Topology
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledScene:
+    """A scene as the kernels see it, and the way back from numbers to names.
+
+    Attributes:
+        plan: the flat arrays.
+        topology: tree and closures.
+        body_row: body id to row of ``plan.tree``; -1 for the ground.
+        joint_slots: connection id to its coordinates; tree joints only.
+        coordinate_rows: connection id to the row of ``plan.tree`` of each of its steps; tree joints only.
+        closure_frames: connection id to rows of F and G in ``plan.frames``; joints held by constraints only.
+        modal_slots: body id to its modal coordinates.
+        velocity_names: (nv,) name of each velocity.
+        row_names: name of each row of ``plan.rows``.
+        row_owners: the joint or coupling of each row.
+        start: (nx,) configuration with every joint at its own zero.
+        time_rows: functions of time, row by row of ``plan.times``.
+        time_names: what each is for.
+        callbacks: the Python callables among them.
+        element_names: name of each row of ``plan.elements``.
+        extent: the machine's size (m).
+        group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
+        wrench_sources: forces on frames that the plan knows as generalised forces alone.
+        redundant: names of constraint rows left out as redundant.
+        interiors: those of bodies with history; None where there are none.
+        breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
+        force_rows: id of each force element to its rows of ``plan.forces`` and ``plan.elements``.
+    """
+
+    plan: Plan
+    topology: Topology
+    body_row: Mapping[int, int]
+    joint_slots: Mapping[int, Slots]
+    coordinate_rows: Mapping[int, tuple[int, ...]]
+    closure_frames: Mapping[int, tuple[int, int]]
+    modal_slots: Mapping[int, Slots]
+    velocity_names: tuple[str, ...]
+    row_names: tuple[str, ...]
+    row_owners: tuple[Connection | Coupling, ...]
+    start: FloatArray
+    time_rows: tuple[TimeRow, ...]
+    time_names: tuple[str, ...]
+    callbacks: Callbacks
+    element_names: tuple[str, ...]
+    extent: float
+    group_of: IntArray
+    group_kind: IntArray
+    group_full: FloatArray
+    group_floor: FloatArray
+    wrench_sources: tuple[WrenchSource, ...] = ()
+    redundant: tuple[str, ...] = ()
+    interiors: Interiors | None = None
+    force_rows: Mapping[int, ForceRows] = field(default_factory=dict)
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def nx(self) -> int:
+        """Size of the configuration."""
+        return len(self.start)
+
+    @property
+    def nv(self) -> int:
+        """Number of generalised velocities, prescribed ones included."""
+        return len(self.velocity_names)
+
+    def refuse_failed(self, work: Work) -> None:
+        """Raise the error of a user's function that failed in an evaluation, if one did.
+
+        Raises:
+            SceneError: names the function and the time; its cause is the user's own error.
+        """
+        failure = self.failure(work)
+        if failure is not None:
+            message, error = failure
+            if not isinstance(error, Exception):
+                raise error
+            raise SceneError(message) from error
+
+    def failure(self, work: Work) -> tuple[str, BaseException] | None:
+        """What a user's function did wrong in an evaluation, and its error; None if nothing."""
+        return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
+
+    def digest(self, *, functions: bool = True) -> str:
+        """Tells compiled scenes of other numbers, other structure or other ``functions`` of the user apart.
+
+        Bodies with history sum up the masses of their frames over their ranks: with them the numbers of frames and
+        rigid bodies count to eight digits, so that a scene is the same on any number of ranks.
+        """
+        plan = self.plan
+        if self.interiors is not None:
+            plan = plan._replace(data=plan.data.copy(), rigid=_coarse(plan.rigid), frames=_coarse(plan.frames))
+            # the wrenches that act come and go
+            self.interiors.put(plan, np.zeros((len(self.interiors.rows), 6)))
+        places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
+        digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
+        digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
+        if functions:
+            digest.update(" ".join([*(row.code for row in self.time_rows), *self.callbacks.codes]).encode())
+        for name, part in zip(plan._fields, plan, strict=True):
+            if name not in places:
+                digest.update(f"{name} {part.shape}".encode() + part.tobytes())
+        digest.update(self.declared_breaks().tobytes())
+        return digest.hexdigest()
+
+    def declared_breaks(self) -> FloatArray:
+        """(k,) s, of functions of time, of laws and of forces of the state."""
+        found: FloatArray = np.unique(np.concatenate([self.breaks, *(row.breaks for row in self.time_rows)]))
+        return found
+
+    def refuse_other(self, scene: CompiledScene) -> None:
+        """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
+        if self.velocity_names != scene.velocity_names:
+            raise SceneError(
+                "`about` is of another scene, or the scene has changed since; where inputs change which joints have "
+                "coordinates, add them to the scene before its equilibrium or simulation"
+            )
+
+    def keep_rows(self, kept: Sequence[int] | IntArray) -> CompiledScene:
+        """Return the scene with only these constraint rows; the others are redundant."""
+        chosen = sorted(kept)
+        left = [k for k in range(len(self.row_names)) if k not in set(chosen)]
+        return replace(
+            self,
+            plan=self.plan._replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
+            row_names=tuple(self.row_names[k] for k in chosen),
+            row_owners=tuple(self.row_owners[k] for k in chosen),
+            redundant=tuple(self.row_names[k] for k in left),
+        )
+
+
+def _coarse(table: FloatArray) -> FloatArray:
+    """A table (n, m) rounded to some eight digits of the largest number in each column."""
+    largest = abs(table).max(axis=0, initial=0.0)
+    # a column of round-off alone has no digits, and what is nearly a power of two no edge
+    scale = 1.4 * np.maximum(largest, 1e-6 * largest.max(initial=0.0) + np.finfo(float).tiny)
+    grid = 1e-9 * 2.0 ** np.ceil(np.log2(scale))
+    return np.asarray(np.rint(table / grid) + 0.0)  # no minus zero
+
+
+def build(
+    topology: Topology,
+    ground: Body,
+    forces: Sequence[Force],
+    couplings: Sequence[Coupling],
+    gravity: FloatArray,
+    team: Team,
+) -> CompiledScene:
+    """Number the coordinates and fill the plan.
+
+    Raises:
+        SceneError: a force on a joint that has no coordinate in the tree, or a prescribed joint
+            that closes a loop.
+    """
+    b = Numbering(ground, _extent(topology), Callbacks(team))
+    for branch in topology.branches:
+        b.add_branch(branch)
+    rows = lay_rows(b, topology, couplings)
+    driven = _driven(b, topology)
+    table = lay_forces(b, ground, forces)
+    lay_penalties(b, rows, table)
+    driven_v = {row[at.DRIVEN_V] for row in driven}
+    free = [k for k in range(len(b.names)) if k not in driven_v]
+    times, time_data = _time_table(b.times)
+    tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
+    frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
+    rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
+    tree[:, at.TURNING] = decide_turning(tree, frames, frame_of, rigid)
+    plan = Plan(
+        tree=tree,
+        frames=frames,
+        frame_of=frame_of,
+        rigid=rigid,
+        flex=_int_table(b.flex, at.N_FLEX),
+        modal=np.concatenate([*b.modal, np.zeros(1)]),
+        rows=_int_table(rows.table, at.N_ROW),
+        forces=_int_table(table.forces, at.N_FORCE),
+        times=times,
+        time_data=time_data,
+        driven=_int_table(driven, at.N_DRIVEN),
+        free=np.array(free, np.int64),
+        gravity=gravity,
+        lapack=lapack_addresses(),
+        flag=b.callbacks.flag,
+        elements=_int_table(table.elements, at.N_ELEMENT),
+        penalties=_int_table(rows.penalties, at.N_ROW),
+        data=np.concatenate(b.data),
+    )
+    scene = CompiledScene(
+        plan=plan,
+        topology=topology,
+        body_row=b.row_of,
+        joint_slots=b.joint_slots,
+        coordinate_rows=b.coordinate_rows,
+        closure_frames=b.closure_frames,
+        modal_slots=b.modal_slots,
+        velocity_names=tuple(b.names),
+        row_names=tuple(rows.names),
+        row_owners=tuple(rows.owners),
+        start=np.array(b.start, float),
+        time_rows=tuple(b.times),
+        time_names=tuple(b.time_names),
+        callbacks=b.callbacks,
+        element_names=tuple(table.names),
+        extent=b.extent,
+        group_of=np.array(b.group_of, np.int64),
+        group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),
+        group_full=np.array([full for _, full, _ in b.groups], float),
+        group_floor=np.array([floor for _, _, floor in b.groups], float),
+        wrench_sources=tuple(table.wrench_sources),
+        interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
+        force_rows=table.rows_of,
+        breaks=np.concatenate([np.zeros(0), *b.breaks]),
+    )
+    table.tell_built(scene)
+    return scene
+
+
+def _extent(topology: Topology) -> float:
+    """The machine's size (m): the farthest reach of any frame or centre of mass in its body."""
+    reach = [0.0]
+    frames = [f for b in topology.branches for f in (b.inner, b.outer)]
+    frames += [f for c in topology.closures for f in (c.parent, c.child)]
+    reach.extend(float(np.linalg.norm(f.p_BF_B)) for f in frames)
+    for branch in topology.branches:
+        body = branch.outer.body
+        first, second = body.moments()
+        reach.append(float(np.linalg.norm(first)) / body.mass)
+        reach.append(float(np.sqrt(np.trace(second) / body.mass)))
+    return max(reach) or 1.0
+
+
+def _driven(b: Numbering, topology: Topology) -> list[list[int]]:
+    rows: list[list[int]] = []
+    for branch in topology.branches:
+        connection = branch.connection
+        if connection is not None and connection.motion is not None:
+            what = motion_name(connection)
+            slots = b.joint_slots[id(connection)]
+            time = b.add_time(as_row(connection.motion, what, motion=True), what, motion=True)
+            rows.append([slots.v.start, slots.x.start, time])
+    return rows
+
+
+def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
+    return np.array(rows, dtype=np.int64).reshape(-1, columns)
+
+
+def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
+    """Plan.times and Plan.time_data."""
+    table, data, offset = [], [], 0
+    for row in rows:
+        table.append([row.kind, offset, row.count, *row.addresses])
+        data.append(row.data)
+        offset += row.data.size
+    return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
+
+
+def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
+    """Return the plan with one more frame, its last, for asking where ``frame`` is."""
+    return with_probe(scene.plan, scene.body_row, frame)

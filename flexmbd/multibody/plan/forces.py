@@ -1,0 +1,223 @@
+"""From force elements to the rows of the plan that the kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.continuum_body import LaidInterior
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.functions.callback import Law, StateFunction
+from flexmbd.multibody.functions.time_function import Compiled, Piecewise, TimeFunction, as_row, checked_breaks
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kane.bearing import Bearing, Bearings
+from flexmbd.multibody.kane.equations import Machine, WrenchSource
+from flexmbd.multibody.kane.inertia import GivenBody, KaneInertia
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.plan.numbering import Numbering
+
+#: Count of an element ON_STATE that is no user's force, so that no drive.
+NO_DRIVE = 1
+
+
+@dataclass(frozen=True)
+class ForceRows:
+    """Rows of ``Plan.forces`` and of ``Plan.elements`` that one force element laid out."""
+
+    forces: range
+    elements: range
+
+
+class ForceTable:
+    """Growing rows of ``Plan.forces`` and ``Plan.elements``; what force elements lay themselves out in.
+
+    Attributes:
+        forces: functions of time on coordinates: index in v, row of ``Plan.times``.
+        elements: rows of ``Plan.elements``.
+        names: of each element, in messages.
+        wrench_sources: what acts on frames by generalised forces.
+        interiors: what bodies with history act on.
+        rows_of: id of each force element to its rows; not of those that are solved together.
+    """
+
+    def __init__(self, numbering: Numbering, ground: Body) -> None:
+        self.forces: list[list[int]] = []
+        self.elements: list[list[int]] = []
+        self.names: list[str] = []
+        self.wrench_sources: list[WrenchSource] = []
+        self.interiors: list[LaidInterior] = []
+        self.rows_of: dict[int, ForceRows] = {}
+        self._numbering = numbering
+        self._ground = ground
+        self._bearings: list[Bearing] = []
+        self._given_bodies: list[GivenBody] = []
+        self._frames: dict[int, tuple[Frame, int]] = {}  # with the frame, so that its id stays its own
+        self._origin: int | None = None
+        self._waiting: list[Callable[[Machine], None]] = []
+
+    def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
+        """Places in x and v of a joint's coordinate."""
+        slots = self._numbering.find_slots(connection)
+        if slots is None:
+            raise SceneError(
+                f"joint {connection.name!r} closes a loop and has no coordinate for a force to act on; "
+                "ask for Way.COORDINATES, so that another joint closes the loop"
+            )
+        return slots.x.start + index, slots.v.start + index
+
+    def modes(self, body: Body) -> tuple[int, int]:
+        """Places in x and v of a flexible body's first mode."""
+        slots = self._numbering.find_modes(body)
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modes in this scene")
+        return slots.x.start, slots.v.start
+
+    def frame(self, frame: Frame) -> int:
+        """Row of ``Plan.frames``; a frame that several elements share has one."""
+        if id(frame) not in self._frames:
+            row = self._numbering.find_body(frame.body)
+            if row is None:
+                raise SceneError(f"frame {frame.label} belongs to no body of this scene")
+            self._frames[id(frame)] = frame, self._numbering.add_frame(frame, row, np.eye(3))
+        return self._frames[id(frame)][1]
+
+    def ground(self) -> int:
+        """Row of ``Plan.frames`` of the inertial frame."""
+        if self._origin is None:
+            origin = Frame(self._ground, np.zeros(3), np.eye(3), None, "ground")
+            self._origin = self._numbering.add_frame(origin, -1, np.eye(3))
+        return self._origin
+
+    def numbers(self, values: ArrayLike) -> int:
+        """Offset in ``Plan.data`` of the values, appended."""
+        return self._numbering.add_data(np.asarray(values, dtype=np.float64))
+
+    def time(self, function: TimeFunction, what: str) -> int:
+        """Row of ``Plan.times``."""
+        return self._numbering.add_time(as_row(function, what, motion=False), what, motion=False)
+
+    def law(self, law: Compiled | Law, what: str) -> int:
+        """Address of f(t, beta, rate of beta) -> N or N m."""
+        law = self._note_breaks(law, what)
+        if isinstance(law, Compiled):
+            return self._numbering.add_compiled(law)
+        return self._numbering.add_law(law, what)
+
+    def state_function(self, function: Compiled | StateFunction, what: str) -> int:
+        """Address of a force of the whole state."""
+        function = self._note_breaks(function, what)
+        if isinstance(function, Compiled):
+            return self._numbering.add_compiled(function)
+        return self._numbering.add_state_function(function, what)
+
+    def _note_breaks(self, function: Any, what: str) -> Any:
+        """The function itself, its breaks declared."""
+        while isinstance(function, Piecewise):
+            self._numbering.breaks.append(checked_breaks(function.breaks, what))
+            function = function.function
+        if isinstance(function, Compiled):
+            self._numbering.breaks.append(function.breaks)
+        return function
+
+    def when_built(self, hook: Callable[[Machine], None]) -> None:
+        """Call ``hook`` with the compiled scene once it is there."""
+        self._waiting.append(hook)
+
+    def tell_built(self, scene: Machine) -> None:
+        """Hand the compiled scene to those that wait for it."""
+        for hook in self._waiting:
+            hook(scene)
+
+    def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
+        """Let a function of time act on a joint's only coordinate, or on its frames where constraints hold it."""
+        frames = self._numbering.find_closure(connection)
+        if frames is None:
+            _, v = self.coordinate(connection, 0)
+            self.forces.append([v, self.time(function, what)])
+            return
+        along_z = np.zeros(6)
+        along_z[5 if connection.joint.angular[0] else 2] = 1.0
+        data = self.numbers(along_z)
+        time = self.time(function, what)
+        self.element(at.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
+
+    def act_on_frames(self, source: WrenchSource) -> None:
+        """Let the joints' reactions know of what acts on frames by generalised forces."""
+        self.wrench_sources.append(source)
+
+    def bear(self, bearing: Bearing) -> None:
+        """Add a joint whose friction follows its reaction; all are solved together."""
+        self._bearings.append(bearing)
+
+    def give_body(self, body: GivenBody) -> None:
+        """Add a body that the user gives in Kane's form; all are solved together."""
+        self._given_bodies.append(body)
+
+    def lay_interior(self, laid: LaidInterior) -> None:
+        """Add a body with history, whose wrenches are put where it is laid."""
+        self.interiors.append(laid)
+
+    def finish(self) -> None:
+        """Append what is solved together.
+
+        Raises:
+            SceneError: friction that follows reactions, beside forces that no reaction tells of.
+        """
+        if self._given_bodies:
+            inertia = KaneInertia(self._given_bodies)
+            self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
+            self.act_on_frames(inertia)
+        if self._bearings:
+            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == at.ON_STATE]
+            what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
+            if unknown:
+                raise SceneError(
+                    f"{what}: nothing tells what {unknown[0]} does to the joints' reactions; give it as a FrameForce "
+                    "or a JointLaw, or take JointFriction of a given size"
+                )
+            self._solve_together(Bearings(self._bearings), what)
+
+    def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
+        address = self._numbering.add_state_function(function, what)
+        self.when_built(lambda scene: function.build(scene, address))
+        self.element(at.ON_STATE, what, count=NO_DRIVE, address=address)
+
+    def element(
+        self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        data: int = 0, count: int = 0, address: int = 0,
+    ) -> None:
+        """Append a row of ``Plan.elements``."""
+        self.elements.append([kind, f, g, x, v, time, data, count, address])
+        self.names.append(what)
+
+
+def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
+    """Raise SceneError where a start (nx,) lies beyond a stop, by more than the stop's transition."""
+    for name, row in zip(names, plan.elements, strict=True):
+        if row[at.EL_KIND] == at.ON_STOP:
+            lower, upper, _, _, transition = plan.data[row[at.EL_DATA] : row[at.EL_DATA] + 5]
+            beta = x[row[at.EL_X]]
+            if not lower - transition <= beta <= upper + transition:
+                raise SceneError(
+                    f"{name}: the start at {beta:.6g} lies beyond the limits {lower:g} to {upper:g} (m or rad); "
+                    "set the joint's position, or the limits"
+                )
+
+
+def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:
+    """Let every force element lay itself out, in the order in which they were added."""
+    table = ForceTable(numbering, ground)
+    for force in forces:
+        first, first_element = len(table.forces), len(table.elements)
+        force.lay(table)
+        rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
+        table.rows_of[id(force)] = rows
+    table.finish()
+    return table

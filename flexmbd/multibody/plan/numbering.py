@@ -1,0 +1,223 @@
+"""Numbering what the plan holds: bodies of the tree, their joints, frames and modes, parameters, functions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
+from flexmbd.multibody.functions.time_function import Compiled, TimeRow
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.free import Free
+from flexmbd.multibody.joint.protocol import Joint, Step
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.topology import Branch
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.rotation import z_onto
+
+FloatArray = NDArray[np.float64]
+
+#: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+#: Deformations below this share of the machine's extent are resolved no more finely than it.
+_MODAL_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Where something lies in the configuration x and the velocity v."""
+
+    x: slice
+    v: slice
+
+
+def step_turn(step: Step, reverse: bool) -> FloatArray:
+    """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
+    return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
+
+
+class Numbering:
+    """Numbers frames, bodies, joints, modes and functions of time: growing lists of the plan's arrays."""
+
+    def __init__(self, ground: Body, extent: float, callbacks: Callbacks) -> None:
+        self.extent = extent
+        self.row_of: dict[int, int] = {id(ground): -1}
+        self.tree: list[list[int]] = []
+        self.rigid: list[list[float]] = []
+        self.start: list[float] = []
+        self.names: list[str] = []
+        self.joint_slots: dict[int, Slots] = {}
+        self.coordinate_rows: dict[int, tuple[int, ...]] = {}
+        self.closure_frames: dict[int, tuple[int, int]] = {}
+        self.modal_slots: dict[int, Slots] = {}
+        self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
+        self.group_of: list[int] = []
+        self.frames: list[FloatArray] = []
+        self.frame_of: list[tuple[int, int]] = []
+        self.modal: list[FloatArray] = []
+        self.modal_size = 0
+        self.flex: list[list[int]] = []
+        self.times: list[TimeRow] = []
+        self.time_names: list[str] = []
+        self.breaks: list[NDArray[np.float64]] = []
+        self.callbacks = callbacks
+        self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
+        self.data_size = 1
+
+    def add_branch(self, branch: Branch) -> None:
+        """Append a body with its inboard joint; steps but the last lead to massless links."""
+        connection, body = branch.connection, branch.outer.body
+        joint: Joint = Free() if connection is None else connection.joint
+        label = f"{body.name} (flying)" if connection is None else connection.name
+        slots = self.add_joint(joint, label)
+        order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
+        turns = [step_turn(step, branch.reversed) for step in joint.steps]
+        rows: dict[int, int] = {}
+        inner_row = self.row_of[id(branch.inner.body)]
+        f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])
+        for k, after in zip(order, [*order[1:], None], strict=True):
+            row = rows[k] = len(self.tree)
+            if after is None:
+                g = self.add_frame(branch.outer, row, joint.turn @ turns[k])
+            else:
+                g = self.lay_frame(row, np.zeros(3), turns[k])
+            step = joint.steps[k]
+            pitch = self.add_data(np.array([step.pitch])) if step.kind == at.SCREW else 0
+            ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
+            self.tree.append([*ends, -1, -1, -1, pitch, at.FREELY])
+            self.rigid.append([0.0] * at.N_RIGID)
+            inner_row = row
+            if after is not None:
+                f = self.lay_frame(row, np.zeros(3), turns[after])
+        self.row_of[id(body)] = inner_row
+        if connection is not None:
+            self.joint_slots[id(connection)] = slots
+            self.coordinate_rows[id(connection)] = tuple(rows[k] for k in sorted(rows))
+        first, second = body.moments()
+        self.rigid[-1] = [body.mass, *first, *second[np.triu_indices(3)]]
+        record = body.reduced()
+        if record is not None:
+            self.tree[-1][at.FLEX : at.MODAL_V + 1] = self.add_modes(record, body)
+
+    def add_joint(self, joint: Joint, label: str) -> Slots:
+        """Number the joint's coordinates; one error-norm group of lengths, one of angles."""
+        slots = Slots(
+            slice(len(self.start), len(self.start) + len(joint.start)),
+            slice(len(self.names), len(self.names) + len(joint.velocity_names)),
+        )
+        self.start.extend(joint.start)
+        self.names.extend(f"{label}.{part}" for part in joint.velocity_names)
+        group_at: dict[bool, int] = {}
+        for angular in joint.angular:
+            if angular not in group_at:
+                group_at[angular] = len(self.groups)
+                size = 1.0 if angular else self.extent
+                kind = at.GROUP_ANGLE if angular else at.GROUP_LENGTH
+                self.groups.append((kind, size, size))
+            self.group_of.append(group_at[angular])
+        return slots
+
+    def add_modes(self, record: ReducedBody, body: Body) -> list[int]:
+        """Number the modal coordinates; return the body's flex row, x and v offsets."""
+        n = record.n_modes
+        x, v = len(self.start), len(self.names)
+        self.modal_slots[id(body)] = Slots(slice(x, x + n), slice(v, v + n))
+        self.start.extend([0.0] * n)
+        self.names.extend(f"{body.name}.q[{k}]" for k in range(n))
+        full = self.extent * float(np.sqrt(record.mass))
+        self.groups.append((at.GROUP_MODAL, full, _MODAL_SHARE * full))
+        self.group_of.extend([len(self.groups) - 1] * n)
+        return [self.add_flex(record), x, v]
+
+    def find_slots(self, connection: Connection) -> Slots | None:
+        """Where a joint's coordinates lie; None if it has none in the tree."""
+        return self.joint_slots.get(id(connection))
+
+    def add_law(self, law: Law, what: str) -> int:
+        """Address of a Python law on a coordinate."""
+        return self.callbacks.of_law(law, what)
+
+    def add_compiled(self, function: Compiled) -> int:
+        """Address of a compiled law or force, which the scene is told from others by."""
+        self.callbacks.codes.append(function.code)
+        return function.address
+
+    def add_state_function(self, function: StateFunction, what: str) -> int:
+        """Address of a Python force of the whole state."""
+        return self.callbacks.of_state(function, what)
+
+    def find_modes(self, body: Body) -> Slots | None:
+        """Where a body's modal coordinates lie; None if it has none."""
+        return self.modal_slots.get(id(body))
+
+    def find_closure(self, connection: Connection) -> tuple[int, int] | None:
+        """Rows of F and G of a joint held by constraints; None for others."""
+        return self.closure_frames.get(id(connection))
+
+    def find_body(self, body: Body) -> int | None:
+        """The body's row, -1 for the ground; None if it is not in the scene."""
+        return self.row_of.get(id(body))
+
+    def add_data(self, values: FloatArray) -> int:
+        """Append parameters of joints, rows or elements; return their offset."""
+        offset = self.data_size
+        self.data.append(np.ravel(values))
+        self.data_size += values.size
+        return offset
+
+    def add_modal(self, values: FloatArray) -> int:
+        """Append numbers to the modal store; return their offset."""
+        offset = self.modal_size
+        self.modal.append(np.ravel(values))
+        self.modal_size += values.size
+        return offset
+
+    def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
+        """Append a frame, its axes turned by ``turn``; return its row."""
+        modes = -1 if frame.modes is None else self.add_modal(frame.modes)
+        return self.lay_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
+
+    def lay_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
+        """Append a frame of the body in ``row``; return its row."""
+        self.frames.append(np.concatenate([p, R.ravel()]))
+        self.frame_of.append((row, modes))
+        return len(self.frames) - 1
+
+    def add_flex(self, record: ReducedBody) -> int:
+        """Append the mass integrals of a reduced body; return its row."""
+        n = record.n_modes
+        gram = record.gram
+        pair = gram[4:, 4:].reshape(n, 3, n, 3).transpose(0, 1, 3, 2).reshape(n, 9, n)
+        damped = bool(record.damping.any())
+        self.flex.append(
+            [
+                n,
+                self.add_modal(gram[0, 4:]),
+                self.add_modal(gram[4:, 1:4]),
+                self.add_modal(pair),
+                self.add_modal(record.stiffness),
+                self.add_modal(record.damping) if damped else -1,
+                *self.add_stretch(record),
+            ]
+        )
+        return len(self.flex) - 1
+
+    def add_stretch(self, record: ReducedBody) -> tuple[int, int]:
+        """Append the membrane strains; return their offset and number."""
+        group = record.stretch
+        if group is None or len(group.strain) == 0:
+            return -1, 0
+        row, column = np.tril_indices(record.n_modes)
+        return self.add_modal(np.hstack([group.strain, group.P[:, row, column]])), len(group.strain)
+
+    def add_time(self, row: TimeRow, name: str, *, motion: bool) -> int:
+        """Append a function of time; return its row."""
+        if row.call is not None:
+            row = replace(row, addresses=(self.callbacks.of_time(row, name, motion=motion), 0, 0))
+        self.times.append(row)
+        self.time_names.append(name)
+        return len(self.times) - 1

@@ -1,0 +1,117 @@
+"""Constraint rows of the plan: joints held by constraints, their penalties, and couplings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.functions.time_function import as_row
+from flexmbd.multibody.joint.connection import Connection, motion_name
+from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
+from flexmbd.multibody.joint.protocol import Row
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.plan.forces import ForceTable
+from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.topology import Topology
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class RowTable:
+    """Growing rows of constraints, their names and whose they are; and those that penalties enforce."""
+
+    table: list[list[int]]
+    names: list[str]
+    owners: list[Connection | Coupling]
+    penalties: list[list[int]]
+    penalised: list[tuple[str, FloatArray]]
+
+
+#: The row that holds a joint's only coordinate, by the kind of its step.
+_COORDINATE = {
+    at.REVOLUTE: Row(at.ROW_ANGLE, 0, "prescribed angle"),
+    at.SCREW: Row(at.ROW_ANGLE, 0, "prescribed angle"),
+    at.PRISMATIC: Row(at.ROW_TRANSLATION, 2, "prescribed displacement"),
+}
+
+
+def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) -> RowTable:
+    """Lay out the rows of all joints held by constraints, and of the couplings.
+
+    Raises:
+        SceneError: a coupling of a joint that has no coordinate, or a penalty that enforces nothing.
+    """
+    rows = RowTable([], [], [], [], [])
+    for closure in topology.closures:
+        _add_closure(b, rows, closure)
+    for coupling in couplings:
+        values = [float(len(coupling.terms)), 0.0]  # the sum is set at the start
+        for term in coupling.terms:
+            found = b.coordinate_rows.get(id(term.connection))
+            if found is None:
+                raise SceneError(
+                    f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
+                    "coordinate to couple; ask for Way.COORDINATES"
+                )
+            values += [float(found[term.index]), term.share]
+        data = b.add_data(np.array(values))
+        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1, 0])
+        rows.names.append(coupling.name)
+        rows.owners.append(coupling)
+    return rows
+
+
+def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
+    """Append the rows of a joint held by constraints, and that of its prescribed motion."""
+    joint = closure.joint
+    f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], joint.turn)
+    g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], joint.turn)
+    b.closure_frames[id(closure)] = (f, g)
+    held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
+    if closure.motion is not None:
+        what = motion_name(closure)
+        time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)
+        held.append((_COORDINATE[joint.steps[0].kind], time))
+    for row, time in held:
+        data = b.add_data(np.array(row.data)) if row.data else 0
+        line = [f, g, row.kind, row.index, data, row.level, time, 0]
+        name = f"{closure.name}: {row.name}"
+        if isinstance(closure.enforce, AugmentedLagrangian):
+            line[at.ROW_HOLD] = b.add_data(_hold(b.extent, row, closure.enforce, name))
+        if isinstance(closure.enforce, Penalty):
+            rows.penalties.append(line)
+            rows.penalised.append((name, _yield(b.extent, row, closure.enforce, name)))
+        else:
+            rows.table.append(line)
+            rows.names.append(name)
+            rows.owners.append(closure)
+
+
+def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
+    """(2,) stiffness and damping of a row, in its own unit."""
+    scale = extent**2 if row.kind in at.ROWS_IN_RAD else 1.0
+    if row.level == at.LEVEL_POSITION:
+        return np.array([choice.stiffness, choice.damping]) * scale
+    if choice.damping == 0.0:
+        raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
+    return np.array([0.0, choice.damping * scale])
+
+
+def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
+    """(N_HOLD,) what an augmented Lagrangian enforces a row by."""
+    size = 1.0 if row.kind in at.ROWS_IN_RAD else extent
+    return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
+
+
+def lay_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
+    """Append the elements that stand for penalised rows."""
+    for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
+        data = b.add_data(penalty)
+        f, g = row[at.ROW_F], row[at.ROW_G]
+        table.element(at.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)

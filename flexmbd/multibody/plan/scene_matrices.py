@@ -1,0 +1,108 @@
+"""Constraint rows, their Jacobian and the mass matrix of a compiled scene, dense: for the start and for checks."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work, without_forces
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.sampling.series import constraint_matrix
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+FloatArray = NDArray[np.float64]
+
+
+def constraint_values(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, a: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (m,) of all rows and their first and second time derivatives."""
+    m = len(scene.plan.rows)
+    values = np.zeros((3, m))
+    forward(scene.plan, work, x, v, np.zeros(scene.nv) if a is None else a)
+    constraints(scene.plan, work, *values)
+    return values[0], values[1], values[2]
+
+
+def constraint_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """C (m, nv): rates of the rows per unit of each velocity."""
+    m = len(scene.plan.rows)
+    jacobian = np.zeros((m, scene.nv))
+    unit, rest = np.zeros((2, scene.nv))
+    constraint_matrix(scene.plan, work, x, unit, rest, np.zeros((4, m)), jacobian)
+    return jacobian
+
+
+def coordinate_sizes(scene: CompiledScene) -> FloatArray:
+    """(nv,) full size of each coordinate: 1 rad, the machine's extent (m), of modes that times root mass."""
+    return scene.group_full[scene.group_of] if scene.nv else np.zeros(0)
+
+
+def row_sizes(scene: CompiledScene) -> FloatArray:
+    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
+    sizes = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0, scene.extent)
+    full, data = coordinate_sizes(scene), scene.plan.data
+    for k in np.flatnonzero(scene.plan.rows[:, at.ROW_KIND] == at.ROW_COUPLING):
+        o = int(scene.plan.rows[k, at.ROW_DATA])
+        terms = data[o + 2 : o + 2 + 2 * int(data[o])].reshape(-1, 2)
+        columns = scene.plan.tree[terms[:, 0].astype(int), at.JOINT_V]
+        sizes[k] = np.abs(terms[:, 1] * full[columns]).max()
+    return sizes
+
+
+def modal_stiffness(scene: CompiledScene) -> FloatArray:
+    """(nv,) stiffness of each modal coordinate (1/s^2); 0 of others."""
+    stiffness = np.zeros(scene.nv)
+    for branch in scene.topology.branches:
+        body = branch.outer.body
+        record = body.reduced()
+        if record is not None:
+            stiffness[scene.modal_slots[id(body)].v] = record.stiffness
+    return stiffness
+
+
+def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """M (nv, nv) of the tree at configuration x, without its loops."""
+    plan = without_forces(scene.plan)
+    rest = np.zeros(scene.nv)
+    none = np.zeros(len(plan.rows))
+    offset, column = np.zeros(scene.nv), np.zeros(scene.nv)
+    residual(plan, work, x, rest, rest, none, offset)
+    matrix = np.zeros((scene.nv, scene.nv))
+    for k, unit in enumerate(np.eye(scene.nv)):
+        residual(plan, work, x, rest, unit, none, column)
+        matrix[:, k] = column - offset
+    return 0.5 * (matrix + matrix.T)
+
+
+def mass_factor(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """Cholesky factor of M on the free coordinates.
+
+    Raises:
+        AssemblyError: some motion moves no mass; the message names its largest coordinate.
+    """
+    free = scene.plan.free
+    mass = mass_matrix(scene, work, x)[np.ix_(free, free)]
+    try:
+        lower: FloatArray = np.linalg.cholesky(mass).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError as reason:
+        _, vectors = np.linalg.eigh(mass)
+        name = scene.velocity_names[free[int(np.argmax(np.abs(vectors[:, 0])))]]
+        raise AssemblyError(
+            f"moving {name!r} moves no mass, so no force tells its acceleration; give the body an inertia, "
+            "or fix what does not turn"
+        ) from reason
+    return lower
+
+
+def scaled_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """C on the free coordinates, per unit of kinetic energy, rows over the largest of them."""
+    free = scene.plan.free
+    jacobian = constraint_jacobian(scene, work, x)[:, free]
+    lower = mass_factor(scene, work, x)
+    return scipy.linalg.solve_triangular(lower, jacobian.T, lower=True).T

@@ -1,0 +1,71 @@
+"""Which bodies of a plan can never need gyroscopic terms, decided from the joints that lead to them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Directions that differ by no more (rad), and products of inertia that are no larger a share of the moments, are
+#: those of a plane: what is left out then is below round-off.
+_ROUND_OFF = 1e-15
+
+_AXIS = np.array([0.0, 0.0, 1.0])
+#: Joints that turn about no axis but z.
+_HINGES = (at.REVOLUTE, at.SCREW)
+_SLIDES = (at.FIXED, at.PRISMATIC)
+
+
+def decide_turning(tree: IntArray, frames: FloatArray, frame_of: IntArray, rigid: FloatArray) -> IntArray:
+    """(bodies,) layout.NEVER, BALANCED, IN_PLANE or FREELY of each row of ``tree``.
+
+    A frame turns about one axis n of its body if its joint is a hinge about n on a parent that turns about n as well
+    or not at all, or a slide on a parent that turns about n; n then is fixed in body and space.  What stands on a
+    frame that deforms may turn any way.  Columns are those of ``Plan``.
+    """
+    axes: list[FloatArray | None] = []  # in the body; zeros: turns never; None: any way
+    kinds = np.full(len(tree), at.FREELY)
+    for i, row in enumerate(tree):
+        axes.append(_axis(row, frames, frame_of, axes))
+        axis = axes[-1]
+        if axis is None:
+            continue
+        if not axis.any():
+            kinds[i] = at.NEVER
+        elif row[at.FLEX] < 0:
+            kinds[i] = at.BALANCED if _is_balanced(rigid[i], axis) else at.IN_PLANE
+    return kinds
+
+
+def _axis(
+    row: IntArray, frames: FloatArray, frame_of: IntArray, axes: list[FloatArray | None]
+) -> FloatArray | None:
+    """The unit axis, in the body, about which its frame turns; zeros where it never does, None if about any."""
+    f = row[at.FRAME_PARENT]
+    parent = np.zeros(3) if row[at.PARENT] < 0 else axes[row[at.PARENT]]
+    if parent is None or frame_of[f, at.FRAME_MODES] >= 0:
+        return None
+    before = _rotation(frames[f]).T @ parent  # in F
+    after = _rotation(frames[row[at.FRAME_CHILD]])
+    if row[at.JOINT] in _SLIDES:
+        return after @ before
+    if row[at.JOINT] in _HINGES and np.hypot(before[0], before[1]) <= 4.0 * _ROUND_OFF:
+        return after @ _AXIS
+    return None
+
+
+def _rotation(frame: FloatArray) -> FloatArray:
+    return frame[at.FRAME_R :].reshape(3, 3)
+
+
+def _is_balanced(rigid: FloatArray, axis: FloatArray) -> bool:
+    """Whether w x (J w) about the body's origin vanishes for w along ``axis``."""
+    second = np.zeros((3, 3))
+    second[np.triu_indices(3)] = rigid[at.SECOND_MOMENT :]
+    second += np.triu(second, 1).T
+    # J = trace(S) - S with the second moment S, so that n x (J n) = -n x (S n)
+    return bool(np.linalg.norm(np.cross(axis, second @ axis)) <= _ROUND_OFF * np.trace(second))

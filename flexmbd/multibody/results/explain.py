@@ -1,0 +1,215 @@
+"""A plain text of what a compiled scene computes and what it skips."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior, ImplicitInterior
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.enforcement import Penalty
+from flexmbd.multibody.joint.fixed import Fixed
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.start.consistent_start import Start
+
+_KINDS = {
+    at.TIME_PIECEWISE: "read as data",
+    at.TIME_SINE: "read as data",
+    at.TIME_COMPILED: "called compiled",
+    at.TIME_PYTHON: "Python, called at each new time",
+}
+
+#: What bodies do without, by how their frames may turn.
+_UNNEEDED_RIGID = {
+    at.NEVER: "gyroscopic terms of {} (no joint turns the frame)",
+    at.BALANCED: "gyroscopic terms of {} (turning about one principal axis)",
+    at.IN_PLANE: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
+}
+_UNNEEDED_FLEXIBLE = {at.NEVER: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
+_SHOWN = 4
+
+
+def explain(start: Start) -> str:
+    """Say which joints went to coordinates and which to multipliers, and what is skipped."""
+    scene = start.scene
+    plan = scene.plan
+    bodies = len(scene.topology.branches)
+    links = len(plan.tree) - bodies
+    massless = f" and {links} massless links" if links else ""
+    lines = [
+        f"{bodies} bodies{massless}, {scene.nv} velocities ({len(plan.free)} free, "
+        f"{len(plan.driven)} prescribed), {len(plan.rows)} multipliers"
+    ]
+    lines.append("tree:")
+    parts = [part for one in _with_history(start) for part in one.parts]
+    for branch in scene.topology.branches:
+        body = branch.outer.body
+        kind = _kind(body)
+        if branch.connection is None and body in parts:
+            lines.append(f"  {body.name} ({kind}): 6 coordinates of its own, starts where its body has it")
+            continue
+        if branch.connection is None:
+            lines.append(
+                f"  {body.name} ({kind}): flies with 6 coordinates, for no joint that goes by "
+                "coordinates reaches it at a frame that is rigid in it"
+            )
+            continue
+        joint = type(branch.connection.joint).__name__
+        how = "prescribed" if branch.connection.motion is not None else "joint coordinates"
+        back = ", run from child to parent" if branch.reversed else ""
+        lines.append(f"  {branch.connection.name}: {joint} -> {body.name} ({kind}), {how}{back}")
+    lines.extend(_histories(start))
+    lines.extend(_closures(start))
+    lines.extend(_inputs(start))
+    lines.extend(_elements(start))
+    lines.extend(_skipped(start))
+    if start.moved:
+        lines.append("the start was made consistent:")
+        lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved)
+    if start.strain.warning is not None:
+        lines.append(start.strain.warning)
+    return "\n".join(lines)
+
+
+def _kind(body: Body) -> str:
+    if isinstance(body, PseudoRigidBody):
+        return "pseudo-rigid, its stretches held" if body.rigid else "pseudo-rigid, six stretches"
+    record = body.reduced()
+    if record is None:
+        return "rigid"
+    stretch = "" if record.stretch is None else f", {len(record.stretch.strain)} membrane strains"
+    return f"flexible, {record.n_modes} modes{stretch}"
+
+
+def _with_history(start: Start) -> tuple[ContinuumBody, ...]:
+    return () if start.scene.interiors is None else start.scene.interiors.bodies
+
+
+def _histories(start: Start) -> list[str]:
+    """A line a body with history: its frames, and how its interior can be stepped."""
+    lines = []
+    for body in _with_history(start):
+        interior, ways = body.interior, []
+        if isinstance(interior, ImplicitInterior):
+            ways.append("is solved for at a step's end, with its condensed tangent")
+        if isinstance(interior, ExplicitInterior):
+            ways.append(f"can step explicitly, by {interior.stable_step():.3g} s at most as it starts")
+        names = ", ".join(frame.name for frame in interior.frames)
+        lines.append(
+            f"  {body.name}: {len(body.parts)} interface frames as rigid bodies ({names}), no multipliers; its "
+            f"interior of {interior.mass:.4g} kg {' or '.join(ways)}"
+        )
+        lines.extend(_remainders(start, body))
+    return ["bodies with history:", *lines] if lines else []
+
+
+def _remainders(start: Start, body: ContinuumBody) -> list[str]:
+    """A line for each reduced body that goes on, past a fixed joint, where a body with history ends."""
+    topology = start.scene.topology
+    held = [b.connection for b in topology.branches if b.connection is not None] + list(topology.closures)
+    lines = []
+    for connection in held:
+        for here, there in ((connection.parent, connection.child), (connection.child, connection.parent)):
+            record = there.body.reduced()
+            names = [f.name for f, part in zip(body.interior.frames, body.parts, strict=True) if part is here.body]
+            if not names or record is None or not isinstance(connection.joint, Fixed):
+                continue
+            watch = "a YieldMonitor tells whether it yields"
+            if record.stress is None:
+                watch = "without stress modes in its record nothing tells whether it yields"
+            lines.append(
+                f"    beyond {names[0]}: {there.body.name}, reduced, no history; its frame turns with it; {watch}"
+            )
+    return lines
+
+
+def _closures(start: Start) -> list[str]:
+    scene = start.scene
+    penalised = [c for c in scene.topology.closures if isinstance(c.enforce, Penalty)]
+    yielding = [f"  {c.name}: {type(c.joint).__name__}, yields to a penalty, no multipliers" for c in penalised]
+    if not len(start.unreduced.plan.rows):
+        return ["loops: none, so no multipliers and no drift", *yielding]
+    lines = ["loops, closed by multipliers:"]
+    lines.extend(yielding)
+    held = [c for c in scene.topology.closures if c not in penalised]
+    for owner in dict.fromkeys((*held, *start.unreduced.row_owners)):
+        count = sum(other is owner for other in scene.row_owners)
+        whole = sum(other is owner for other in start.unreduced.row_owners)
+        kind, why = type(owner).__name__, ""
+        if isinstance(owner, Connection):
+            kind = type(owner.joint).__name__
+            if not owner.may_be_coordinates:
+                why = ", by constraints as asked" if owner.joint.steps else ", constraints alone"
+        lines.append(f"  {owner.name}: {kind}, {count} of {whole} rows{why}")
+    if scene.redundant:
+        lines.append("  redundant, left out: " + "; ".join(scene.redundant))
+    rolling = int(np.sum(scene.plan.rows[:, at.ROW_LEVEL] == at.LEVEL_VELOCITY))
+    if rolling:
+        lines.append(f"  {rolling} of the rows hold velocities alone (nonholonomic)")
+    return lines
+
+
+def _inputs(start: Start) -> list[str]:
+    scene = start.scene
+    return [
+        f"{name}: {row.text}, {_KINDS[row.kind]}"
+        for name, row in zip(scene.time_names, scene.time_rows, strict=True)
+    ]
+
+
+def _elements(start: Start) -> list[str]:
+    """One line a force element; of those that call a user's function, at what cost."""
+    scene = start.scene
+    lines: dict[str, None] = {}
+    for name, row in zip(scene.element_names, scene.plan.elements, strict=True):
+        cost = ""
+        if row[at.EL_KIND] in (at.ON_FUNCTION, at.ON_STATE):
+            python = row[at.EL_ADDRESS] in scene.callbacks.addresses
+            cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
+        lines[name + cost] = None
+    return list(lines)
+
+
+def _skipped(start: Start) -> list[str]:
+    plan = start.scene.plan
+    skipped = []
+    if len(plan.rows) == 0:
+        skipped.append("constraint rows, multipliers and position shifts (a tree)")
+    if len(plan.flex) == 0:
+        skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
+    elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
+        skipped.append("modal damping (zero)")
+    reduced = [b.outer.body for b in start.scene.topology.branches if not isinstance(b.outer.body, PseudoRigidBody)]
+    records = [record for body in reduced if (record := body.reduced()) is not None]
+    if records and all(record.stretch is None or not len(record.stretch.strain) for record in records):
+        skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
+    if len(plan.flex):
+        skipped.append("factoring modal masses (the identity)")
+    skipped.extend(_unneeded_gyroscopics(start))
+    if len(plan.elements) == 0:
+        skipped.append("force elements (none)")
+    if not plan.gravity.any():
+        skipped.append("gravity (zero)")
+    return ["skipped: " + "; ".join(skipped)] if skipped else []
+
+
+def _unneeded_gyroscopics(start: Start) -> list[str]:
+    """What the joints on the way to a body spare it of the terms that come of its turning."""
+    scene = start.scene
+    bodies = [branch.outer.body for branch in scene.topology.branches]
+    groups: dict[str, list[str]] = {}
+    for body in bodies:
+        kind = scene.plan.tree[scene.body_row[id(body)], at.TURNING]
+        what = _UNNEEDED_FLEXIBLE.get(kind) if body.reduced() is not None else _UNNEEDED_RIGID.get(kind)
+        if what is not None:
+            groups.setdefault(what, []).append(body.name)
+    return [what.format(_listed(names, len(bodies))) for what, names in groups.items()]
+
+
+def _listed(names: list[str], whole: int) -> str:
+    """Names of bodies, but no more than a few."""
+    if len(names) == whole > 1:
+        return f"all {whole} bodies"
+    shown = ", ".join(names[:_SHOWN])
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

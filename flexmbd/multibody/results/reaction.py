@@ -1,0 +1,99 @@
+"""Reactions of joints over a trajectory, for joints carried by coordinates and by constraints alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kane.equations import Kinematics
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.numbering import step_turn
+
+FloatArray = NDArray[np.float64]
+
+
+def reactions(
+    scene: CompiledScene,
+    connection: Connection,
+    t: FloatArray,
+    x: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    multipliers: FloatArray,
+) -> FloatArray:
+    """(nt, 6) force (N) and moment (N m) that the parent exerts on the child through a joint.
+
+    The moment is about the origin of the child's frame, both in that frame's axes.
+
+    Raises:
+        SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.
+    """
+    out: FloatArray = np.zeros((len(t), 6))
+    scene.callbacks.reset()
+    series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
+    work = new_work(scene.plan)
+    rows = scene.coordinate_rows.get(id(connection))
+    turn = connection.joint.turn
+    if rows is not None:
+        branch = next(b for b in scene.topology.branches if b.connection is connection)
+        outer = scene.body_row[id(branch.outer.body)]
+        # the last step ends on the child's frame, or begins there where the branch is reversed
+        step = len(rows) - 1
+        tree = scene.plan.tree[rows[step]]
+        f = int(tree[at.FRAME_PARENT if branch.reversed else at.FRAME_CHILD])
+        tree_reactions(scene.plan, work, outer, f, *series)
+        turn = turn @ step_turn(connection.joint.steps[step], branch.reversed)
+        sign = -1.0 if branch.reversed else 1.0
+        out *= sign
+    elif id(connection) in scene.closure_frames:
+        f, g = scene.closure_frames[id(connection)]
+        row_reactions(scene.plan, work, f, g, *series)
+    else:
+        raise SceneError(f"joint {connection.name!r} has no reaction in this trajectory; it is of another scene")
+    scene.refuse_failed(work)
+    found = np.hstack([out[:, :3] @ turn.T, out[:, 3:] @ turn.T])
+    if rows is not None and scene.wrench_sources:
+        found -= sign * _given_wrenches(scene, connection.child, outer, t, x, v)
+    return found
+
+
+def _given_wrenches(
+    scene: CompiledScene, frame: Frame, root: int, t: FloatArray, x: FloatArray, v: FloatArray
+) -> FloatArray:
+    """(nt, 6) what ``scene.wrench_sources`` do to body ``root`` and all outboard of it, about a frame and in its axes.
+
+    The plan knows them as generalised forces, of which no joint can tell what it passes on.
+    """
+    outboard = {root}
+    for i, parent in enumerate(scene.plan.tree[:, at.PARENT]):
+        if parent in outboard:
+            outboard.add(i)
+    kinematics = Kinematics(scene)
+    sums: FloatArray = np.zeros((len(t), 6))
+    for k in range(len(t)):
+        kinematics.move(float(t[k]), x[k], v[k])
+        R = kinematics.rotation(frame)
+        for source in scene.wrench_sources:
+            for place, force, torque in source.wrenches(float(t[k]), x[k], v[k]):
+                if scene.body_row[id(place.body)] in outboard:
+                    push: FloatArray = np.asarray(force, dtype=np.float64)
+                    arm: FloatArray = kinematics.position(place) - kinematics.position(frame)
+                    moment = np.asarray(torque, dtype=np.float64) + np.cross(arm, push)
+                    sums[k] += np.concatenate([R.T @ push, R.T @ moment])
+    return sums
+
+
+def coordinate_force(joint: Joint, reaction: FloatArray) -> FloatArray:
+    """(nt,) what reactions (nt, 6) do on the coordinate of a joint that has only one (N m or N)."""
+    (step,) = joint.steps
+    axis = (joint.turn @ step_turn(step, False))[:, 2]
+    if step.kind == at.PRISMATIC:
+        return reaction[:, :3] @ axis
+    return reaction[:, 3:] @ axis + step.pitch * (reaction[:, :3] @ axis)

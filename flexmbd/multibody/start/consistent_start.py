@@ -1,0 +1,239 @@
+"""A consistent start: loops closed, velocities on the loops, accelerations and reactions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.interiors.scene_interiors import Kept
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import (
+    constraint_jacobian,
+    constraint_values,
+    coordinate_sizes,
+    mass_factor,
+    row_sizes,
+)
+from flexmbd.multibody.start.design_position import led_from_design
+from flexmbd.multibody.start.given_coordinates import Given, coordinates_given
+from flexmbd.multibody.start.independent_rows import Choice, independent_rows, look
+from flexmbd.multibody.start.interior_start import begin_interiors
+from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
+from flexmbd.multibody.start.report import Strain, tell_moved, tell_strain
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LEADS_ON = 1e-6  # of the rates' squares: what a singular start may leave open of them
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The consistent start.
+
+    Attributes:
+        scene: the scene without its redundant constraint rows.
+        unreduced: the scene with them.
+        choice: which rows ``scene`` keeps.
+        x, v, a: (nx,), (nv,), (nv,) configuration, velocity, acceleration.
+        multipliers: (m,) reactions of the loops (N or N m).
+        moved: what the projection changed: (coordinate, from, to), positions and velocities; rotations of several
+            coordinates as rotation vectors.
+        residual: largest constraint residual after the projection (m or rad).
+        strain: what closing the loops bent.
+    """
+
+    scene: CompiledScene
+    unreduced: CompiledScene
+    choice: Choice
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    multipliers: FloatArray
+    moved: tuple[tuple[str, float, float], ...]
+    residual: float
+    strain: Strain
+
+
+def consistent_start(
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    *,
+    held_x: Mask,
+    held_v: Mask,
+    memories: Kept | None = None,
+) -> Start:
+    """Project a user's start onto the loops and solve for accelerations and reactions.
+
+    Coordinates of the tree that the user set (``held``) stay where the others can close the loops alone;
+    modal coordinates move only by what no joint can close.  Where the user set any of a joint held by
+    constraints, all that are set stay.
+
+    Args:
+        scene: the scene with all its constraint rows.
+        work: scratch; ``work.time`` holds the functions of time at the start.
+        x: (nx,) wanted configuration.
+        v: (nv,) wanted velocity.
+        held_x: (nv,) tangent directions of coordinates set by the user.
+        held_v: (nv,) velocities set by the user.
+        memories: of a state found before, in which x and v are all set; what bodies with history go on from.  By
+            default these begin undeformed.
+
+    Raises:
+        AssemblyError: no configuration closes the loops, or they contradict each other.
+        SceneError: the loops close, but not with what was set on joints held by constraints; or the start is a
+            singular position that the rates set do not lead out of.
+    """
+    x, v = x.copy(), v.copy()
+    drive(scene.plan, work, x, v, np.zeros(scene.nv))
+    if memories is None:
+        place_flying(scene, work, x, v)
+    given = coordinates_given(scene)
+    scene = _set_couplings(scene, work, x, held_x, given)
+    led = x if given.positions or memories is not None else led_from_design(scene, work, x, held_x)
+    closing = close_loops(scene, work, led, held_x, given)
+    refuse_turned_over(scene, work, closing.x)
+    choice = independent_rows(scene, work, closing.x)
+    reduced = scene.keep_rows(choice.rows)
+    # without the redundant rows, which may stay open a little, the others close to round-off
+    after = close_loops(reduced, work, closing.x, held_x, given)
+    closed = after.x
+    velocity = _velocities(scene, reduced, work, closed, v, held_v, given)
+    if reduced.interiors is None:
+        a, multipliers = accelerations(reduced, work, closed, velocity)
+    else:
+        machine = reduced, reduced.interiors, work, closed, velocity
+        a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
+    phi = constraint_values(scene, work, closed, velocity)[0]
+    return Start(
+        reduced,
+        scene,
+        choice,
+        closed,
+        velocity,
+        a,
+        multipliers,
+        tell_moved(scene, x, closed, v, velocity, held_x),
+        float(np.abs(phi).max(initial=0.0)),
+        tell_strain(reduced, work, closed, velocity, closing.change + after.change, left_open=closing.left_open),
+    )
+
+
+def _velocities(
+    scene: CompiledScene,
+    reduced: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    held: Mask,
+    given: Given,
+) -> FloatArray:
+    """Velocities that keep the loops closed, in the next instant too.
+
+    In a singular position rows lose their hold on velocities, and hold their squares instead.
+    """
+    place = look(reduced, work, x)
+    if place.rank == len(reduced.plan.rows):
+        velocity = match_velocities(scene, work, x, v, held, given)
+        return match_velocities(reduced, work, x, velocity, held, given)
+    where = (
+        "the start is a singular position (a dead centre, or where ways to assemble the machine meet), in which the "
+        "loops do not tell all velocities; start beside it"
+    )
+    try:
+        velocity = match_velocities(scene, work, x, v, held, given)
+    except (AssemblyError, SceneError) as reason:
+        raise type(reason)(f"{reason}; {where}") from reason
+    bend = constraint_values(reduced, work, x, velocity)[2] / row_sizes(reduced)
+    lost = place.left[:, place.rank :].T @ bend
+    rate = float(np.abs(velocity / coordinate_sizes(scene)).max(initial=0.0))
+    if np.abs(lost).max(initial=0.0) > _LEADS_ON * rate**2:
+        worst = reduced.row_names[int(np.argmax(np.abs(place.left[:, place.rank :] @ lost)))]
+        raise SceneError(
+            f"the velocities set lead out of the loops at once: {worst} would open with the square of time; {where}, "
+            "or set the velocities of all joints as one of the ways has them"
+        )
+    return velocity
+
+
+def _set_couplings(
+    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given
+) -> CompiledScene:
+    """Give the couplings the sums that they have where all other constraints are fulfilled."""
+    kinds = scene.plan.rows[:, at.ROW_KIND]
+    coupling = np.flatnonzero(kinds == at.ROW_COUPLING)
+    if len(coupling) == 0:
+        return scene
+    others = scene.keep_rows([int(k) for k in np.flatnonzero(kinds != at.ROW_COUPLING)])
+    closed = close_loops(others, work, x, held, given).x
+    data = scene.plan.data.copy()
+    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = 0.0
+    bare = replace(scene, plan=scene.plan._replace(data=data))
+    sums = constraint_values(bare, work, closed, np.zeros(scene.nv))[0]
+    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = sums[coupling]
+    return bare
+
+
+def match_motion(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, *, held: Mask
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Velocities near v that keep the loops closed, with accelerations and multipliers.
+
+    Args:
+        scene: without redundant rows.
+        work: scratch; ``work.time`` holds the functions of time at the instant.
+        x: (nx,) configuration, loops closed.
+        v: (nv,) wanted velocities.
+        held: (nv,) those that stay where the others can follow.
+
+    Raises:
+        AssemblyError: the velocities contradict the loops.
+    """
+    velocity = v.copy()
+    drive(scene.plan, work, x.copy(), velocity, np.zeros(scene.nv))
+    velocity = match_velocities(scene, work, x, velocity, held)
+    a, multipliers = accelerations(scene, work, x, velocity)
+    return velocity, a, multipliers
+
+
+def accelerations(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma.
+
+    Source: Ambrosio & Nikravesh 1992, eq. 76-77.
+    """
+    plan, free = scene.plan, scene.plan.free
+    m = len(plan.rows)
+    a = np.zeros(scene.nv)
+    drive(plan, work, x, v, a)
+    force = np.zeros(scene.nv)
+    residual(plan, work, x, v, a, np.zeros(m), force)
+    scene.refuse_failed(work)
+    lower = mass_factor(scene, work, x)
+    scaled: FloatArray = scipy.linalg.solve_triangular(lower, -force[free], lower=True)
+    multipliers: FloatArray = np.zeros(m)
+    if m and len(free):
+        gamma = constraint_values(scene, work, x, v, a)[2]
+        jacobian = scipy.linalg.solve_triangular(
+            lower, constraint_jacobian(scene, work, x)[:, free].T, lower=True
+        ).T
+        # rows of unit length, since those in rad differ from those in m by the square of the machine's size
+        lengths = np.linalg.norm(jacobian, axis=1)
+        lengths[lengths == 0.0] = 1.0
+        unit = jacobian / lengths[:, None]
+        tensions = scipy.linalg.lstsq(unit @ unit.T, unit @ scaled + gamma / lengths, cond=1e-13)[0]
+        multipliers = tensions / lengths
+        scaled = scaled - unit.T @ tensions
+    a[free] = scipy.linalg.solve_triangular(lower, scaled, lower=True, trans="T")
+    return a, multipliers

@@ -1,0 +1,159 @@
+"""Coordinates and velocities that the user gave joints held by constraints: how far a state is from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.joint.connection import Connection, motion_name
+from flexmbd.multibody.joint.pose import joint_state
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.rotation import z_onto
+
+FloatArray = NDArray[np.float64]
+
+_SAME = 1e-9  # of a coordinate's size or rate: how far a prescribed joint may be set from its motion
+
+
+@dataclass(frozen=True)
+class Given:
+    """Joints held by constraints whose coordinates or velocities the user gave, each as a row a coordinate.
+
+    Attributes:
+        positions, velocities: the joints.
+    """
+
+    positions: tuple[Connection, ...]
+    velocities: tuple[Connection, ...]
+
+    def position_gaps(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+        """(k,) m or rad: coordinates of the joints at configuration x (nx,), less those given."""
+        forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+        gaps = [np.zeros(0)]
+        for connection in self.positions:
+            joint = connection.joint
+            rest = np.zeros(len(joint.velocity_names))
+            p_given, R_given, _, _ = joint_state(joint, np.asarray(connection.position), rest)
+            p, R, _, _ = _relative(scene, work, connection)
+            turned = rotation_vector(tuple((R @ R_given.T).ravel()))
+            gaps.append(_measure(joint, R) @ np.concatenate([p - p_given, turned]))
+        return np.concatenate(gaps)
+
+    def velocity_gaps(self, scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> FloatArray:
+        """(k,) m/s or rad/s: velocities of the joints at (x (nx,), v (nv,)), less those given."""
+        wanted = [np.zeros(0), *(np.asarray(c.velocity) for c in self.velocities)]
+        return _rates(scene, work, x, v, self.velocities) - np.concatenate(wanted)
+
+    def position_slopes(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+        """(k, nv) rates of ``position_gaps`` per unit of each velocity."""
+        return _slopes(scene, work, x, self.positions)
+
+    def velocity_slopes(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+        """(k, nv) ``velocity_gaps`` per unit of each velocity."""
+        return _slopes(scene, work, x, self.velocities)
+
+    def position_sizes(self, scene: CompiledScene) -> FloatArray:
+        """(k,) 1 rad or the machine's extent (m), of the rows of ``position_gaps``."""
+        return _sizes(scene, self.positions)
+
+    def velocity_sizes(self, scene: CompiledScene) -> FloatArray:
+        """(k,) 1 rad or the machine's extent (m), of the rows of ``velocity_gaps``."""
+        return _sizes(scene, self.velocities)
+
+
+#: What a machine has where nobody gave such joints anything.
+NOTHING_GIVEN = Given((), ())
+
+
+def coordinates_given(scene: CompiledScene) -> Given:
+    """What the user gave the scene's joints held by constraints."""
+    held = [c for c in scene.topology.closures if c.joint.steps]
+    return Given(
+        tuple(c for c in held if c.position is not None), tuple(c for c in held if c.velocity is not None)
+    )
+
+
+def refuse_against_motions(scene: CompiledScene, work: Work, connections: Sequence[Connection]) -> None:
+    """Refuse positions and velocities of prescribed joints that are not those of the motion.
+
+    Raises:
+        SceneError: the first that contradicts its motion at the time of ``work``.
+    """
+    for connection in connections:
+        if connection.motion is None:
+            continue
+        values = work.time[scene.time_names.index(motion_name(connection))]
+        size = _sizes(scene, [connection])[0]
+        for k, (what, given) in enumerate((("position", connection.position), ("velocity", connection.velocity))):
+            if given is None or abs(given[0] - values[k]) <= _SAME * max(size, abs(values[k])):
+                continue
+            raise SceneError(
+                f"joint {connection.name!r}: its {what} was set to {given[0]:.9g}, but its prescribed motion starts "
+                f"at {values[k]:.9g}; a prescribed joint is where its motion has it, so leave out the {what}, "
+                "or set it to None"
+            )
+
+
+def coordinate_names(connections: Sequence[Connection]) -> list[str]:
+    """Names of the coordinates of joints, row by row."""
+    return [f"{c.name}.{part}" for c in connections for part in c.joint.velocity_names]
+
+
+def _sizes(scene: CompiledScene, joints: Sequence[Connection]) -> FloatArray:
+    return np.array([1.0 if angular else scene.extent for c in joints for angular in c.joint.angular])
+
+
+def _slopes(scene: CompiledScene, work: Work, x: FloatArray, joints: Sequence[Connection]) -> FloatArray:
+    rest = _rates(scene, work, x, np.zeros(scene.nv), joints)
+    columns = [_rates(scene, work, x, unit, joints) - rest for unit in np.eye(scene.nv)] if joints else []
+    return np.array(columns).reshape(scene.nv, len(rest)).T
+
+
+def _rates(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, joints: Sequence[Connection]) -> FloatArray:
+    """(k,) velocities of joints."""
+    forward(scene.plan, work, x, v, np.zeros(scene.nv))
+    rates = [np.zeros(0)]
+    for connection in joints:
+        _, R, rate, spin = _relative(scene, work, connection)
+        rates.append(_measure(connection.joint, R) @ np.concatenate([rate, spin]))
+    return np.concatenate(rates)
+
+
+def _relative(
+    scene: CompiledScene, work: Work, connection: Connection
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """p_FG_F, R_FG, and velocity and angular velocity of G against F in F's axes, of the turned frames."""
+    p, R, rate, spin, _, _ = relative_motion(scene.plan, work, *scene.closure_frames[id(connection)])
+    return np.array(p), np.reshape(R, (3, 3)), np.array(rate), np.array(spin)
+
+
+def _measure(joint: Joint, R: FloatArray) -> FloatArray:
+    """(k, 6) what tells the velocities of a joint whose constraints hold, from (rate, spin) in F's axes.
+
+    ``R`` is R_FG.  Of several steps the last turns about an axis fixed in G, those before it about axes fixed in F.
+    """
+    rows = []
+    for k, step in enumerate(joint.steps):
+        axis = z_onto(step.axis)[:, 2]
+        if step.kind == at.SPHERICAL:
+            return np.hstack([np.zeros((3, 3)), R.T])
+        if step.kind == at.FREE:
+            return np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), R.T]])
+        if step.kind == at.PRISMATIC:
+            rows.append(np.concatenate([axis, np.zeros(3)]))
+        elif step.kind == at.SCREW:
+            rows.append(np.concatenate([axis / step.pitch, np.zeros(3)]))
+        elif step.kind == at.REVOLUTE:
+            turned = R @ axis if k > 0 and k == len(joint.steps) - 1 else axis
+            rows.append(np.concatenate([np.zeros(3), turned]))
+    return np.array(rows).reshape(-1, 6)

@@ -1,0 +1,171 @@
+"""Which constraint rows hold anything that the others do not, found where the mechanism is regular.
+
+Of rows C = U S V^T, per full size of coordinates and rows, a choice of as many as the rank holds as firmly as the
+smallest singular value of its part of U says: 1 where the others add nothing, 0 where it alone has lost its rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, coordinate_sizes, row_sizes
+from flexmbd.multibody.start.loop_closing import CLOSED, close_loops
+
+FloatArray = NDArray[np.float64]
+
+_BLUR = 10.0  # slopes are off by this many times what is open, at most
+_ROUND_OFF = 1e-12  # and by this share at least
+_CLEAR = 1e3  # singular values that are not round-off stand this far above it
+_BESIDE = 0.05  # of each coordinate's size: where regular positions are looked for, first
+_PLACES = 2  # how many are enough
+_TRIALS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The rows' slopes at a configuration with closed loops, all in shares of the machine's size.
+
+    Attributes:
+        slopes: (m, free) of the rows, per full size of each free coordinate.
+        left: (m, m) left singular vectors.
+        sigma: (m,) singular values over the largest, falling; 0 beyond the free coordinates.
+        blur: what of them is not known, for the loops are closed to some tolerance.
+    """
+
+    slopes: FloatArray
+    left: FloatArray
+    sigma: FloatArray
+    blur: float
+
+    @property
+    def rank(self) -> int:
+        """How many rows are independent here."""
+        return int(np.sum(self.sigma > self.blur))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether what counts for the rank stands well above what does not."""
+        return self.rank == 0 or self.sigma[self.rank - 1] > _CLEAR * self.blur
+
+    def independent(self) -> list[int]:
+        """``rank`` rows that carry all others, the best-conditioned that pivoting finds."""
+        order = scipy.linalg.qr(self.slopes.T, mode="economic", pivoting=True)[2]
+        return sorted(int(k) for k in order[: self.rank])
+
+    def firmest(self, rank: int) -> list[int]:
+        """``rank`` rows that hold firmly together, as pivoting finds them."""
+        order = scipy.linalg.qr(self.left[:, :rank].T, mode="economic", pivoting=True)[2]
+        return sorted(int(k) for k in order[:rank])
+
+    def firmness(self, rows: Sequence[int]) -> float:
+        """How firmly these rows hold what all rows hold together, from 0 to 1."""
+        part = self.left[list(rows), : len(rows)]
+        return float(np.linalg.svd(part, compute_uv=False).min(initial=1.0))
+
+    def carries(self, other: Place) -> bool:
+        """Whether rows add to each other here as they do at another place, to what is known of both."""
+        if self.rank != other.rank or self.rank == 0:
+            return self.rank == other.rank
+        kept, there = self.left[:, : self.rank], other.left[:, : self.rank]
+        known = self.blur / self.sigma[self.rank - 1] + other.blur / other.sigma[self.rank - 1]
+        return float(np.abs(kept @ kept.T - there @ there.T).max()) <= _CLEAR * known
+
+
+class Choice(NamedTuple):
+    """Independent rows, and whether they are so at every position at which all rows together are."""
+
+    rows: list[int]
+    for_good: bool
+
+
+def firmer_rows(
+    scene: CompiledScene, work: Work, x: FloatArray, kept: Sequence[int], *, worth: float
+) -> list[int] | None:
+    """As many rows as are ``kept`` that hold more than ``worth`` times as firmly at x (nx,); None if these do not.
+
+    Args:
+        scene: with all its rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: a configuration with closed loops.
+        kept: (m,) rows.
+        worth: the least gain that counts.
+    """
+    place = look(scene, work, x)
+    others = place.firmest(len(kept))
+    return others if place.firmness(others) > worth * place.firmness(kept) else None
+
+
+def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
+    """The slopes of the scene's rows at x (nx,), with closed loops."""
+    free, m = scene.plan.free, len(scene.plan.rows)
+    rows = row_sizes(scene)
+    slopes = constraint_jacobian(scene, work, x)[:, free] * coordinate_sizes(scene)[free] / rows[:, None]
+    left, found, _ = scipy.linalg.svd(slopes)
+    largest = max(float(found.max(initial=0.0)), 1e-300)
+    sigma = np.zeros(m)
+    sigma[: len(found)] = found / largest
+    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
+    blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
+    # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
+    return Place(slopes, left, sigma, blur / min(largest, 1.0))
+
+
+def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:
+    """Rows that hold anything new: as many as are independent at regular positions, and those that are so best.
+
+    Redundancy is a property of the mechanism, not of one position: at singular ones fewer rows are independent, and
+    where loops are closed roughly more seem to be.  So the rank counts where it is clear, and the largest one does;
+    looked at are the start and, unless all rows are independent there, positions beside it on the loops.
+
+    Args:
+        scene: with all its rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: (nx,) a configuration with closed loops.
+    """
+    m = len(scene.plan.rows)
+    if m == 0 or len(scene.plan.free) == 0:
+        return Choice(list(range(m)), True)
+    here = look(scene, work, x)
+    places = [here]
+    if not (here.is_clear and here.rank == m):
+        places += _beside(scene, work, x)
+    clear = [place for place in places if place.is_clear]
+    if not clear:
+        return Choice(min(places, key=lambda place: place.blur).independent(), False)
+    best = max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1]))
+    # what is so at two places taken at random is no matter of the position
+    regular = [place for place in clear if place.rank == best.rank]
+    return Choice(best.independent(), best.rank == m or (len(regular) > 1 and all(map(best.carries, regular))))
+
+
+def _beside(scene: CompiledScene, work: Work, x: FloatArray) -> list[Place]:
+    """Regular positions on the loops near x."""
+    generator = np.random.default_rng(0)
+    size = np.zeros(scene.nv)
+    size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
+    for slots in scene.modal_slots.values():
+        size[slots.v] = 0.0
+    found: list[Place] = []
+    for trial in range(_TRIALS):
+        near = np.empty_like(x)
+        retract(scene.plan, x, (1 + trial) * _BESIDE * size * generator.uniform(-1.0, 1.0, scene.nv), near)
+        try:
+            closing = close_loops(scene, work, near, np.zeros(scene.nv, bool))
+        except AssemblyError:
+            continue
+        place = look(scene, work, closing.x)
+        if closing.left_open <= CLOSED and place.is_clear:
+            found.append(place)
+        if len(found) == _PLACES:
+            break
+    return found

@@ -1,0 +1,89 @@
+"""How far loops are open, as the start measures it: by the constraint rows, by whole angles where those fall back.
+
+Rows of aligned axes and of bodies that do not turn are sines of angles.  Beyond a right angle a sine falls again and
+would call a joint closed that is turned over; there the angle itself is what is open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, row_sizes
+
+FloatArray = NDArray[np.float64]
+
+#: The rows that turn a body's z onto another's: x . z' and y . z', the turns about y and, backwards, about x.
+_ALIGNING = (2, 5)
+
+
+def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """(m,) what is open at configuration x (nx,), in shares of the machine's extent, or rad."""
+    gaps = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / row_sizes(scene)
+    for rows, _, angles, _ in _far_turned(scene, work):
+        gaps[rows] = angles
+    return gaps
+
+
+def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """(m, nv) rates of ``loop_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
+    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
+    slopes[scene.plan.rows[:, at.ROW_LEVEL] != at.LEVEL_POSITION] = 0.0
+    forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    for rows, frames, _, per_spin in list(_far_turned(scene, work)):
+        slopes[rows] = per_spin @ _spins(scene, work, x, *frames)
+    return slopes
+
+
+def _far_turned(
+    scene: CompiledScene, work: Work
+) -> Iterator[tuple[NDArray[np.int64], tuple[int, int], FloatArray, FloatArray]]:
+    """Of each pair of frames turned by more than a right angle against each other, as ``forward`` left them.
+
+    Its rows (k,), frames F and G, what is open (k,) (rad) and (k, 3) its rates per unit of G's angular velocity
+    against F in F's axes.
+    """
+    table = scene.plan.rows
+    kinds, index = table[:, at.ROW_KIND], table[:, at.ROW_INDEX]
+    unturned = kinds == at.ROW_AXIS
+    aligned = (kinds == at.ROW_DIRECTION) & np.isin(index, _ALIGNING)
+    for frames in {(int(row[at.ROW_F]), int(row[at.ROW_G])): None for row in table[unturned | aligned]}:
+        R = np.reshape(relative_motion(scene.plan, work, *frames)[1], (3, 3))
+        own = (table[:, at.ROW_F] == frames[0]) & (table[:, at.ROW_G] == frames[1])
+        rows = np.flatnonzero(own & unturned)
+        if len(rows) and np.trace(R) < 1.0:
+            theta = np.array(rotation_vector(tuple(R.ravel())))
+            yield rows, frames, theta[index[rows]], _rates_of_rotation_vector(theta)[index[rows]]
+        rows = np.flatnonzero(own & aligned)
+        if len(rows) and R[2, 2] < 0.0:
+            # the shortest turn of z onto z'; opposed, any about an axis across them
+            across = np.hypot(R[0, 2], R[1, 2])
+            way = R[:2, 2] / across if across > 0.0 else np.array([1.0, 0.0])
+            angle = np.arctan2(across, R[2, 2])
+            part = np.searchsorted(_ALIGNING, index[rows])
+            yield rows, frames, angle * way[part], np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])[part]
+
+
+def _rates_of_rotation_vector(theta: FloatArray) -> FloatArray:
+    """(3, 3) its rates per unit of an angular velocity in fixed axes; of an angle off zero (Bullo and Murray 1995)."""
+    cross, square = np.cross(np.eye(3), theta), float(theta @ theta)
+    half = 0.5 * np.sqrt(square)
+    slopes: FloatArray = np.eye(3) - 0.5 * cross + (1.0 - half / np.tan(half)) / square * cross @ cross
+    return slopes
+
+
+def _spins(scene: CompiledScene, work: Work, x: FloatArray, f: int, g: int) -> FloatArray:
+    """(3, nv) angular velocity of frame row g against f, in f's axes, per unit of each velocity."""
+    spins = np.zeros((3, scene.nv))
+    for k, unit in enumerate(np.eye(scene.nv)):
+        forward(scene.plan, work, x, unit, np.zeros(scene.nv))
+        spins[:, k] = relative_motion(scene.plan, work, f, g)[3]
+    return spins

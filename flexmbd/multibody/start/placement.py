@@ -1,0 +1,178 @@
+"""Where bodies that only constraints hold start: as one of their joints says."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError
+from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.pose import joint_state
+from flexmbd.multibody.joint.protocol import ALIGNED
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.rotation import to_quaternion
+
+FloatArray = NDArray[np.float64]
+
+
+def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
+    """The joint that says where each body that only constraints hold starts, by the body's row.
+
+    Of the joints that lead to bodies placed before, it is the first whose position, velocity or motion the
+    user set, else the first that has coordinates, else the first.
+    """
+    found: dict[int, Connection] = {}
+    for branch in scene.topology.branches:
+        if branch.connection is not None:
+            continue
+        row = scene.body_row[id(branch.outer.body)]
+        candidates: list[tuple[int, int, Connection]] = []
+        for c in scene.topology.closures:
+            ends = (scene.body_row[id(c.parent.body)], scene.body_row[id(c.child.body)])
+            if row in ends and min(ends) < row == max(ends):
+                unset = c.position is None and c.velocity is None and c.motion is None
+                candidates.append((2 * unset + (not c.joint.steps), len(candidates), c))
+        if candidates:
+            found[row] = min(candidates)[2]
+    return found
+
+
+def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> None:
+    """Put each body that only constraints hold where its placing joint wants it, moving as that says.
+
+    An interface frame of a body with history goes where the body has it, by a frame of it placed before.
+    """
+    plan, zero = scene.plan, np.zeros(scene.nv)
+    joints = placing_joints(scene)
+    mates = _placing_mates(scene)
+    for row in sorted({*joints, *mates}):
+        forward(plan, work, x, v, zero)
+        ox, ov = int(plan.tree[row, at.JOINT_X]), int(plan.tree[row, at.JOINT_V])
+        if row in mates:
+            x[ox : ox + 7], v[ov : ov + 6] = _state_by_mate(work, *mates[row])
+            continue
+        connection = joints[row]
+        flies = scene.body_row[id(connection.child.body)] == row
+        x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
+
+
+def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, moved: FloatArray) -> None:
+    """Let flying parts of bodies with history follow the finite turns of the parts that they were placed by.
+
+    A step turns a body as a whole; by straight lines that would stretch it.
+
+    Args:
+        scene: compiled.
+        work: scratch.
+        x: (nx,) before the step.
+        step: (nv,).
+        moved: (nx,) after it, changed in place: what a part moves against its mate is added to the mate's motion.
+    """
+    plan, zero = scene.plan, np.zeros(scene.nv)
+    mates = _placing_mates(scene)
+    for row in sorted(mates):
+        forward(plan, work, x, step, zero)
+        p, R, shift, turn = _pose_and_step(work, mates[row][0])
+        p_own, R_own, shift_own, turn_own = _pose_and_step(work, row)
+        forward(plan, work, moved, zero, zero)
+        p_moved, R_moved, *_ = _pose_and_step(work, mates[row][0])
+        arm, swing = p_own - p, R_moved @ R.T
+        bent = scipy.linalg.expm(np.cross(np.eye(3), turn_own - turn))
+        ox = int(plan.tree[row, at.JOINT_X])
+        moved[ox : ox + 3] = p_moved + swing @ (arm + shift_own - shift - np.cross(turn, arm))
+        moved[ox + 3 : ox + 7] = to_quaternion(swing @ bent @ R_own)
+
+
+def _pose_and_step(work: Work, row: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Position, axes, velocity and angular velocity of a part, all in inertial axes."""
+    body = work.body[row]
+    R = body[at.B_R : at.B_R + 9].reshape(3, 3).copy()
+    return body[at.B_P : at.B_P + 3].copy(), R, R @ body[at.B_V : at.B_V + 3], R @ body[at.B_W : at.B_W + 3]
+
+
+def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InterfaceFrame, InterfaceFrame]]:
+    """By rows of flying parts of bodies with history: the row of a part placed before, both interface frames."""
+    found: dict[int, tuple[int, InterfaceFrame, InterfaceFrame]] = {}
+    flying = {scene.body_row[id(b.outer.body)] for b in scene.topology.branches if b.connection is None}
+    for body in scene.interiors.bodies if scene.interiors is not None else ():
+        pairs = zip(body.interior.frames, body.parts, strict=True)
+        placed = ((scene.body_row[id(part)], frame) for frame, part in pairs)
+        (first, mate), *others = sorted(placed, key=lambda one: one[0])
+        found.update({row: (first, mate, frame) for row, frame in others if row in flying})
+    return found
+
+
+def _state_by_mate(
+    work: Work, row: int, mate: InterfaceFrame, frame: InterfaceFrame
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (7,) and velocities (6,) of a flying part that moves with another as one rigid body."""
+    body = work.body[row]
+    R_WI = body[at.B_R : at.B_R + 9].reshape(3, 3)
+    R_WB = R_WI @ mate.R_BI.T
+    arm = R_WB @ (frame.p_BI_B - mate.p_BI_B)
+    spin = R_WI @ body[at.B_W : at.B_W + 3]
+    R = R_WB @ frame.R_BI
+    x = np.concatenate([body[at.B_P : at.B_P + 3] + arm, to_quaternion(R)])
+    velocity = R_WI @ body[at.B_V : at.B_V + 3] + np.cross(spin, arm)
+    return x, np.concatenate([velocity, R.T @ spin])
+
+
+def _state_by_joint(
+    scene: CompiledScene, work: Work, connection: Connection, *, flies: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (7,) and velocities (6,) of the flying body that put G against F as the joint says.
+
+    ``flies``: the flying body carries G; else it carries F.
+    """
+    joint = connection.joint
+    position = np.array(joint.start) if connection.position is None else connection.position
+    velocity = np.zeros(len(joint.velocity_names)) if connection.velocity is None else connection.velocity
+    f, g = scene.closure_frames[id(connection)]
+    if connection.motion is not None:
+        held = np.vstack([scene.plan.rows, scene.plan.penalties])
+        of_joint = (held[:, at.ROW_F] == f) & (held[:, at.ROW_G] == g) & (held[:, at.ROW_TIME] >= 0)
+        position, velocity = np.split(work.time[held[of_joint, at.ROW_TIME][0], :2], 2)
+    p, R, rate, spin = joint_state(joint, position, velocity)
+    p_held, R_held, v_held, w_held = _world_motion(scene, work, f if flies else g)
+    R_WF = R_held if flies else R_held @ R.T
+    p, rate, spin = R_WF @ p, R_WF @ rate, R_WF @ spin
+    if flies:
+        R_W, p_W, w = R_held @ R, p_held + p, w_held + spin
+        v = v_held + np.cross(w_held, p) + rate
+    else:
+        R_W, p_W, w = R_WF, p_held - p, w_held - spin
+        v = v_held - np.cross(w, p) - rate
+    frame = work.frame[g if flies else f]
+    R_WB = R_W @ frame[at.F_R : at.F_R + 9].reshape(3, 3).T
+    arm = R_WB @ frame[at.F_P : at.F_P + 3]
+    x = np.concatenate([p_W - arm, to_quaternion(R_WB)])
+    return x, np.concatenate([v - np.cross(w, arm), R_WB.T @ w])
+
+
+def _world_motion(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """p_WF_W, R_WF, velocity and angular velocity of frame row f in world axes."""
+    p, R, v, w, *_ = frame_motion(scene.plan, work, f)
+    matrix = np.array(R).reshape(3, 3)
+    return np.array(p), matrix, matrix @ v, matrix @ w
+
+
+def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
+    """Raise AssemblyError where a loop closed with its axes opposed instead of aligned."""
+    forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    for connection in scene.topology.closures:
+        rows = connection.joint.rows
+        f, g = scene.closure_frames[id(connection)]
+        R_FG = _world_motion(scene, work, f)[1].T @ _world_motion(scene, work, g)[1]
+        opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
+            any(row.kind == at.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
+        )
+        if opposed:
+            raise AssemblyError(
+                f"joint {connection.name!r} can be closed only turned over from this start; set "
+                "the positions of the joints along the loop nearer to the assembly that is meant"
+            )

@@ -1,0 +1,61 @@
+"""Redundant loop rows: the smallest multipliers that do what those of the independent rows do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, row_sizes
+from flexmbd.multibody.start.independent_rows import look
+from flexmbd.multibody.start.loop_closing import CLOSED
+
+FloatArray = NDArray[np.float64]
+
+_RANK = 1e-9  # singular values below this share of the largest are round-off
+
+
+def minimum_norm_multipliers(
+    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray
+) -> FloatArray:
+    """Spread the reactions of rows over all rows.
+
+    Rigid bodies do not tell how redundant joints share their load.  Of all shares with the same
+    effect on the machine, C^T nu, the smallest is taken, in the norm of forces and of moments over
+    the machine's extent (closed loops by singular values: Zienkiewicz, Taylor & Fox, section 8.5).
+
+    Args:
+        scene: with all its rows.
+        work: scratch, with ``work.time`` of any instant.
+        x: (nt, nx) configurations.
+        multipliers: (nt, m) any that do it (N or N m), those of independent rows and zeros.
+
+    Returns:
+        (nt, m) N or N m.
+    """
+    weight = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0 / scene.extent, 1.0)
+    spread = np.zeros_like(multipliers)
+    for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
+        jacobian = constraint_jacobian(scene, work, place)[:, scene.plan.free]
+        load = jacobian.T @ reaction
+        # weight * nu is to be smallest, so the unknowns are weight * nu
+        share = np.linalg.lstsq((jacobian / weight[:, None]).T, load, rcond=_RANK)[0]
+        spread[k] = share / weight
+    return spread
+
+
+def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str]:
+    """The driven coordinates whose rates open loops that nothing free can close again.
+
+    Args:
+        full: the scene with all its rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: (nx,) a regular configuration with closed loops.
+    """
+    place = look(full, work, x)
+    driven = np.setdiff1d(np.arange(full.nv), full.plan.free)
+    slopes = constraint_jacobian(full, work, x)[:, driven] * coordinate_sizes(full)[driven] / row_sizes(full)[:, None]
+    left_open = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)
+    return [full.velocity_names[k] for k in driven[left_open > CLOSED * np.abs(slopes).max(initial=0.0)]]

@@ -1,0 +1,105 @@
+"""What is told of a consistent start: coordinates that moved, and bodies that were bent to close the loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
+from flexmbd.multibody.start.loop_closing import CLOSED
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SET = 1e-12  # of a coordinate's size: how far one that the user set may move untold
+_SMALL = 1e-3  # of the machine's energy: what closing the loops may put into the bodies untold
+
+
+@dataclass(frozen=True)
+class Strain:
+    """What closing the loops bent.
+
+    Attributes:
+        energy: J, elastic, of the deformations that closed the loops: they are all in this instant's ``energy``.
+        left_open: m, what rigid motions left open.
+        machine: J, the machine's energy at the start: kinetic, and what its loads would do along each joint
+            coordinate's full size (1 rad, or the machine's extent).
+        bodies: whose modes moved.
+    """
+
+    energy: float = 0.0
+    left_open: float = 0.0
+    machine: float = 0.0
+    bodies: tuple[str, ...] = ()
+
+    @property
+    def warning(self) -> str | None:
+        """What a user must know: rigid motions cannot close the loops, and bodies are bent by more than a little."""
+        if self.energy <= _SMALL * self.machine or not self.bodies:
+            return None
+        return (
+            f"the loops close only where bodies are bent ({', '.join(self.bodies)}): rigid motions leave "
+            f"{self.left_open:.3g} m open, and {self.energy:.3g} J of elastic energy at the start close it, beside "
+            f"{self.machine:.3g} J that the machine's motion and loads have; check lengths, frames and what was set"
+        )
+
+
+def tell_strain(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, change: FloatArray, *, left_open: float
+) -> Strain:
+    """What closing the loops bent, of the change (nv,) of coordinates; ``left_open`` as of ``Closing``."""
+    share = 0.5 * modal_stiffness(scene) * change**2
+    energy = float(share.sum())
+    if left_open <= CLOSED:
+        return Strain(energy, left_open * scene.extent)
+    rest = np.zeros(scene.nv)
+    load = np.zeros(scene.nv)
+    residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), load)
+    work_of_loads = np.abs(load) * coordinate_sizes(scene)
+    for slots in scene.modal_slots.values():
+        work_of_loads[slots.v] = 0.0
+    kinetic = 0.5 * float(v @ mass_matrix(scene, work, x) @ v)
+    bodies = [b.outer.body for b in scene.topology.branches if b.outer.body.reduced() is not None]
+    bent = tuple(body.name for body in bodies if share[scene.modal_slots[id(body)].v].sum() > _SMALL * energy)
+    return Strain(energy, left_open * scene.extent, kinetic + float(work_of_loads.sum()), bent)
+
+
+def tell_moved(
+    scene: CompiledScene, x: FloatArray, x_new: FloatArray, v: FloatArray, v_new: FloatArray, held: Mask
+) -> tuple[tuple[str, float, float], ...]:
+    """(coordinate, from, to) of positions, then of velocities; ``held`` (nv,): those set by the user."""
+    old, new = coordinate_values(scene, x), coordinate_values(scene, x_new)
+    size = coordinate_sizes(scene)
+    enough = np.where(held, _SET, CLOSED) * size
+    rate = float(np.abs(np.concatenate([v / size, v_new / size])).max(initial=0.0))
+    told = [(scene.velocity_names[k], k, old, new) for k in np.flatnonzero(np.abs(new - old) > enough)]
+    told += [
+        (f"rate of {scene.velocity_names[k]}", k, v, v_new)
+        for k in np.flatnonzero(np.abs(v_new - v) > _SET * size * rate)
+    ]
+    return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
+
+
+def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:
+    """(nv,) coordinates, of balls and free bodies rotation vectors (rad)."""
+    values = np.zeros(scene.nv)
+    for row in scene.plan.tree:
+        i, k = int(row[at.JOINT_X]), int(row[at.JOINT_V])
+        kind = int(row[at.JOINT])
+        if kind == at.FREE:
+            values[k : k + 3] = x[i : i + 3]
+            i, k = i + 3, k + 3
+        if kind in (at.FREE, at.SPHERICAL):
+            values[k : k + 3] = Rotation.from_quat(np.roll(x[i : i + 4], -1)).as_rotvec()
+        elif kind != at.FIXED:
+            values[k] = x[i]
+    for slots in scene.modal_slots.values():
+        values[slots.v] = x[slots.x]
+    return values

@@ -1,0 +1,4 @@
+"""A simulation: stepping, events, checkpoints, limits, and the trajectory that it leaves.
+
+Entered by the system, monitors, exports and pictures.
+"""

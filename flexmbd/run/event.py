@@ -1,0 +1,187 @@
+"""Events: moments at which a function of the machine's state passes through zero."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import numbers, refuse_no_truth
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.team import Team
+from flexmbd.run.trajectory import NOTHING_SPENT, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+class Direction(enum.Enum):
+    """Which passages through zero count."""
+
+    EITHER = 0
+    RISING = 1
+    FALLING = -1
+
+
+class Moment:
+    """The machine at one instant, asked as a trajectory is, one row deep.
+
+    An event's action may also change joint velocities, with ``set_rate``.
+    """
+
+    def __init__(
+        self,
+        scene: CompiledScene,
+        row: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+        bodies: Mapping[str, Body],
+        team: Team,
+    ) -> None:
+        t, x, v, a, multipliers = row
+        self._run = Trajectory(scene, t, x, v, a, multipliers, NOTHING_SPENT, bodies, team)
+        self.changed: NDArray[np.bool_] = np.zeros(scene.nv, bool)
+        self.new_rates = self._run.v[0].copy()
+
+    @property
+    def t(self) -> float:
+        """Time (s)."""
+        return float(self._run.t[0])
+
+    def position(self, frame: Frame) -> FloatArray:
+        """(3,) m, position of the frame's origin in the inertial frame."""
+        return self._run.position(frame)[0]
+
+    def rotation(self, frame: Frame) -> FloatArray:
+        """(3, 3) rotation from the frame's axes to inertial ones."""
+        return self._run.rotation(frame)[0]
+
+    def velocity(self, frame: Frame) -> FloatArray:
+        """(3,) m/s, velocity of the frame's origin, in inertial axes."""
+        return self._run.velocity(frame)[0]
+
+    def angular_velocity(self, frame: Frame) -> FloatArray:
+        """(3,) rad/s, angular velocity of the frame, in inertial axes."""
+        return self._run.angular_velocity(frame)[0]
+
+    def beta(self, connection: Connection) -> FloatArray:
+        """Joint coordinates: a number where there is one, else (k,)."""
+        return self._run.beta(connection)[0]
+
+    def beta_rate(self, connection: Connection) -> FloatArray:
+        """Joint velocities: a number where there is one, else (k,)."""
+        return self._run.beta_rate(connection)[0]
+
+    def q(self, body: Body) -> FloatArray:
+        """(n,) modal coordinates."""
+        return self._run.q(body)[0]
+
+    def set_rate(self, connection: Connection, rate: ArrayLike) -> None:
+        """Give a joint of the tree other velocities (rad/s or m/s) from this moment on.
+
+        Velocities of loops are made consistent with them, others as near as can be to what they were.
+
+        Raises:
+            SceneError: the joint has no coordinate, or takes another number of velocities.
+        """
+        slots = self._run.scene.joint_slots.get(id(connection))
+        if slots is None:
+            raise SceneError(f"joint {connection.name!r} closes a loop and has no velocity to set")
+        values = np.atleast_1d(numbers(rate))
+        if values.shape != (slots.v.stop - slots.v.start,) or not np.isfinite(values).all():
+            raise SceneError(
+                f"joint {connection.name!r} takes {slots.v.stop - slots.v.start} finite velocities, "
+                f"got {rate!r}"
+            )
+        self.new_rates[slots.v] = values
+        self.changed[slots.v] = True
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Something to look for while a machine moves.
+
+    Attributes:
+        function: of a ``Moment``; the event is where it passes through zero.  It must be continuous.
+            What passes and comes back within a step is found by looking at the motion between its ends, once at least
+            and thrice in the time between its last two passages: of passages that are much nearer than that some may
+            be missed; ``max_step`` bounds the steps.
+        direction: which passages count.
+        stop: end the simulation there.
+        action: called at the event; may set joint velocities, as an impact does.
+        name: for messages and ``run.events``.
+
+    Raises:
+        SceneError: ``stop`` is neither True nor False.
+    """
+
+    function: Callable[[Moment], float]
+    direction: Direction = Direction.EITHER
+    stop: bool = False
+    action: Callable[[Moment], None] | None = None
+    name: str = "event"
+
+    def __post_init__(self) -> None:
+        refuse_no_truth(stop=self.stop)
+
+    def value(self, moment: Moment, team: Team) -> float:
+        """The function's value, rank 0's on every rank.  Collective over the team.
+
+        Raises:
+            SceneError: the function failed on some rank, or gave no finite number.
+        """
+        error: Exception | None = None
+        value: FloatArray = np.zeros(1)
+        try:
+            answer = np.asarray(self.function(moment), dtype=np.float64)
+            if answer.shape != () or not np.isfinite(answer):
+                raise SceneError(f"it gave {answer!r}, not one finite number")
+            value = np.array([float(answer)])
+        except Exception as reason:  # noqa: BLE001  (a user's function: any error, told below)
+            error = SceneError(f"event {self.name!r} at t = {moment.t:g} s: {reason}")
+            error.__cause__ = reason
+        team.fail(error)
+        return float(team.agree(value)[0])
+
+    def act(self, moment: Moment, team: Team) -> None:
+        """Run the action; rank 0's velocities on every rank.  Collective over the team.
+
+        Raises:
+            SceneError: the action failed on some rank.
+        """
+        if self.action is None:
+            return
+        error: Exception | None = None
+        try:
+            self.action(moment)
+        except Exception as reason:  # noqa: BLE001  (a user's function: any error, told below)
+            error = SceneError(f"action of event {self.name!r} at t = {moment.t:g} s: {reason}")
+            error.__cause__ = reason
+        team.fail(error)
+        agreed: FloatArray = team.agree(np.concatenate([moment.new_rates, moment.changed]))
+        moment.new_rates = agreed[: len(moment.new_rates)]
+        moment.changed = np.array(agreed[len(moment.new_rates) :] > 0.5)
+
+    def passes(self, before: float, after: float) -> bool:
+        """Whether a function that went from one sign (-1, 0, 1) to another has passed."""
+        if before == 0.0 or after == before or after == 0.0:
+            return False
+        return self.direction is Direction.EITHER or after == self.direction.value
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrence:
+    """An event that took place.
+
+    Attributes:
+        event: which.
+        t: when (s).
+        row: row of the trajectory at the event, before its action.
+    """
+
+    event: Event
+    t: float
+    row: int

@@ -1,0 +1,250 @@
+"""Stepping from event to event: each located by steps of the method itself, to its own accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from flexmbd.errors import SceneError
+from flexmbd.integrate import state as st
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
+from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
+from flexmbd.multibody.start.consistent_start import match_motion
+from flexmbd.multibody.team import Team
+from flexmbd.run.event import Event, Moment, Occurrence
+from flexmbd.run.stepping import Integration, Snapshot, evaluate_inputs
+
+FloatArray = NDArray[np.float64]
+
+# Where what a function goes through falls below this share of what it went through in a whole step, an impact has no
+# flight after it: flights go with the root.
+_GONE = 1e-10
+# Where a function is looked at within a step: once at least, so often in the time between its last two passages, and
+# at most so often; what is found twice in a row by twice as many looks is all there is.
+_LOOKS, _MOST_LOOKS = 3.0, 4096
+_UNEVEN = 0.618  # no whole share of a step, for functions that repeat themselves
+
+
+class EventSearch:
+    """Follows the signs of the events' functions along an integration that stops after every step.
+
+    Attributes:
+        occurred: what took place so far.
+        stopped: whether an event has ended the simulation.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        events: Sequence[Event],
+        bodies: Mapping[str, Body],
+        team: Team,
+    ) -> None:
+        self._integration = integration
+        self._events = events
+        self._bodies = bodies
+        self._team = team
+        self.occurred: list[Occurrence] = []
+        self.stopped = False
+        self._signs = self._signs_now()
+        # from which side (-1, 1) an action has thrown each function back, until it is off zero
+        self._thrown_back = np.zeros(len(events))
+        plain, quaternions = coordinate_slots(integration.start.scene.plan)
+        self._slots = plain, quaternions, round_axes(integration.start.scene.plan, quaternions)
+        # when each function passed through zero last, and how long that was after the time before
+        self._last_passage = np.full(len(events), -np.inf)
+        self._spacing = np.full(len(events), np.inf)
+
+    def advance(self, t_end: float) -> int:
+        """One step towards ``t_end`` (s), cut short at the first event in it; the stepper's code."""
+        integration = self._integration
+        before = integration.snapshot()
+        code = integration.advance(t_end)
+        if code not in (st.OUTPUT, st.DONE) or integration.t == before.state.numbers[st.TIME]:
+            return code
+        signs = self._signs_now()
+        fallen = (signs != 0.0) & (signs == self._thrown_back)
+        if fallen.any():
+            code = self._follow_throw(before, np.flatnonzero(fallen))
+            signs = self._signs_now()
+        if (first := self._first_of_many(before, signs)) is not None:
+            code = self._step_to(before, first)
+            code = st.OUTPUT if code == st.DONE else code
+            signs = self._signs_now()
+        self._thrown_back[signs != 0.0] = 0.0
+        passed = [
+            k for k, event in enumerate(self._events) if event.passes(self._signs[k], signs[k])
+        ]
+        if not passed:
+            self._note_passages(signs * self._signs < 0.0)
+            # a function that touches zero keeps its side
+            self._signs = np.where(signs == 0.0, self._signs, signs)
+            integration.keep_rows()
+            return code
+        return self._take_place(passed, before, signs, t_end)
+
+    def _note_passages(self, passed: NDArray[np.bool_]) -> None:
+        """Take note of when functions passed, about now, and of the time since they did before."""
+        self._spacing[passed] = (self._integration.t - self._last_passage)[passed]
+        self._last_passage[passed] = self._integration.t
+
+    def _first_of_many(self, before: Snapshot, signs: NDArray[np.float64]) -> float | None:
+        """An instant (s) after the first passage in the step, where a function passes more than once in it.
+
+        Looked for on the motion between the step's ends, which nothing but this is taken from.
+        """
+        begin, end = float(before.state.numbers[st.TIME]), self._integration.t
+        looks = int(min(1.0 + np.ceil(_LOOKS * (end - begin) / self._spacing.min()), _MOST_LOOKS))
+        found = -1
+        while True:
+            instants = begin + (end - begin) * (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)
+            rows = zip(instants, *self._motion_since(before, instants), strict=True)
+            seen = [self._signs, *(np.sign(self._values_at(t, x, v, a)) for t, x, v, a in rows), signs]
+            changes = [_changes(np.array([row[k] for row in seen])) for k in range(len(self._events))]
+            if max(len(one) for one in changes) <= 1:
+                return None
+            total = sum(len(one) for one in changes)
+            if total == found or looks >= _MOST_LOOKS:
+                last = min(one[0] for one in changes if len(one))
+                return float(instants[last - 1]) if last <= looks else None
+            found, looks = total, 2 * looks
+
+    def _motion_since(self, before: Snapshot, instants: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x (k, nx), v, a (k, nv) at instants (s) of the step from ``before`` to where the integration stands."""
+        old, new = before.state, self._integration.state
+        pairs = ((old.numbers[st.TIME], self._integration.t), *zip(old[:3], new[:3], strict=True))
+        t, x, v, a = (np.array(pair) for pair in pairs)
+        k = len(instants)
+        found = np.zeros((k, x.shape[1])), np.zeros((k, v.shape[1])), np.zeros((k, v.shape[1]))
+        interpolate_series(*self._slots, t, x, v, a, np.zeros(k, np.int64), instants, *found)
+        return found
+
+    def _take_place(
+        self, passed: Sequence[int], before: Snapshot, signs: np.ndarray, t_end: float
+    ) -> int:
+        """Go back, step to the first of the events that passed, and let it act."""
+        integration = self._integration
+        begin, end = float(before.state.numbers[st.TIME]), integration.t
+        instants = {k: self._locate(k, before, begin, end) for k in passed}
+        first = min(instants.values())
+        if (code := self._step_to(before, first, keep=True)) != st.DONE:
+            return code
+        now = [k for k, t in instants.items() if t - first <= 1e-12 * max(abs(end), end - begin)]
+        self._note_passages(np.isin(np.arange(len(self._events)), now))
+        row = integration.rows - 1
+        self._signs = np.where(self._signs_now() == 0.0, self._signs, self._signs_now())
+        for k in now:
+            event = self._events[k]
+            self._signs[k] = signs[k]
+            self.occurred.append(Occurrence(event, integration.t, row))
+            self.stopped = self.stopped or event.stop
+            moment = self._moment()
+            event.act(moment, self._team)
+            if moment.changed.any():
+                self._change_rates(moment)
+                self._signs[k] = 0.0  # an impact may throw the function back
+                self._thrown_back[k] = signs[k]
+        return st.DONE if self.stopped or integration.t >= t_end else st.OUTPUT
+
+    def _follow_throw(self, before: Snapshot, fallen: NDArray[np.int64]) -> int:
+        """Step again, so far only that functions which were thrown back and have come through once more are still back.
+
+        Where a function goes on through at a rate of its own, for the action let it, the step stays.
+
+        Raises:
+            SceneError: no step is short enough: the machine rests there, or is hit ever faster.
+        """
+        integration = self._integration
+        begin, end = float(before.state.numbers[st.TIME]), integration.t
+        length, first = end - begin, self._values_now()[fallen]
+        integration.restore(before)
+        at_begin, far = self._values_now()[fallen], first
+        while True:
+            length *= 0.25
+            self._step_to(before, begin + length)
+            near = self._values_now()[fallen]
+            if (np.sign(near) != self._thrown_back[fallen]).all():
+                return st.OUTPUT
+            gone, gone_before = near - at_begin, far - at_begin
+            # of c1 t + c2 t^2 through both: c1 t of the longer one; at rest it is none
+            linear = (16.0 * gone - gone_before) / 3.0
+            if (linear * gone_before >= 0.5 * gone_before**2).any():
+                self._step_to(before, end)
+                return st.OUTPUT
+            if (np.abs(gone) <= _GONE * np.abs(first - at_begin)).any() or begin + length == begin:
+                integration.restore(before)
+                integration.state.counts[st.STORED] = 0
+                names = ", ".join(repr(self._events[k].name) for k in fallen)
+                raise SceneError(
+                    f"event {names} at t = {begin:.6g} s: its action does not keep the machine from going on through, "
+                    "for it rests there, or its impacts follow each other ever faster; end the run there (stop=True "
+                    "where the impact is slow enough), or let a JointStop or a contact force bear it"
+                )
+            far = near
+
+    def _locate(self, k: int, before: Snapshot, begin: float, end: float) -> float:
+        """The instant (s) in (begin, end] at which event k's function is zero."""
+        event = self._events[k]
+
+        def value(t: float) -> float:
+            if t <= begin:  # where it may have just passed, and what it leaves there is round-off of either sign
+                return float(self._signs[k])
+            if self._step_to(before, t) != st.DONE:
+                return float("nan")
+            return event.value(self._moment(), self._team)
+
+        spacing = 4.0 * np.spacing(max(abs(begin), abs(end)))
+        return max(float(brentq(value, begin, end, xtol=spacing)), begin + spacing)
+
+    def _step_to(self, before: Snapshot, t: float, *, keep: bool = False) -> int:
+        """Step from ``before`` to t (s), and keep the rows if it gets there; the stepper's code."""
+        integration = self._integration
+        integration.restore(before)
+        code = st.OUTPUT
+        while code == st.OUTPUT:  # the method may cut a step of its own
+            code = integration.advance(t)
+            if keep:
+                integration.keep_rows()
+        return code
+
+    def _change_rates(self, moment: Moment) -> None:
+        """Go on with other velocities, made consistent with the loops."""
+        integration = self._integration
+        state = integration.state
+        evaluate_inputs(integration.scene, integration.work, integration.t)
+        state.v[:], state.a[:], state.multipliers[:] = match_motion(
+            integration.scene, integration.work, state.x, moment.new_rates, held=moment.changed
+        )
+        integration.begin_anew()
+        integration.keep_state()
+
+    def _moment(self) -> Moment:
+        s = self._integration.state
+        time = np.array([self._integration.t])
+        x, v, a, multipliers = (part[None].copy() for part in (s.x, s.v, s.a, s.multipliers))
+        row = (time, x, v, a, multipliers)
+        return Moment(self._integration.scene, row, self._bodies, self._team)
+
+    def _signs_now(self) -> np.ndarray:
+        return np.sign(self._values_now())
+
+    def _values_at(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        multipliers = self._integration.state.multipliers
+        row = (np.array([t]), x[None], v[None], a[None], multipliers[None].copy())
+        moment = Moment(self._integration.scene, row, self._bodies, self._team)
+        return np.array([event.value(moment, self._team) for event in self._events])
+
+    def _values_now(self) -> NDArray[np.float64]:
+        moment = self._moment()
+        return np.array([event.value(moment, self._team) for event in self._events])
+
+
+def _changes(signs: FloatArray) -> NDArray[np.int64]:
+    """Where among signs (-1, 0, 1) another one than the last that was not zero stands."""
+    kept = np.flatnonzero(signs)
+    return kept[1:][np.diff(signs[kept]) != 0.0]

@@ -1,0 +1,395 @@
+"""Runs a machine from start to end: checkpoints, events, progress, failures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import FlexmbdError, SceneError, SimulationError, SimulationInterrupted
+from flexmbd.given import is_number, numbers, refuse_no_truth
+from flexmbd.integrate import state as st
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.base.layout import Work, new_work
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.sampling.series import largest_residuals
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import row_sizes
+from flexmbd.multibody.results.stretch_watch import StretchWatch
+from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.multibody.start.loop_closing import CLOSED
+from flexmbd.multibody.start.redundancy import forbidden_drives, minimum_norm_multipliers
+from flexmbd.multibody.team import Team
+from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.event import Event
+from flexmbd.run.event_search import EventSearch
+from flexmbd.run.limits import UNLIMITED, Limits
+from flexmbd.run.stepping import Integration, Snapshot
+from flexmbd.run.trajectory import Stats, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+_TORN = 10.0 * CLOSED  # of a row's size: more than what meshes leave open of overconstrained loops, however these turn
+_LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
+
+
+def run(
+    start: Start,
+    bodies: Mapping[str, Body],
+    team: Team,
+    *,
+    begun: float,
+    snapshot: Snapshot,
+    t_end: float,
+    method: Integrator,
+    events: Sequence[Event],
+    checkpoints: Sequence[float],
+    saves: Saves | None,
+    progress: bool,
+    limits: Limits = UNLIMITED,
+    max_step: float | None = None,
+) -> Trajectory:
+    """Integrate from a snapshot of a simulation begun at ``begun`` (s); see ``System.simulate``."""
+    method.check(start.scene)
+    start.scene.callbacks.reset()
+    purpose = type(method).__name__
+    refuse_no_truth(progress=progress)
+    if team.is_root:
+        announce(purpose)
+    set_out = time.perf_counter()
+    integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
+    if max_step is not None:
+        integration.bound_steps(max_step)
+    budget = _Budget(limits, integration, team, set_out)
+    t_start = integration.t
+    saved = saves.times(begun, integration.t, t_end) if saves is not None else []
+    stops = [*sorted({*checkpoints, *saved}), t_end]
+    kept: list[Checkpoint] = []
+    began = time.perf_counter()
+    compiled = began
+    code = st.DONE
+    error: FlexmbdError | KeyboardInterrupt | None = None
+    search = EventSearch(integration, events, bodies, team) if events else None
+    watch = StretchWatch(start.scene, bodies.values())
+    with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
+        while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
+            before = integration.t
+            try:
+                code = _advance(integration, search, stops[0])
+            except (FlexmbdError, KeyboardInterrupt) as reason:  # of an event's function or action, or Ctrl-C
+                error = reason
+                break
+            if search is not None and search.stopped:
+                stops = []
+            if compiled == began:
+                compiled = time.perf_counter()
+            bar.update(integration.t - before)
+            if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
+                checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())
+                if stop in checkpoints:
+                    kept.append(checkpoint)
+                if saves is not None and stop in saved:
+                    saves.write(checkpoint, team)
+    seconds = time.perf_counter() - began
+    mark_compiled(purpose)
+    trajectory = _finish(start, bodies, team, integration, seconds, compiled - set_out)
+    trajectory = replace(
+        trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
+    )
+    _refuse_forbidden_motion(start, trajectory)
+    _refuse_flat(watch, integration, trajectory)
+    _refuse_broken_off(error, trajectory)
+    budget.refuse_spent(trajectory)
+    _refuse_stopped(start.scene, integration, code, trajectory)
+    return trajectory
+
+
+class _Budget:
+    """What a run may still cost; how many rows it leaves before it is asked again."""
+
+    def __init__(self, limits: Limits, integration: Integration, team: Team, set_out: float) -> None:
+        self._limits, self._integration, self._team = limits, integration, team
+        self._steps = int(integration.state.counts[st.STEPS])
+        self._set_out, self._spent, self._over, self._room = set_out, 0.0, "", 1
+
+    def lasts(self) -> bool:
+        """Whether the run may go on; rank 0's clock on every rank.  Collective over the team."""
+        spent = time.perf_counter() - self._set_out
+        if self._limits.max_seconds is not None:
+            spent = float(self._team.agree(np.array([spent]))[0])
+        took, self._spent = spent - self._spent, spent
+        integration = self._integration
+        cost = {"steps": int(integration.state.counts[st.STEPS]) - self._steps, "rows": integration.rows}
+        self._over = self._limits.reached(**cost, seconds=spent)
+        self._room = integration.room = self._limits.room(self._room, took, **cost)
+        return not self._over
+
+    def refuse_spent(self, trajectory: Trajectory) -> None:
+        """Raise SimulationError where the run may not go on."""
+        if self._over:
+            raise SimulationError(
+                f"the simulation was broken off at t = {trajectory.t[-1]:.6g} s: {self._over}; what was computed up to "
+                "then is in the error's trajectory",
+                trajectory,
+            )
+
+
+def _advance(integration: Integration, search: EventSearch | None, stop: float) -> int:
+    """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
+    if search is not None:
+        return search.advance(stop)
+    try:
+        return integration.advance(stop)
+    finally:  # what comes before a break that cannot be left is kept
+        integration.keep_rows()
+
+
+@dataclass(frozen=True)
+class Saves:
+    """A file that always holds the last of regular checkpoints.
+
+    Attributes:
+        path: of the file, as ``Checkpoint.save``.
+        every: s of simulated time between them.
+
+    Raises:
+        SceneError: ``every`` is no positive time.
+    """
+
+    path: Path
+    every: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.every) and self.every > 0.0):
+            raise SceneError(f"checkpoint_every = {self.every} s must be positive and finite")
+
+    def times(self, begun: float, t_start: float, t_end: float) -> list[float]:
+        """When to save: the same instants (s) in a simulation and its restarts."""
+        count = int((t_end - begun) / self.every)
+        return [t for k in range(1, count + 1) if t_start < (t := begun + k * self.every) < t_end]
+
+    def write(self, checkpoint: Checkpoint, team: Team) -> None:
+        """Write the file, on the root.  Collective.
+
+        Raises:
+            RecordError: it cannot be written.
+        """
+        error: FlexmbdError | None = None
+        if team.is_root:
+            try:
+                checkpoint.save(self.path)
+            except FlexmbdError as reason:
+                error = reason
+        team.fail(error)
+
+
+def check_times(
+    t_start: float, t_end: float, rtol: float, h: float | None, checkpoints: Sequence[float]
+) -> None:
+    """Raise SceneError for times, steps or tolerances that make no simulation."""
+    if not (is_number(t_start) and is_number(t_end) and t_end > t_start):
+        raise SceneError(f"t_end = {t_end} s must lie after the start, {t_start} s")
+    if not (is_number(rtol) and _LEAST_RTOL <= rtol < 1.0):
+        raise SceneError(
+            f"rtol = {rtol} must lie between {_LEAST_RTOL:.2g}, a hundred times the round-off of doubles, and 1"
+        )
+    if h is not None and not (is_number(h) and 0.0 < h):
+        raise SceneError(f"the step h = {h} s must be positive and finite")
+    times = numbers(checkpoints)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise SceneError(f"checkpoints must be a list of times (s), got {checkpoints!r}")
+    outside = [t for t in checkpoints if not t_start < t < t_end]
+    if outside:
+        raise SceneError(
+            f"checkpoints at {', '.join(f'{t:g}' for t in outside)} s lie outside the simulation, "
+            f"{t_start:g} to {t_end:g} s"
+        )
+
+
+def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
+    """Raise what a stepper's code stands for, if it did not reach its end."""
+    if code == st.CALLBACK_FAILED or scene.callbacks.error is not None:
+        raise _callback_failure(scene, integration.work, trajectory)
+    if code == st.INTERIOR_FAILED and scene.interiors is not None:
+        failure = scene.interiors.failure[-1]
+        raise SimulationError(
+            f"{failure}; what was computed up to t = {integration.t:.6g} s is in the error's trajectory", trajectory
+        ) from failure
+    if code not in (st.OUTPUT, st.DONE):
+        raise SimulationError(_failure(scene, integration.state, code), trajectory)
+
+
+def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
+    """The error of a user's function, with the time and what was computed."""
+    message, error = scene.failure(work) or ("a user's function failed", SceneError("on another rank"))
+    if isinstance(error, KeyboardInterrupt):
+        return _interrupted(trajectory)
+    if not isinstance(error, Exception):
+        return error
+    failure = SimulationError(message, trajectory)
+    failure.__cause__ = error
+    return failure
+
+
+def _refuse_broken_off(error: FlexmbdError | KeyboardInterrupt | None, trajectory: Trajectory) -> None:
+    """Raise what an event's function or action, or Ctrl-C, raised between steps."""
+    if isinstance(error, KeyboardInterrupt):
+        raise _interrupted(trajectory) from error
+    if error is not None:
+        raise SimulationError(str(error), trajectory) from error
+
+
+def _interrupted(trajectory: Trajectory) -> SimulationInterrupted:
+    return SimulationInterrupted(
+        f"interrupted at t = {trajectory.t[-1]:.6g} s; what was computed up to then is in the exception's trajectory",
+        trajectory,
+    )
+
+
+def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Trajectory) -> None:
+    """Raise where a pseudo-rigid body was pressed flat, with the rows before."""
+    if not watch.sees_nothing(integration.stored) and watch.fault is not None:
+        row, what = watch.fault
+        raise SimulationError(what, _until(trajectory, row))
+
+
+def _until(trajectory: Trajectory, row: int) -> Trajectory:
+    """The trajectory's rows before ``row``."""
+    t = trajectory.t[:row]
+    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "beside")}
+    kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
+    events = tuple(e for e in trajectory.events if e.row < row)
+    departures = tuple(d for d in trajectory.departures if d.row < row)
+    return replace(trajectory, t=t, events=events, checkpoints=kept, departures=departures, **parts)
+
+
+def _finish(
+    start: Start,
+    bodies: Mapping[str, Body],
+    team: Team,
+    integration: Integration,
+    seconds: float,
+    compile_seconds: float,
+) -> Trajectory:
+    t, x, v, a, multipliers = integration.series()
+    count = integration.state.counts
+    stats = Stats(
+        integrator=integration.method.name,
+        steps=int(count[st.STEPS]),
+        rejected=int(count[st.REJECTED]),
+        iterations=int(count[st.ITERATIONS]),
+        factorisations=int(count[st.FACTORISATIONS]),
+        evaluations=int(count[st.EVALUATIONS]),
+        seconds=seconds,
+        compile_seconds=compile_seconds,
+        start_moved=start.moved,
+        start_residual=start.residual,
+        constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
+        start_elastic=start.strain.energy,
+    )
+    scene = start.unreduced
+    if start.scene.redundant:
+        multipliers = minimum_norm_multipliers(scene, new_work(scene.plan), x, multipliers)
+    beside = tuple(integration.beside)
+    departures = tuple(integration.departures)
+    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)
+
+
+def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:
+    """(rows,) m or rad: the largest residual of each row, those left out as redundant included."""
+    residuals = np.zeros(len(full.plan.rows))
+    if len(residuals):
+        scratch = np.zeros((3, len(residuals)))
+        largest_residuals(full.plan, new_work(full.plan), t, x, np.zeros(full.nv), scratch, residuals)
+    return residuals
+
+
+def _refuse_forbidden_motion(start: Start, trajectory: Trajectory) -> None:
+    """Raise where a prescribed motion tore loops open, with the rows before.
+
+    Their rows were left out, since nothing that is free could move them, and nothing that is driven did at first.
+    """
+    full, t, x = start.unreduced, trajectory.t, trajectory.x
+    if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * row_sizes(full).min():
+        return
+    work = new_work(full.plan)
+    evaluate_times(full.plan, t[0], work.time)
+    drives = forbidden_drives(full, work, x[0])
+    for k in range(len(t) if drives else 0):
+        gaps = _largest_residuals(full, t[k : k + 1], x[k : k + 1])
+        torn = int(np.argmax(gaps / row_sizes(full)))
+        if gaps[torn] > _TORN * row_sizes(full)[torn]:
+            raise SimulationError(
+                f"the loops forbid the prescribed motion of {', '.join(map(repr, drives))}: at t = {t[k]:.6g} s it has "
+                f"torn them open, {full.row_names[torn]} by {gaps[torn]:.3e} (m or rad); leave out the motion, or a "
+                "joint that holds what it moves; what was computed before is in the error's trajectory",
+                _until(trajectory, k),
+            )
+
+
+#: What a step failed by, and what to look for.
+_CAUSES = {
+    st.NOT_CONVERGED: (
+        "left equations that Newton's iteration does not solve",
+        "look for a force that changes abruptly with position or velocity, or a position that the machine cannot leave",
+    ),
+    st.RANK_LOST: (
+        "met constraints that are independent no longer, or a singular matrix",
+        "look for a singular position: bodies in one line or one plane, a joint turned to its limit",
+    ),
+    st.LOOPS_OPEN: (
+        "led to loops that do not close",
+        "look for the end of the mechanism's reach: a dead point that its motion or its loads drive it beyond",
+    ),
+    st.NOT_FINITE: (
+        "led to no finite state",
+        "look for a force without bound, or a body without mass in a direction in which it is pushed",
+    ),
+    st.INACCURATE: (
+        "left an error above rtol",
+        "look for a jump: of a force with time (declare it: breaks=), or with position or velocity (smooth it, or set "
+        "the velocities by an event); or for a force that grows without bound",
+    ),
+}
+
+
+def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
+    """Where, when and on what a simulation stopped."""
+    t, h = state.numbers[st.TIME], state.numbers[st.STEP]
+    worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
+    why, remedy = _CAUSES[code]
+    if state.counts[st.FIXED_STEP] == 1:
+        why = f"the fixed step {h:.2e} s {why}"
+        remedy = f"take a smaller h, or give rtol instead of h; else {remedy}"
+    else:
+        why = f"a step as short as {h:.2e} s still {why}"
+    return (
+        f"the simulation stopped at t = {t:.6g} s: {why}; the worst coordinate was {worst!r}; "
+        f"{remedy}; what was computed up to then is in the error's trajectory"
+    )
+
+
+def _progress_bar(shown: bool, total: float) -> AbstractContextManager[Any]:
+    if not shown:
+        return nullcontext(_Silent())
+    try:
+        from tqdm import tqdm  # only where a bar is asked for
+    except ImportError as reason:
+        raise SceneError("a progress bar needs tqdm: pip install 'flexmbd[pictures]'") from reason
+    form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
+    return tqdm(total=total, bar_format=form)
+
+
+class _Silent:
+    """A progress bar that shows nothing."""
+
+    def update(self, amount: float) -> None:
+        """Take the time (s) that passed."""

@@ -1,0 +1,354 @@
+"""One integration in progress: a method's stepper, the state it moves, and the rows it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.integrate import state as st
+from flexmbd.integrate.discrete_gradient.energy_momentum import is_driven
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.functions.breaks import find_breaks
+from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept, Row
+from flexmbd.multibody.kernels.base.layout import Work, new_work
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
+from flexmbd.multibody.start.impulse import rates_after_jump, refuse_leaps
+from flexmbd.multibody.start.independent_rows import firmer_rows
+from flexmbd.multibody.start.loop_closing import close_loops
+from flexmbd.multibody.team import Team
+from flexmbd.run.limits import MOST_ROWS
+from flexmbd.run.trajectory import Departure
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# How much more firmly others must hold to be kept instead of rows that still do, and after a step that failed.
+_WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
+# What a step may fail by where the rows that are kept lose their rank.
+_MAY_BE_ROWS = (st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE)
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """Copies of all that a method remembers, but for the factors of its iteration matrix.
+
+    Attributes:
+        state, groups: the copies.
+        first_step: the step (s) that the integration began with.
+        rows: (m,) which of all constraint rows are kept.
+        interiors: what bodies with history remember.
+    """
+
+    state: st.State
+    groups: st.Groups
+    first_step: float
+    rows: IntArray
+    interiors: Kept = NOTHING_KEPT
+
+
+class Integration:
+    """A scene being integrated.
+
+    Attributes:
+        start: the consistent start.
+        scene: what moves, with the rows that are kept.
+        method: the integrator.
+        state, groups: where it stands.
+        stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far; multipliers (nt, m) of all
+            constraint rows.
+        beside: what bodies with history leave beside each of these rows.
+        departures: with what it goes on from breaks among these rows.
+        room: the most rows that one call of ``advance`` leaves.
+    """
+
+    def __init__(
+        self, start: Start, method: Integrator, team: Team, at: Snapshot, *, one_by_one: bool
+    ) -> None:
+        scene = start.scene if np.array_equal(at.rows, start.choice.rows) else start.unreduced.keep_rows(at.rows)
+        self.start = start
+        self.scene = scene
+        self._rows = at.rows
+        self.method = method
+        self.state, self.groups = _copy(at.state), _copy_groups(at.groups)
+        self.work = new_work(scene.plan)
+        self._team = team
+        self._first_step = at.first_step
+        self._interiors = scene.interiors
+        if self._interiors is not None:
+            self._interiors.restore(scene.plan, at.interiors)
+        self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+        if self.state.counts[st.STEPS] == 0:
+            evaluate_inputs(scene, self.work, self.t)
+            self._stepper.begin()
+        rows = 1 if one_by_one else MOST_ROWS
+        m = len(scene.plan.rows)
+        sizes = (scene.nx, scene.nv, scene.nv, m)
+        declared = scene.declared_breaks()
+        number = self.state.numbers
+        h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
+        if h is not None and scene.interiors is not None:
+            h = 0.0  # breaks alone divide steps: bodies with history carry theirs over to a much longer one badly
+        self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
+        self.state.counts[st.KNOT] = 0
+        self.state.counts[st.WATCHED] = not start.choice.for_good
+        if self.state.counts[st.STEPS] == 0:
+            self.state.counts[st.AT_BREAK] = self.t in declared
+        self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
+        self.stored: list[tuple[FloatArray, ...]] = []
+        self._taken = 0
+        self.beside: list[Row] = []
+        self.departures: list[Departure] = []
+        self._departed: list[Departure] = []
+        self.room = 1 if one_by_one else MOST_ROWS
+        self.keep_state()
+
+    @property
+    def t(self) -> float:
+        """Time (s) reached."""
+        return float(self.state.numbers[st.TIME])
+
+    @property
+    def rows(self) -> int:
+        """How many are taken."""
+        return self._taken
+
+    def bound_steps(self, longest: float) -> None:
+        """Let no step of error control be longer (s)."""
+        ceiling = self.state.numbers[st.STEP_CEILING]
+        self.state.numbers[st.STEP_CEILING] = min(ceiling, longest)
+
+    def begin_anew(self) -> None:
+        """Forget what the method remembers of earlier steps, for the state was changed by hand."""
+        if self.state.counts[st.FIXED_STEP] == 0:
+            self.state.numbers[st.STEP] = min(self.state.numbers[st.STEP], self._first_step)
+        self.state.numbers[[st.REST, st.PART]] = 0.0
+        evaluate_inputs(self.scene, self.work, self.t)
+        self._forget()
+
+    def advance(self, t_end: float) -> int:
+        """Step until ``t_end`` (s), a full buffer, rows to be chosen anew or a failure; rank 0's outcome on every rank.
+
+        Returns the stepper's code; the buffer holds the rows of the new steps.
+        """
+        number, count = self.state.numbers, self.state.counts
+        count[st.STORED] = 0
+        count[st.ROOM] = self.room
+        self._departed.clear()
+        if self._interiors is not None:
+            self._interiors.buffer.clear()
+        failed = int(count[st.LOOK])
+        if failed and not self._choose_rows() and failed != st.LOOSENED:
+            return failed
+        code = st.DONE
+        while code == st.DONE and self.t < t_end:
+            if count[st.AT_BREAK] == 1:
+                self._leave_break()
+            ahead = self._breaks.next_jump(self.t)
+            number[st.TIME_END] = min(t_end, ahead)
+            number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
+            code = self._stepper.advance(self.record, self._breaks.knots)
+            code, count[st.LOOK] = (int(one) for one in self._team.agree(np.array([code, count[st.LOOK]], float)))
+            if code == st.DONE and self.t == ahead:
+                count[st.AT_BREAK] = 1
+        if count[st.WATCHED] == 1 and code in _MAY_BE_ROWS:
+            count[st.LOOK] = code
+            return st.OUTPUT
+        return code
+
+    def _choose_rows(self) -> bool:
+        """Keep other rows where they hold more firmly, and begin anew with them; whether there are any.  Collective."""
+        full, s = self.start.unreduced, self.state
+        failed = s.counts[st.LOOK] != st.LOOSENED
+        s.counts[st.LOOK] = 0
+        s.numbers[st.FIRMNESS] = 0.0
+        evaluate_inputs(self.scene, self.work, self.t)
+        worth = _WORTH_AFTER_FAILURE if failed else _WORTH
+        rows = firmer_rows(full, self.work, s.x, list(self._rows), worth=worth) or self._rows
+        rows = self._team.agree(np.array(rows, float)).astype(np.int64)
+        if np.array_equal(rows, self._rows):
+            return False
+        scene, nothing = full.keep_rows(rows), np.zeros(full.nv, bool)
+        try:
+            x = close_loops(scene, self.work, s.x, nothing).x
+            v, a, multipliers = match_motion(scene, self.work, x, s.v, held=nothing)
+        except AssemblyError:
+            return False
+        s.x[:], s.v[:], s.a[:], s.multipliers[:] = x, v, a, multipliers
+        self.scene, self._rows = scene, rows
+        t, *last = self.stored[-1]
+        if t.size and t[-1] == self.t:  # what rows that lost their hold left there is worth less
+            for part, now in zip(last, (x, v, a, self._of_all_rows(multipliers[None])[0]), strict=True):
+                part[-1] = now
+        self._stepper = self.method.stepper(scene, s, self.groups, self.work)
+        if failed and s.counts[st.FIXED_STEP] == 0:
+            s.numbers[st.STEP] = max(s.numbers[st.STEP], self._first_step)
+        self._forget()
+        return True
+
+    def _beside(self, t: float) -> float:
+        """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
+        return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.SLOWEST])))
+
+    def _leave_break(self) -> None:
+        """Go on from a break with what acts just after it; what is remembered of the steps before it is forgotten."""
+        scene, s = self.scene, self.state
+        evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
+        if is_driven(scene.plan):
+            refuse_leaps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
+            v = rates_after_jump(scene, self.work, s.x, s.v)
+            self._refuse_impulse_on_history(v - s.v)
+            s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
+        else:
+            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
+        self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
+        self._forget()
+
+    def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
+        """Raise SceneError where velocities (nv,) jump in a machine whose masses are not all its own."""
+        if self._interiors is None:
+            return
+        scene, number = self.scene, self.state.numbers
+        rates = np.abs(jump) / scene.group_full[scene.group_of]
+        if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.SLOWEST]):
+            worst = scene.velocity_names[int(np.argmax(rates))]
+            raise SceneError(
+                f"the rate of a prescribed motion jumps at t = {self.t:.6g} s, that of {worst!r} by "
+                f"{jump[int(np.argmax(rates))]:.3e} (m/s or rad/s): bodies with history take no impulse; let the "
+                "motion begin and end at rest, or change its rate in a time that is not zero"
+            )
+
+    def _forget(self) -> None:
+        """Let the method begin where the state stands; ``work.time`` is up to date."""
+        count, number = self.state.counts, self.state.numbers
+        count[st.AT_BREAK] = 0
+        count[st.HOLD :] = 0
+        number[st.RATIO_BEFORE :] = 0.0
+        number[st.STEP_BEFORE] = 0.0
+        self.state.memory[:] = 0.0
+        self._stepper.begin()
+
+    def keep_rows(self) -> None:
+        """Take the buffer's rows into ``stored``."""
+        stored, before = int(self.state.counts[st.STORED]), self.rows
+        self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
+        self._departed.clear()
+        *motion, multipliers = (part[:stored].copy() for part in self.record)
+        self.stored.append((*motion, self._of_all_rows(multipliers)))
+        self._taken += stored
+        if self._interiors is not None:
+            self.beside.extend(self._interiors.buffer[:stored])
+        self.state.counts[st.STORED] = 0
+
+    def keep_state(self) -> None:
+        """Take the state as it stands into ``stored``, as a row of its own."""
+        s = self.state
+        motion = (part[None].copy() for part in (s.x, s.v, s.a))
+        self.stored.append((np.array([self.t]), *motion, self._of_all_rows(s.multipliers[None])))
+        self._taken += 1
+        if self._interiors is not None:
+            self.beside.append(self._interiors.row(self.scene.plan))
+
+    def _of_all_rows(self, multipliers: FloatArray) -> FloatArray:
+        """Multipliers (n, m) of the kept rows among those of all, zero where a row is not kept."""
+        found = np.zeros((len(multipliers), len(self.start.unreduced.plan.rows)))
+        found[:, self._rows] = multipliers
+        return found
+
+    def series(self) -> tuple[FloatArray, ...]:
+        """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken.  Collective."""
+        if self.state.counts[st.LOOK] == st.LOOSENED:
+            self._choose_rows()
+        return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
+
+    def snapshot(self) -> Snapshot:
+        """Copy what the method remembers."""
+        return Snapshot(
+            _copy(self.state), _copy_groups(self.groups), self._first_step, self._rows.copy(), _kept(self.scene)
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this integration."""
+        if not np.array_equal(snapshot.rows, self._rows):
+            self._rows = snapshot.rows
+            self.scene = self.start.unreduced.keep_rows(snapshot.rows)
+            self._stepper = self.method.stepper(self.scene, self.state, self.groups, self.work)
+        for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
+            for part, kept in zip(here, there, strict=True):
+                part[...] = kept
+        if self._interiors is not None:
+            self._interiors.restore(self.scene.plan, snapshot.interiors)
+
+    def checkpoint(self) -> Snapshot:
+        """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
+        self._stepper.drop_factors()
+        snapshot = self.snapshot()
+        if self._interiors is not None:  # which forget their factors by it
+            self._interiors.restore(self.scene.plan, snapshot.interiors)
+        return snapshot
+
+
+def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
+    """Bring ``work.time`` up to date for time t (s).  Collective over the team.
+
+    Raises:
+        SceneError: a function of time failed or gives no finite number; the message names it.
+    """
+    scene.callbacks.reset()
+    evaluate_times(scene.plan, t, work.time)
+    if scene.callbacks.error is not None:
+        scene.refuse_failed(work)
+    for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
+        if not np.isfinite(values).all():
+            raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")
+
+
+def new_snapshot(
+    start: Start, method: Integrator, *, t_start: float, t_end: float, rtol: float, h: float | None
+) -> Snapshot:
+    """The state at a consistent start: error control with ``rtol``, or fixed steps ``h`` (s)."""
+    scene = start.scene
+    number = np.zeros(st.N_NUMBER)
+    span = t_end - t_start
+    number[st.TIME], number[st.TIME_END] = t_start, t_end
+    number[st.STEP] = h if h is not None else _first_step(start, rtol, span, method.order)
+    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
+    number[st.STEP_CEILING] = 0.1 * span
+    number[st.SLOWEST] = 1.0 / span
+    number[st.TOLERANCE] = rtol
+    number[st.LATEST] = np.inf
+    count = np.zeros(st.N_COUNT, np.int64)
+    count[st.FIXED_STEP] = h is not None
+    count[st.ROOM] = MOST_ROWS
+    parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
+    memory = np.zeros((method.memory_rows, scene.nv))
+    sizes = np.zeros((3, len(scene.group_floor)))
+    groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes)
+    rows = np.array(start.choice.rows, np.int64)
+    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), rows, _kept(scene))
+
+
+def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
+    """A step that the method's starting error does not show in: the rate is the machine's."""
+    scene = start.scene
+    rate = 1.0 / span
+    for k in scene.plan.free:
+        floor = scene.group_full[scene.group_of[k]]
+        rate = max(rate, abs(start.v[k]) / floor, np.sqrt(abs(start.a[k]) / floor))
+    return float(0.1 * rtol ** (1.0 / order) / rate)
+
+
+def _kept(scene: CompiledScene) -> Kept:
+    return NOTHING_KEPT if scene.interiors is None else scene.interiors.snapshot(scene.plan)
+
+
+def _copy(state: st.State) -> st.State:
+    return state._replace(**{name: part.copy() for name, part in state._asdict().items()})
+
+
+def _copy_groups(groups: st.Groups) -> st.Groups:
+    return groups._replace(**{name: part.copy() for name, part in groups._asdict().items()})

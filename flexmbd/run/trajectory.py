@@ -1,0 +1,414 @@
+"""Trajectory: what a simulation leaves, asked by frame, joint and body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.interiors.scene_interiors import Row
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
+from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
+from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
+from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
+from flexmbd.multibody.plan.forces import NO_DRIVE
+from flexmbd.multibody.plan.numbering import Slots
+from flexmbd.multibody.results.reaction import coordinate_force, reactions
+from flexmbd.multibody.team import Team
+from flexmbd.record.reduced_body import ReducedBody
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from flexmbd.run.checkpoint import Checkpoint
+    from flexmbd.run.event import Occurrence
+    from flexmbd.visual import Drawn, StressPicture
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stats:
+    """What a simulation cost and how well it kept its constraints.
+
+    Attributes:
+        integrator: the method's name and options.
+        steps, rejected: accepted and rejected steps.
+        iterations: Newton iterations.
+        factorisations: of the iteration matrix.
+        evaluations: of the residual.
+        seconds: wall time of the stepping, compiling or loading its loop included.
+        compile_seconds: from the setting out of the integrator to the end of its first steps: compiling or loading
+            from the cache.
+        start_moved: (coordinate, from, to) that the consistent start changed; those of a ball or a free body are the
+            parts of its rotation vector (rad).
+        start_residual: largest constraint residual at the start (m or rad).
+        constraint_residual: largest constraint residual over the run, redundant rows included.
+    """
+
+    integrator: str
+    steps: int
+    rejected: int
+    iterations: int
+    factorisations: int
+    evaluations: int
+    seconds: float
+    compile_seconds: float
+    start_moved: tuple[tuple[str, float, float], ...]
+    start_residual: float
+    constraint_residual: float
+    start_elastic: float = 0.0
+
+
+NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """Energies (J) at each instant, each (nt,)."""
+
+    kinetic: FloatArray
+    elastic: FloatArray
+    gravitational: FloatArray
+    spring: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of the four."""
+        return self.kinetic + self.elastic + self.gravitational + self.spring
+
+
+class StressModel(Protocol):
+    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+
+    def stress_picture(self, body: ReducedBody, q: FloatArray) -> StressPicture:
+        """Stress on the mesh at modal coordinates q (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """Velocities and accelerations (nv,) just after the instant of a row."""
+
+    row: int
+    v: FloatArray
+    a: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Time series of a machine; arrays run over the accepted steps, start included.
+
+    Attributes:
+        scene: the compiled scene, with its redundant rows.
+        t: (nt,) s.
+        x: (nt, nx) configurations.  v, a: (nt, nv) velocities and accelerations.
+        multipliers: (nt, m) reactions of the loop rows (N or N m), redundant rows included: the
+            smallest that do what the loops need.
+        stats: cost and residuals.
+        bodies: name to body.
+        team: who writes files.
+        events: what took place, in order.
+        checkpoints: states to restart from, at the times asked for.
+        beside: what bodies with history leave at each instant; nothing where there are none.
+        departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
+            just before.
+    """
+
+    scene: CompiledScene
+    t: FloatArray
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    multipliers: FloatArray
+    stats: Stats
+    bodies: Mapping[str, Body]
+    team: Team
+    events: tuple[Occurrence, ...] = ()
+    checkpoints: tuple[Checkpoint, ...] = ()
+    beside: tuple[Row, ...] = ()
+    departures: tuple[Departure, ...] = ()
+
+    def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, :3]
+
+    def rotation(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) rotations from the frame's axes to inertial ones; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, 3:12].reshape(-1, 3, 3)
+
+    def velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m/s, velocity of the frame's origin, in inertial axes; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, 12:15]
+
+    def angular_velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) rad/s, angular velocity of the frame, in inertial axes; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, 15:18]
+
+    def acceleration(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m/s^2, acceleration of the frame's origin, in inertial axes; or at times ``t`` (k,)."""
+        return self._frame(frame, t)[:, 18:21]
+
+    def beta(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
+        """Joint coordinates, (nt,) where there is one, else (nt, k); or at times ``t``."""
+        x = self.x if t is None else self.motion(t)[0]
+        return _single(x[:, self._slots(connection).x])
+
+    def beta_rate(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
+        """Joint velocities, (nt,) where there is one, else (nt, k); or at times ``t``."""
+        v = self.v if t is None else self.motion(t)[1]
+        return _single(v[:, self._slots(connection).v])
+
+    def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
+        """Modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
+        slots = self._modal_slots(body)
+        if t is None:
+            return self.x[:, slots.x]
+        found = self.motion(t)[0][:, slots.x]
+        return found if np.ndim(t) else found[0]
+
+    def q_rate(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
+        """Rates of the modal coordinates (nt, n); or (k, n) at times ``t`` (k,), or (n,) at one time."""
+        slots = self._modal_slots(body)
+        if t is None:
+            return self.v[:, slots.v]
+        found = self.motion(t)[1][:, slots.v]
+        return found if np.ndim(t) else found[0]
+
+    def stretch(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) stretches U, in body axes; or at times ``t`` (k,)."""
+        if body.rigid:
+            return np.tile(np.eye(3), (len(self.t) if t is None else np.size(t), 1, 1))
+        return body.stretch_of(self.q(body, t=None if t is None else np.atleast_1d(t)))
+
+    def deformation_gradient(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3) F = R U, from the undeformed body's axes to inertial ones; or at times ``t`` (k,)."""
+        return self.rotation(body.frame(body.solid.com), t=t) @ self.stretch(body, t=t)
+
+    def energy(self, *, t: ArrayLike | None = None) -> Energy:
+        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
+        if t is None:
+            return self._energy
+        x, v, _ = self.motion(t)
+        return self._energy_of(x, v)
+
+    def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
+
+        Those of its frames, which are rigid bodies of the machine, are in ``energy()``.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+        """
+        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
+        for k, other in enumerate(bodies):
+            if other is body:
+                told = [row.energies[k] for row in self.beside]
+                return {name: np.array([energies[name] for energies in told]) for name in told[0]}
+        raise SceneError(f"body {body.name!r} has no interior in this trajectory")
+
+    def drive(self, connection: Connection) -> FloatArray:
+        """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
+
+        Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
+        is collective over the team where they are Python callables.  Of a joint held by constraints it is what
+        its reaction does along its only coordinate.
+        """
+        if id(connection) in self.scene.closure_frames and len(connection.joint.angular) == 1:
+            return coordinate_force(connection.joint, self.reaction(connection))
+        slots = self._slots(connection)
+        plan = self.scene.plan
+        kind = plan.elements[:, at.EL_KIND]
+        given = (kind == at.ON_STATE) & (plan.elements[:, at.EL_COUNT] != NO_DRIVE)
+        passive = plan.elements[(kind != at.ON_FUNCTION) & ~given]
+        plan = plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.ascontiguousarray(passive))
+        if not (passive[:, at.EL_TIME] >= 0).any():
+            plan = plan._replace(times=plan.times[:0])
+        work, out = new_work(plan), np.zeros_like(self.v)
+        self.scene.callbacks.reset()
+        for rows in self._stretches():
+            series = (self.t, self.x, self.v, self.a, self.multipliers, out)
+            force_series(plan, work, *(part[rows] for part in series))
+        self.scene.refuse_failed(work)
+        return _single(out[:, slots.v])
+
+    def reaction(self, connection: Connection) -> FloatArray:
+        """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
+
+        The moment is about the origin of the child's frame; both are in that frame's axes.  All that
+        the joint passes on counts: what it holds, and along its free axes the forces of motors,
+        springs and friction on its coordinates and of its prescribed motion.
+
+        Raises:
+            SceneError: the joint is of another scene.
+        """
+        found = [
+            reactions(self.scene, connection, *(p[rows] for p in (self.t, self.x, self.v, self.a, self.multipliers)))
+            for rows in self._stretches()
+        ]
+        return np.vstack(found)
+
+    def configuration(self, t: ArrayLike) -> FloatArray:
+        """(k, nx) configurations at times ``t`` (s); see ``motion``."""
+        return self.motion(t)[0]
+
+    def motion(self, t: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Configurations (k, nx), velocities and accelerations (k, nv) at times ``t`` (s).
+
+        Between the steps' ends they come from x, v, a at both ends, with errors of order 6, 5, 4 in the
+        step: of x at most h^6 / 46080 times the motion's sixth derivative, that is 2e-8 rad where an
+        oscillation of 1 rad takes 20 steps a period.  This lies below rtol for methods up to order 5; one
+        of order 8 takes steps so long that it may be some thirty times rtol.  Where that matters take the
+        values at the steps' ends, or a fixed step.  Closed loops are open by as much.
+
+        Raises:
+            SceneError: a time outside the trajectory.
+        """
+        wanted = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        slack = 1e-12 * float(np.abs(self.t[[0, -1]]).max())
+        if wanted.min() < self.t[0] - slack or wanted.max() > self.t[-1] + slack:
+            raise SceneError(
+                f"time {wanted.min():g} to {wanted.max():g} s lies outside the trajectory, "
+                f"{self.t[0]:g} to {self.t[-1]:g} s"
+            )
+        n = len(wanted)
+        if len(self.t) == 1:
+            x, v, a = (np.repeat(part, n, axis=0) for part in (self.x, self.v, self.a))
+            return x, v, a
+        x, v, a = np.zeros((n, self.scene.nx)), np.zeros((n, self.scene.nv)), np.zeros((n, self.scene.nv))
+        at, x_at, v_at, a_at = self._with_departures()
+        interval = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, len(at) - 2)
+        plain, quaternions = coordinate_slots(self.scene.plan)
+        axes = round_axes(self.scene.plan, quaternions)
+        interpolate_series(
+            plain, quaternions, axes, at, x_at, v_at, a_at, interval, wanted, x, v, a
+        )
+        return x, v, a
+
+    def _with_departures(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """t, x, v, a with a second row at each break: just after it."""
+        if not self.departures:
+            return self.t, self.x, self.v, self.a
+        rows = np.array([one.row for one in self.departures])
+        v, a = (np.array([getattr(one, name) for one in self.departures]) for name in ("v", "a"))
+        places = rows + 1
+        t, x = (np.insert(part, places, part[rows], axis=0) for part in (self.t, self.x))
+        return t, x, np.insert(self.v, places, v, axis=0), np.insert(self.a, places, a, axis=0)
+
+    def plot(
+        self,
+        *series: tuple[str, Drawn],
+        path: str | Path | None = None,
+        ylabel: str = "",
+        title: str = "",
+    ) -> Figure:
+        """Plot (label, what) pairs over time; without any, the energies.
+
+        ``what`` is a joint (its coordinates), a frame (its position), a flexible body (its modal coordinates), a
+        function of times (k,) that gives values (k,) or (k, m), or values at the instants ``t``.  All but the
+        last are drawn between the steps as well, from the dense output.  Events are marked.
+
+        See ``flexmbd.visual.plot_series``, also for what is raised.
+        """
+        import flexmbd.visual as visual  # matplotlib loads only here
+
+        return visual.plot_series(self, series, path=path, ylabel=ylabel, title=title)
+
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        between: tuple[float, float] | None = None,
+        slow_motion: float | None = None,
+        fps: int = 30,
+        size: tuple[int, int] = (1280, 720),
+        amplification: float = 1.0,
+        models: Mapping[FlexibleBody, StressModel] | None = None,
+        progress: bool = False,
+    ) -> Path:
+        """Film the machine off-screen to .mp4 or .gif.
+
+        See ``flexmbd.visual.animate`` for the arguments and for what is raised.
+        """
+        import flexmbd.visual as visual  # pyvista loads only here
+
+        return visual.animate(
+            self,
+            path,
+            between=between,
+            slow_motion=slow_motion,
+            fps=fps,
+            size=size,
+            amplification=amplification,
+            models=models,
+            progress=progress,
+        )
+
+    def stress(self, body: FlexibleBody, model: StressModel, *, t: float) -> StressPicture:
+        """Stress of a flexible body on its mesh at time ``t`` (s).
+
+        Collective over the model's communicator.
+
+        Raises:
+            RecordError: neither the record nor ``model`` holds the nodal modes.
+        """
+        return model.stress_picture(body.record, self.q(body, t=t))
+
+    def _stretches(self) -> Iterator[slice]:
+        """Rows whose forces the plan tells: all at once, or row by row what interiors exerted in each."""
+        if self.scene.interiors is None:
+            yield slice(None)
+            return
+        for k, row in enumerate(self.beside):
+            self.scene.interiors.put(self.scene.plan, row.wrenches)
+            yield slice(k, k + 1)
+
+    @cached_property
+    def _energy(self) -> Energy:
+        return self._energy_of(self.x, self.v)
+
+    def _energy_of(self, x: FloatArray, v: FloatArray) -> Energy:
+        plan = self.scene.plan
+        out = np.zeros((len(x), 4))
+        none, scratch = np.zeros((2, self.scene.nv))
+        energy_series(plan, new_work(plan), x, v, none, scratch, out)
+        return Energy(*out.T)
+
+    def _frame(self, frame: Frame, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 21) rows of ``frame_series``, or (k, 21) at times ``t`` (k,)."""
+        x, v, a = (self.x, self.v, self.a) if t is None else self.motion(t)
+        plan = add_probe(self.scene, frame)
+        out = np.zeros((len(x), 21))
+        frame_series(plan, new_work(plan), len(plan.frames) - 1, x, v, a, out)
+        return out
+
+    def _slots(self, connection: Connection) -> Slots:
+        slots = self.scene.joint_slots.get(id(connection))
+        if slots is None:
+            raise SceneError(
+                f"joint {connection.name!r} has no joint coordinate in this trajectory: it closes "
+                "a loop, or belongs to another scene; ask for the frames' positions instead"
+            )
+        return slots
+
+    def _modal_slots(self, body: Body) -> Slots:
+        slots = self.scene.modal_slots.get(id(body))
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modal coordinates in this trajectory")
+        return slots
+
+
+def _single(values: FloatArray) -> FloatArray:
+    return values[:, 0] if values.shape[1] == 1 else values
