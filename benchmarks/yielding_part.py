@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
-from flexmbd.continuum.finite_elements import cut_mesh
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.reduction import craig_bampton

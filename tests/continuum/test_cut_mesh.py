@@ -7,9 +7,8 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, cut_mesh
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.finite_elements import cut_mesh
 from flexmbd.continuum.grid import cell_graph
 from flexmbd.continuum.grid.mesh_input import entity_vertices
 from flexmbd.continuum.grid.tagged_mesh import from_arrays

@@ -9,7 +9,7 @@ import ufl
 from scipy.integrate import solve_ivp
 
 import flexmbd as fm
-from flexmbd.continuum.finite_elements import homogeneous_energy
+from flexmbd.continuum import homogeneous_energy
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.forms import neo_hookean, solid_mixed, st_venant_kirchhoff
 from flexmbd.multibody.kernels.base.layout import new_work

@@ -12,8 +12,7 @@ import scipy.linalg
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.finite_elements import cut_mesh
+from flexmbd.continuum import ContinuumModel, Interface, cut_mesh
 from flexmbd.forms import solid_linear
 from flexmbd.multibody.kernels.base.layout import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual

@@ -11,8 +11,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
-from flexmbd.continuum.finite_elements import cut_mesh
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
 from flexmbd.forms import hencky_plasticity, j2_plasticity, solid_linear
 from flexmbd.reduction import craig_bampton
 
