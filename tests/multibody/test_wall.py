@@ -85,7 +85,7 @@ def test_a_kernel_without_a_way_in_refuses_python():
 def test_kernels_of_other_sources_are_not_touched(tmp_path):
     """What another version left in the cache is neither read nor removed."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    place = "from flexmbd.multibody.kernels import so3; print(so3.add3._cache.cache_path)"
+    place = "from flexmbd.multibody.kernels.algebra import so3; print(so3.add3._cache.cache_path)"
     done = subprocess.run(
         [sys.executable, "-c", place], capture_output=True, text=True, check=True, env=environment
     )
@@ -93,7 +93,8 @@ def test_kernels_of_other_sources_are_not_touched(tmp_path):
     assert tmp_path in folder.parents
     version = folder.relative_to(tmp_path).parts[0]
     stamp = (
-        "from pathlib import Path; from flexmbd.multibody.kernels import compiling, so3; "
+        "from pathlib import Path; from flexmbd.multibody.kernels.base import compiling; "
+        "from flexmbd.multibody.kernels.algebra import so3; "
         "print(compiling._source_stamp(Path(so3.__file__)))"
     )
     known = subprocess.run([sys.executable, "-c", stamp], capture_output=True, text=True, check=True)
@@ -102,9 +103,9 @@ def test_kernels_of_other_sources_are_not_touched(tmp_path):
 
 def test_kernels_of_equal_sources_are_shared(tmp_path):
     """Another installation of the same sources finds what this one compiled."""
-    package = Path(compiling.__file__).parents[2]
+    package = Path(compiling.__file__).parents[3]
     shutil.copytree(package, tmp_path / "flexmbd", symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    place = "from flexmbd.multibody.kernels import so3; print(so3.__file__, so3.add3._cache.cache_path)"
+    place = "from flexmbd.multibody.kernels.algebra import so3; print(so3.__file__, so3.add3._cache.cache_path)"
     here, there = (
         subprocess.run(
             [sys.executable, "-c", place], capture_output=True, text=True, check=True, cwd=folder
@@ -118,8 +119,8 @@ def test_kernels_of_equal_sources_are_shared(tmp_path):
 
 def test_a_kernel_is_stamped_with_all_that_it_calls():
     """The stamp of a kernel's file tells of the kernels it calls, and of no others."""
-    kernels = Path(compiling.__file__).parent
-    sources = {path.name for path in compiling._kernel_sources(kernels / "joints.py")}
+    kernels = Path(compiling.__file__).parents[1]
+    sources = {path.name for path in compiling._kernel_sources(kernels / "physics" / "joints.py")}
     assert sources == {"joints.py", "layout.py", "compiling.py", "so3.py"}
-    loop = compiling._kernel_sources(kernels.parents[1] / "integrate" / "generalized_alpha.py")
-    assert {"state.py", "alpha_step.py", "recursion.py", "closure.py"} <= {path.name for path in loop}
+    loop = compiling._kernel_sources(kernels.parents[1] / "integrate" / "alpha" / "generalized_alpha.py")
+    assert {"state.py", "step.py", "recursion.py", "closure.py"} <= {path.name for path in loop}
