@@ -12,13 +12,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import PPoly
 
 import flexmbd as fm
-from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.bodies.body import Frame
+
+if TYPE_CHECKING:  # other checkouts, which run the same scenes, may have these elsewhere
+    from flexmbd.integrate.protocol import Integrator
+    from flexmbd.multibody.bodies.body import Frame
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "scenes"))
 import beam_record

@@ -15,14 +15,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import beam_record
 import scenes
 from steps import ANSWER
 
 import flexmbd as fm
-from flexmbd.integrate.protocol import Integrator
-from flexmbd.run.stepping import Integration
+
+if TYPE_CHECKING:
+    from flexmbd.integrate.protocol import Integrator
+try:
+    from flexmbd.run.stepping import Integration
+except ImportError:  # a checkout from before the rooms
+    from flexmbd.stepping import Integration  # type: ignore[import-not-found,no-redef]
 
 mechanisms = scenes.mechanisms  # type: ignore[attr-defined]
 

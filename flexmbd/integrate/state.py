@@ -177,9 +177,12 @@ def watch_rows(state, pivot):
 
 
 @kernel
-def latest(state, t):
-    """The instant at which functions of time are asked for t: at a break at the step's end, just before it."""
-    return min(t, state.numbers[LATEST])
+def latest(numbers, t):
+    """The instant at which functions of time are asked for t: at a break at the step's end, just before it.
+
+    It is asked at each stage, so it gets the numbers alone: a state is some hundred words of arguments.
+    """
+    return min(t, numbers[LATEST])
 
 
 @part_of_kernel

@@ -21,7 +21,7 @@ def set_out(plan, work, state, groups, s, h):
         state.counts[step.KNOWN_BEFORE] = 0
     else:
         carry_auxiliary(state, h)
-    evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
+    evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
     limit = max(state.numbers[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
     st.set_scales(state, groups, s, rate, limit)
     return max(_NEWTON_SHARE * limit, 5e-15)

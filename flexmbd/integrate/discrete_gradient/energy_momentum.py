@@ -333,7 +333,7 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
-        evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
+        evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
         for i in range(plan.rows.shape[0]):
             if plan.rows[i, at.ROW_TIME] >= 0:
                 s.row_end[i, 0] = work.time[plan.rows[i, at.ROW_TIME], 0]
@@ -355,7 +355,7 @@ def _attempt(method, state, groups, h):
     rate = number[st.RATE]
     solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
     if solved and plan.flag[0] == 0:
-        evaluate_times(plan, st.latest(state, number[st.STEP_END]), work.time)
+        evaluate_times(plan, st.latest(state.numbers, number[st.STEP_END]), work.time)
         accelerate_end(plan, work, loops, s)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED

@@ -66,7 +66,7 @@ def foretell(plan, work, plain, quaternions, state, s, h):
         s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
         s.v[k] = state.v[k] + h * state.a[k]
     move(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
-    evaluate_times(plan, st.latest(state, state.numbers[st.STEP_END]), work.time)
+    evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
     if plan.flag[0] == 0:
         drive(plan, work, s.x, s.v, s.a)
 

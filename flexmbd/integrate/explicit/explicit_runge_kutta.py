@@ -277,7 +277,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         spin_on(quaternions, s.axes, s.spins, node * h, s.x, s.v)
         if node != instant:
             t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
-            evaluate_times(plan, st.latest(state, t), work.time)
+            evaluate_times(plan, st.latest(state.numbers, t), work.time)
             instant = node
         if plan.flag[0] != 0:
             return np.inf

@@ -202,7 +202,7 @@ def evaluate_stage_times(plan, work, state, s, h):
         t = state.numbers[st.TIME] + NODES[i] * h
         if i == STAGES - 1:
             t = state.numbers[st.STEP_END]
-        evaluate_times(plan, st.latest(state, t), work.time)
+        evaluate_times(plan, st.latest(state.numbers, t), work.time)
         for k in range(work.time.shape[0]):
             for j in range(3):
                 s.time[i, k, j] = work.time[k, j]
