@@ -131,7 +131,8 @@ say(
 # second order in a piece's length
 assert fine < 0.35 * coarse
 assert lean.max() > 45.0
-assert abs(run.position(cube.frame())[:, 1]).max() < 1e-6
+# and it stays in its plane, to the tolerance of the run
+assert abs(run.position(cube.frame())[:, 1]).max() < 1e-6 * away.max()
 
 # ## Pictures
 
