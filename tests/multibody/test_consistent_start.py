@@ -213,14 +213,14 @@ def test_rotations_are_told_as_rotation_vectors():
     assert told[names[0]][1] == pytest.approx(0.0, abs=1e-12)
 
 
-def slider_crank(angle, *, beside=0.0):
-    """Crank 0.08 m, rod 0.3 m, guide along x through the crank's axle, or ``beside`` it (m)."""
+def slider_crank(angle, *, beside=0.0, eye=(0.3, 0.0, 0.0)):
+    """Crank 0.08 m, rod with an eye at ``eye`` (m), guide along x through the crank's axle, or ``beside`` it (m)."""
     scene, turn = fm.System(), fm.joint.Revolute("z")
     crank, rod, piston = (scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3))) for _ in range(3))
     joints = [
         scene.connect(turn, scene.ground.frame(), crank.frame()),
         scene.connect(turn, crank.frame((0.08, 0.0, 0.0)), rod.frame()),
-        scene.connect(turn, rod.frame((0.3, 0.0, 0.0)), piston.frame()),
+        scene.connect(turn, rod.frame(eye), piston.frame()),
     ]
     scene.connect(fm.joint.Prismatic("x"), scene.ground.frame((0.0, beside, 0.0)), piston.frame())
     joints[0].position = angle
@@ -235,6 +235,18 @@ def test_a_crank_turned_anywhere_has_its_slider_on_the_side_that_was_drawn(angle
     assert crank == angle
     np.testing.assert_allclose([np.sin(angle + rod), np.cos(angle + rod)], [np.sin(lean), np.cos(lean)], atol=1e-13)
     np.testing.assert_allclose(np.exp(1j * (angle + rod + piston)), 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [2.0, np.pi, -2.5, 41.0])
+@pytest.mark.parametrize("eye", [(0.3, 3e-6, 0.0), (0.3 + 4e-7, -4e-7, 2e-8), (0.3, 0.02, 0.0)])
+def test_a_drawing_that_is_nearly_closed_says_the_side_too(angle, eye):
+    """As the centre of a meshed bore, or figures of two digits, leave it; README's rod is such a one."""
+    scene, joints = slider_crank(angle, eye=eye)
+    crank, rod, _ = angles_of(scene.start(), joints)
+    end = 0.08 * np.exp(1j * crank) + complex(*eye[:2]) * np.exp(1j * (crank + rod))
+    assert crank == angle
+    assert end.imag == pytest.approx(0.0, abs=1e-9)
+    assert end.real > 0.2
 
 
 @pytest.mark.parametrize("angle", [1.8, 2.5, np.pi])

@@ -1,8 +1,9 @@
 """Which way a machine is put together: the way that it is in its design position, all joint coordinates at zero.
 
 Where joints are set, the loops close in several ways as a rule: a crank at 2 rad has its slider on either side of its
-axle.  If the design position is an assembly, the set joints move from there to where they were set, the others follow
-and keep the loops closed, and so the machine comes to be as its drawing turned that far.
+axle.  If the design position is an assembly, but for what less than a stride closes (centres of meshed bores, figures
+of two digits), the set joints move from there to where they were set, the others follow and keep the loops closed, and
+so the machine comes to be as its drawing turned that far.
 """
 
 from __future__ import annotations
@@ -47,15 +48,23 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
     hinges = scene.plan.tree[scene.plan.tree[:, at.JOINT] == at.REVOLUTE, at.JOINT_V].astype(int)
     way[hinges] -= 2.0 * np.pi * np.round(way[hinges] / (2.0 * np.pi))  # whole turns of a hinge are none
     place_flying(scene, work, design, np.zeros(scene.nv))
-    if not way.any() or _open(scene, work, design) > CLOSED:
+    if not way.any():
+        return x
+    reached = design
+    if _open(scene, work, design) > CLOSED:
+        reached = close_rigidly(scene, work, design, led)
+        moved = coordinate_values(scene, reached) - coordinate_values(scene, design)
+        if np.abs(moved / coordinate_sizes(scene)).max() > _STRIDE:
+            return x
+    left = _open(scene, work, reached)  # what rigid motions cannot close in the drawing, they cannot elsewhere
+    if left > _STRIDE:
         return x
     strides = int(np.ceil(np.abs(way / coordinate_sizes(scene)).max() / _STRIDE))
-    reached = design
     for _ in range(strides):
         ahead = np.empty_like(x)
         retract(scene.plan, reached, way / strides, ahead)
         reached = close_rigidly(scene, work, ahead, led)
-        if _open(scene, work, reached) > CLOSED:
+        if _open(scene, work, reached) > 2.0 * max(CLOSED, left):
             return x
     return _joined(scene, reached, x, led)
 
