@@ -1,7 +1,7 @@
 """Accelerations and multipliers at the end of a Radau IIA step, of its order: the last stage's are of order 3.
 
 M a + C^T nu = f and C a = -gamma at the stage's positions and velocities, solved by corrections of a and nu with
-factors of M and of C M^-1 C^T that may be those of an earlier step.
+factors of M and of C M^-1 C^T; by these the positions and velocities have been brought onto the loops before.
 """
 
 from __future__ import annotations
