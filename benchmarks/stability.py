@@ -72,7 +72,7 @@ def _cell(name: str, case: Case, method: Method) -> str:
     began = time.process_time()
     try:
         figure = case(method)
-    except fm.errors.SimulationError as reason:
+    except fm.SimulationError as reason:
         print(f"{name}, {method.label}: {reason}", flush=True)
         return "stopped"
     except fm.errors.SceneError as reason:

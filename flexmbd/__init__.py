@@ -6,8 +6,6 @@ This root loads numpy, scipy and numba only; DOLFINx and PETSc load with ``flexm
 from flexmbd import export as export
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import FlexmbdError as FlexmbdError
-from flexmbd.errors import SimulationError as SimulationError
-from flexmbd.errors import SimulationInterrupted as SimulationInterrupted
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference as CentralDifference
@@ -46,6 +44,8 @@ from flexmbd.run.checkpoint import Checkpoint as Checkpoint
 from flexmbd.run.event import Direction as Direction
 from flexmbd.run.event import Event as Event
 from flexmbd.run.event import Moment as Moment
+from flexmbd.run.stopped import SimulationError as SimulationError
+from flexmbd.run.stopped import SimulationInterrupted as SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory as Trajectory
 from flexmbd.system import System as System
 

@@ -1,14 +1,8 @@
 """The errors flexmbd raises; each names the thing at fault and the remedy.
 
-Numpy-free leaf: every room of the house may import it.
+Numpy-free leaf: every room of the house may import it. What stops a simulation is in `flexmbd.run.stopped`, with
+the trajectory that it keeps.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from flexmbd.run.trajectory import Trajectory
 
 
 class FlexmbdError(Exception):
@@ -67,20 +61,5 @@ class TableWarning(UserWarning):
     """A table's cubics leave the range of its points by more than that range, as beside a jump."""
 
 
-class SimulationInterrupted(KeyboardInterrupt):
-    """A simulation was interrupted, as by Ctrl-C; ``trajectory`` holds what was computed up to then.
-
-    No FlexmbdError: what catches errors lets an interrupt pass.
-    """
-
-    def __init__(self, message: str, trajectory: Trajectory | None = None) -> None:
-        super().__init__(message)
-        self.trajectory = trajectory
-
-
-class SimulationError(FlexmbdError):
-    """A simulation stopped early; ``trajectory`` holds what was computed up to then."""
-
-    def __init__(self, message: str, trajectory: Trajectory | None = None) -> None:
-        super().__init__(message)
-        self.trajectory = trajectory
+class ExplicitRunError(FlexmbdError):
+    """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long."""

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 from flexmbd.command.body_file import check_free
 from flexmbd.command.terminal import add_json, say, say_json, warn
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
 from flexmbd.result_table import ResultTable, write_table
+from flexmbd.run.stopped import SimulationError
 from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
 from flexmbd.scene_file.kinds import INTEGRATORS
 

@@ -6,9 +6,9 @@ The same record gives the same text, before and after it was saved.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from flexmbd.record.groups import (
     Surface,
 )
 from flexmbd.rotation import to_quaternion
-
-if TYPE_CHECKING:
-    from flexmbd.record.reduced_body import ReducedBody
 
 # What is smaller, relative to its like, is round-off and shown as zero.
 _NOISE = 1e-12
@@ -51,7 +48,42 @@ _PURPOSE = {
 }
 
 
-def sheet(body: ReducedBody) -> str:
+class _Record(Protocol):
+    """What of a `ReducedBody` the sheet tells; it stands below that class, whose `inspect` calls it."""
+
+    @property
+    def frame(self) -> str | None: ...
+    @property
+    def interfaces(self) -> tuple[InterfaceFrame, ...]: ...
+    @property
+    def gram(self) -> FloatArray: ...
+    @property
+    def stiffness(self) -> FloatArray: ...
+    @property
+    def damping(self) -> FloatArray: ...
+    @property
+    def partition_names(self) -> tuple[str, ...]: ...
+    @property
+    def provenance(self) -> Mapping[str, str]: ...
+    @property
+    def p_MB_M(self) -> FloatArray: ...
+    @property
+    def R_MB(self) -> FloatArray: ...
+    @property
+    def n_modes(self) -> int: ...
+    @property
+    def mass(self) -> float: ...
+    @property
+    def com(self) -> FloatArray: ...
+    @property
+    def inertia(self) -> FloatArray: ...
+    def fingerprint(self) -> str: ...
+    def frequencies(self) -> FloatArray: ...
+    def mass_matrix(self) -> FloatArray: ...
+    def modal_mass(self) -> FloatArray: ...
+
+
+def sheet(body: _Record) -> str:
     """The sheet, with a newline at its end; see `ReducedBody.inspect`."""
     sections = (
         _title(body),
@@ -65,13 +97,13 @@ def sheet(body: ReducedBody) -> str:
     return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
 
 
-def _title(body: ReducedBody) -> Iterable[str]:
+def _title(body: _Record) -> Iterable[str]:
     yield f"reduced body: {body.n_modes} modes, {_count(len(body.interfaces), 'interface')}, SI units"
     yield _entry("file format", f"version {VERSION}")
     yield _entry("fingerprint", body.fingerprint())
 
 
-def _mass(body: ReducedBody) -> Iterable[str]:
+def _mass(body: _Record) -> Iterable[str]:
     second = body.gram[1:4, 1:4] / body.mass
     size = float(np.sqrt(np.trace(second)))
     yield _entry("body frame B", _frame_text(body))
@@ -91,7 +123,7 @@ def _mass(body: ReducedBody) -> Iterable[str]:
         yield _entry("", f"{_number(moment, scale=scale):>12} about {_axis_text(axis, alike=alike)}")
 
 
-def _frame_text(body: ReducedBody) -> str:
+def _frame_text(body: _Record) -> str:
     if body.frame is None:
         return "floating on the mean axis of the undeformed body"
     return f"on interface {body.frame}, where every mode vanishes (in the mean, if it is averaged)"
@@ -106,7 +138,7 @@ def _axis_text(axis: FloatArray, *, alike: int) -> str:
     return _vector(sign * axis, scale=1.0)
 
 
-def _interfaces(body: ReducedBody) -> Iterable[str]:
+def _interfaces(body: _Record) -> Iterable[str]:
     more = "" if body.frame is None else "; static stiffness along and about I's axes"
     yield f"interfaces: place of I from B (m) and turn of I's axes from B's{more}"
     if body.frame is not None:
@@ -130,7 +162,7 @@ def _turn_text(R: FloatArray, *, whose: str) -> str:
     return f"turned {angle:.6g} deg about {_vector(np.copysign(1.0, w) * np.array(xyz) / sine, scale=1.0)}"
 
 
-def _static_stiffness(body: ReducedBody, frame: InterfaceFrame) -> Iterable[str]:
+def _static_stiffness(body: _Record, frame: InterfaceFrame) -> Iterable[str]:
     """Load along one direction of the interface over the displacement there, all else free but B."""
     turned = np.vstack([frame.R_BI.T @ frame.modes[:3], frame.R_BI.T @ frame.modes[3:]])
     parts = turned**2 / body.stiffness
@@ -140,7 +172,7 @@ def _static_stiffness(body: ReducedBody, frame: InterfaceFrame) -> Iterable[str]
         yield _number(1.0 / total) if total > _NOISE**2 * like.max() and total > 0.0 else "rigid"
 
 
-def _modes(body: ReducedBody) -> Iterable[str]:
+def _modes(body: _Record) -> Iterable[str]:
     if body.n_modes == 0:
         yield "modes: none, the body is rigid"
         return
@@ -164,7 +196,7 @@ def _modes(body: ReducedBody) -> Iterable[str]:
         yield f"the damping couples modes: largest D_ij / sqrt(D_ii D_jj) = {coupling:.2g}"
 
 
-def _effective_shares(body: ReducedBody) -> FloatArray:
+def _effective_shares(body: _Record) -> FloatArray:
     """(n, 6) squared participation in a motion of B, over the body's mass or inertia in that motion."""
     matrix = body.mass_matrix()
     whole = np.diag(matrix)[:6]
@@ -183,7 +215,7 @@ def _coupling(damping: FloatArray) -> float:
     return float(abs(off).max(initial=0.0))
 
 
-def _partition(body: ReducedBody) -> Iterable[str]:
+def _partition(body: _Record) -> Iterable[str]:
     yield "partition: the Craig-Bampton coordinates behind the modes, q_cb = partition @ q"
     if not body.partition_names:
         yield _entry("", "none")
@@ -200,7 +232,7 @@ def _stem(name: str) -> str:
     return "{}.{}".format(*interface.groups()) if interface else name.rstrip("0123456789").replace(".", "")
 
 
-def _groups(body: ReducedBody) -> Iterable[str]:
+def _groups(body: _Record) -> Iterable[str]:
     yield "optional groups"
     for name, purpose in _PURPOSE.items():
         group = getattr(body, name)
@@ -240,7 +272,7 @@ def _load_lines(group: DistributedLoads) -> Iterable[str]:
         yield _entry("", f"{name}: force {forces} N, moment {moments} N m about B, per unit factor")
 
 
-def _provenance(body: ReducedBody) -> Iterable[str]:
+def _provenance(body: _Record) -> Iterable[str]:
     yield "provenance"
     if not body.provenance:
         yield _entry("", "none")

@@ -185,3 +185,8 @@ class Occurrence:
     event: Event
     t: float
     row: int
+
+    @property
+    def name(self) -> str:
+        """The event's name."""
+        return self.event.name

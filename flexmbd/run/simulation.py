@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import FlexmbdError, SceneError, SimulationError, SimulationInterrupted
+from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
@@ -33,6 +33,7 @@ from flexmbd.run.event import Event
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import UNLIMITED, Limits
 from flexmbd.run.stepping import Integration, Snapshot
+from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Stats, Trajectory
 
 FloatArray = NDArray[np.float64]

@@ -21,8 +21,8 @@ from flexmbd.multibody.start.impulse import rates_after_jump, refuse_leaps
 from flexmbd.multibody.start.independent_rows import firmer_rows
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
+from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
-from flexmbd.run.trajectory import Departure
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,16 +26,17 @@ from flexmbd.multibody.kernels.sampling.series import energy_series, force_serie
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.plan.numbering import Slots
+from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
-from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.run.departure import Departure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
-    from flexmbd.visual import Drawn, StressPicture
+    from flexmbd.visual import Drawn, StressModel, StressPicture
 
 FloatArray = NDArray[np.float64]
 
@@ -74,37 +75,6 @@ class Stats:
 
 
 NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Energy:
-    """Energies (J) at each instant, each (nt,)."""
-
-    kinetic: FloatArray
-    elastic: FloatArray
-    gravitational: FloatArray
-    spring: FloatArray
-
-    @property
-    def total(self) -> FloatArray:
-        """Sum of the four."""
-        return self.kinetic + self.elastic + self.gravitational + self.spring
-
-
-class StressModel(Protocol):
-    """What can turn modal coordinates into a stress field: a ContinuumModel."""
-
-    def stress_picture(self, body: ReducedBody, q: FloatArray) -> StressPicture:
-        """Stress on the mesh at modal coordinates q (n,)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Departure:
-    """Velocities and accelerations (nv,) just after the instant of a row."""
-
-    row: int
-    v: FloatArray
-    a: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,4 +7,5 @@ from flexmbd.visual.film import animate as animate
 from flexmbd.visual.response import plot_response as plot_response
 from flexmbd.visual.series import Drawn as Drawn
 from flexmbd.visual.series import plot_series as plot_series
+from flexmbd.visual.stress_picture import StressModel as StressModel
 from flexmbd.visual.stress_picture import StressPicture as StressPicture

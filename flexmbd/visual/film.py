@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import PictureError
+from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.visual import stage
 from flexmbd.visual.camera import Camera, frame_all, viewing_axes
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.library import load
+from flexmbd.visual.motion import Motion
 from flexmbd.visual.sketch import Form, Sketch, sketch
 from flexmbd.visual.skin import Skin, skins
-
-if TYPE_CHECKING:
-    from flexmbd.multibody.bodies.body import FlexibleBody
-    from flexmbd.run.trajectory import StressModel, Trajectory
+from flexmbd.visual.stress_picture import StressModel
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -35,7 +34,7 @@ _ABOVE, _BELOW = 0.08, 0.13
 
 
 def animate(
-    trajectory: Trajectory,
+    trajectory: Motion,
     path: str | Path,
     *,
     between: tuple[float, float] | None = None,
@@ -100,7 +99,7 @@ def animate(
 
 
 def _times(
-    trajectory: Trajectory,
+    trajectory: Motion,
     between: tuple[float, float] | None,
     slow_motion: float | None,
     fps: int,

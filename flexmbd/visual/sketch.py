@@ -10,18 +10,15 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.visual.motion import Motion
 from flexmbd.visual.skin import surface_of
-
-if TYPE_CHECKING:
-    from flexmbd.multibody.joint.connection import Connection
-    from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +83,7 @@ class Sketch:
     size: float
 
 
-def sketch(trajectory: Trajectory, times: FloatArray, *, skinned: Sequence[Body]) -> Sketch:
+def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) -> Sketch:
     """Draw the machine at ``times`` (nt,); bodies in ``skinned`` get no sticks, but their joints.
 
     Not collective.
@@ -154,14 +151,14 @@ def _matrix(p: FloatArray, columns: FloatArray) -> FloatArray:
     return matrix
 
 
-def _joints(trajectory: Trajectory) -> list[Connection]:
+def _joints(trajectory: Motion) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
     return [c for c in (*along, *topology.closures) if not any(s.kind == at.FREE for s in c.joint.steps)]
 
 
-def _frames(trajectory: Trajectory, joints: Sequence[Connection]) -> dict[int, list[Frame]]:
+def _frames(trajectory: Motion, joints: Sequence[Connection]) -> dict[int, list[Frame]]:
     """The frames of each body, by the body's id: those of joints, and all interfaces."""
     frames: dict[int, list[Frame]] = {}
     for joint in joints:
@@ -176,7 +173,7 @@ def _frames(trajectory: Trajectory, joints: Sequence[Connection]) -> dict[int, l
     return frames
 
 
-def _body_pose(trajectory: Trajectory, body: Body, times: FloatArray) -> Pose:
+def _body_pose(trajectory: Motion, body: Body, times: FloatArray) -> Pose:
     frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
     return Pose(trajectory.position(frame, t=times), trajectory.rotation(frame, t=times))
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
-
-if TYPE_CHECKING:
-    from flexmbd.multibody.bodies.body import Body, FlexibleBody
-    from flexmbd.record.reduced_body import ReducedBody, Surface
-    from flexmbd.run.trajectory import StressModel, Trajectory
+from flexmbd.record.reduced_body import ReducedBody, Surface
+from flexmbd.visual.motion import Motion
+from flexmbd.visual.stress_picture import StressModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -123,7 +122,7 @@ class StressSkin:
 
 
 def skins(
-    trajectory: Trajectory,
+    trajectory: Motion,
     times: FloatArray,
     models: Mapping[FlexibleBody, StressModel],
     *,
@@ -137,7 +136,6 @@ def skins(
     Collective over the models' communicators where there are models.
     """
     found: list[Skin] = []
-    x = trajectory.configuration(times)
     for body in trajectory.bodies.values():
         record, surface = body.reduced(), surface_of(body)
         if record is None:
@@ -145,7 +143,7 @@ def skins(
                 none = np.zeros((len(times), 0))
                 found.append(DisplacementSkin(body, surface.x, surface.triangle, surface.phi, surface.phi, none))
             continue
-        q = x[:, trajectory.scene.modal_slots[id(body)].x]
+        q = trajectory.q(body, t=times)
         model = next((m for b, m in models.items() if b is body), None)
         if model is not None:
             found.append(_stress_skin(body, record, model, q, amplification))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.visual import stage
 from flexmbd.visual.camera import frame_all
 from flexmbd.visual.destination import checked_path, write
@@ -103,6 +105,13 @@ class StressPicture:
             plotter.screenshot(path)
         finally:
             plotter.close()
+
+
+class StressModel(Protocol):
+    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+
+    def stress_picture(self, body: ReducedBody, q: FloatArray) -> StressPicture:
+        """Stress on the mesh at modal coordinates q (n,)."""
 
 
 def _oblique(x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
 from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
-from flexmbd.errors import MeshError, SceneError, SimulationError
+from flexmbd.errors import ExplicitRunError, MeshError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 
 WALL = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
@@ -180,7 +180,7 @@ def test_bad_input():
 
 def test_a_crushed_cell_is_named_and_what_was_noted_is_kept():
     run = ExplicitRun(soft_block(), velocity=(-300.0, 0.0, 0.0), planes=[RigidPlane(*WALL)])
-    with pytest.raises(SimulationError, match=r"at t = .* cell \d+, at .* is turned inside out|has fallen to"):
+    with pytest.raises(ExplicitRunError, match=r"at t = .* cell \d+, at .* is turned inside out|has fallen to"):
         run.simulate(0.01, h=0.9 * run.stable_step, outputs=100)
     assert len(run.account.t) == len(run.places) >= 1
     assert run.account.t[-1] <= run.t
@@ -202,7 +202,7 @@ def test_the_stable_step_follows_the_shape(stretch):
 
 def test_an_inverted_cell_is_named():
     run = ExplicitRun(soft_block(), velocity=lambda x: np.where(x > 0.9, [-300.0, 0.0, 0.0], 0.0))
-    with pytest.raises(SimulationError, match=r"at t = .* s, step 1: cell \d+, at .* is turned inside out"):
+    with pytest.raises(ExplicitRunError, match=r"at t = .* s, step 1: cell \d+, at .* is turned inside out"):
         run.simulate(0.01, outputs=3)
     assert run.account.t == [0.0]
 

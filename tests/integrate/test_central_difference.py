@@ -10,7 +10,7 @@ import pytest
 from test_explicit_runge_kutta import euler_top, heavy_top, loaded_slider_crank, rods_double_pendulum
 
 import flexmbd as fm
-from flexmbd.errors import SimulationError
+from flexmbd.run.stopped import SimulationError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from machines import CRANK, slider_position

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
 from flexmbd.rotation import from_quaternion
+from flexmbd.run.stopped import SimulationError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from spring_interior import ExplicitSprings, as_continuum, chain

@@ -11,9 +11,9 @@ from observation import Moment, moment
 from random_machine import Built, Pseudo, build
 
 import flexmbd as fm
-from flexmbd.errors import SimulationError
 from flexmbd.multibody.kernels.base.layout import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
+from flexmbd.run.stopped import SimulationError
 
 #: Of rigid machines, and of those with bodies that deform.
 RTOL, RTOL_OF_MODES = 1e-7, 1e-6

@@ -20,7 +20,7 @@ from many import fifty_and_a_thousand, many
 from random_machine import Units, build
 
 import flexmbd as fm
-from flexmbd.errors import SimulationError
+from flexmbd.run.stopped import SimulationError
 
 pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
 

@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kane.bearing import friction_forces
+from flexmbd.run.stopped import SimulationError
 
 MU = 0.2
 METHODS = {

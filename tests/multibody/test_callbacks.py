@@ -10,7 +10,8 @@ from machines import pendulum, slider_crank
 
 import flexmbd as fm
 from flexmbd.continuum.parallel import MpiTeam
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
+from flexmbd.run.stopped import SimulationError
 
 
 def wheel():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.layout import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_matrix
+from flexmbd.run.stopped import SimulationError
 
 GRAVITY = np.array([0.4, -9.81, 1.2])
 INERTIA = np.array([[0.05, 0.004, -0.003], [0.004, 0.06, 0.002], [-0.003, 0.002, 0.07]])

@@ -6,7 +6,8 @@ import pytest
 from homogeneous_motion import cross, motion, svk_stress
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
+from flexmbd.run.stopped import SimulationError
 
 MATERIAL = fm.StVenantKirchhoff(E=1.0e5, nu=0.3)
 BOX = fm.Solid.box((0.3, 0.1, 0.2), density=1000.0)

@@ -9,9 +9,10 @@ from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.layout import new_work
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian
+from flexmbd.run.stopped import SimulationError
 
 
 def cranks(n, angle, rate=0.0):

@@ -9,7 +9,8 @@ from particles import particle_body
 from scipy.interpolate import CubicSpline, PPoly
 
 import flexmbd as fm
-from flexmbd.errors import AssemblyError, InterfaceError, SceneError, SimulationError
+from flexmbd.errors import AssemblyError, InterfaceError, SceneError
+from flexmbd.run.stopped import SimulationError
 
 
 @fm.compiled

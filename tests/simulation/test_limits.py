@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.errors import SceneError, SimulationError
+from flexmbd.errors import SceneError
+from flexmbd.run.stopped import SimulationError
 
 sys.path.append(str(Path(__file__).parents[1] / "multibody"))
 from machines import pendulum

@@ -13,7 +13,7 @@ from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
-from flexmbd.errors import ConvergenceError, SceneError, SimulationError
+from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError
 
 FloatArray = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ class ExplicitRun:
             SceneError: h is not positive, or longer than the stable step; t_end is past; outputs is below one; the
                 checkpoint is of another run.
             RecordError: a checkpoint cannot be read or written.
-            SimulationError: a cell is turned inside out, or h has become longer than the stable step; names
+            ExplicitRunError: a cell is turned inside out, or h has become longer than the stable step; names
                 the cell and the instant, and what was noted is kept.
         """
         begun = self.t if restart is None else self._go_back(RunState.load(restart, self.motion))
@@ -174,7 +174,7 @@ class ExplicitRun:
             try:
                 motion.advance(step)
             except ConvergenceError as reason:
-                raise SimulationError(f"at t = {self.t + step:.6g} s, step {self.steps + 1}: {reason}") from reason
+                raise ExplicitRunError(f"at t = {self.t + step:.6g} s, step {self.steps + 1}: {reason}") from reason
             self.steps += 1
             self.t = instant if instant - self.t <= step * (1.0 + 1e-9) else self.t + step
             if checkpoints is not None and self.t >= due:
@@ -186,7 +186,7 @@ class ExplicitRun:
         limit = self.motion.limit
         step = _SHARE * limit if h is None else h
         if step > limit * (1.0 + _ESTIMATE):
-            raise SimulationError(
+            raise ExplicitRunError(
                 f"at t = {self.t:.6g} s the step h = {step:.4g} s is above the stable one, which has fallen to "
                 f"{limit:.4g} s; take a smaller h, or none"
             )

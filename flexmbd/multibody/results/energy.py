@@ -1,0 +1,25 @@
+"""Energies of a machine over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """Energies (J) at each instant, each (nt,)."""
+
+    kinetic: FloatArray
+    elastic: FloatArray
+    gravitational: FloatArray
+    spring: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of the four."""
+        return self.kinetic + self.elastic + self.gravitational + self.spring

@@ -1,0 +1,19 @@
+"""How a machine goes on from a break of a function of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """Velocities and accelerations (nv,) just after the instant of a row."""
+
+    row: int
+    v: FloatArray
+    a: FloatArray
