@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody

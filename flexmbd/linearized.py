@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.linearize import LinearEquations, linearize
 from flexmbd.multibody.linear.output import Output

@@ -31,8 +31,8 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.base.layout import new_work
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
 from flexmbd.multibody.linear.output import Output
 from flexmbd.multibody.linear.ports import Input, leave_out, refuse_followers

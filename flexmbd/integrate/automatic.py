@@ -14,8 +14,9 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
@@ -26,14 +27,14 @@ _STIFF = 20.0  # rates of the machine's motion that an explicit step of its accu
 _LARGE = 300  # velocities above which the eigenvalues of springs are not asked for
 
 # What sets in or turns round within a step, which a method of high order does not like.
-_ABRUPT = {at.ON_STOP: "stops", at.ON_FRICTION: "friction"}
+_ABRUPT = {kinds.ON_STOP: "stops", kinds.ON_FRICTION: "friction"}
 # What is stiff when it opens, however soft it is at the start.
 _HARD = {
-    at.BETWEEN_PENALTY: "penalties",
-    at.ON_STATE: "forces of the state, which may be stiff",
-    at.ON_FUNCTION: "forces of the state, which may be stiff",
+    kinds.BETWEEN_PENALTY: "penalties",
+    kinds.ON_STATE: "forces of the state, which may be stiff",
+    kinds.ON_FUNCTION: "forces of the state, which may be stiff",
 }
-_SPRINGS = (at.ON_SPRING, at.ON_CHARACTERISTIC, at.BETWEEN_SPRING, at.BETWEEN_BUSHING)
+_SPRINGS = (kinds.ON_SPRING, kinds.ON_CHARACTERISTIC, kinds.BETWEEN_SPRING, kinds.BETWEEN_BUSHING)
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,11 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
         return _with_history(start.scene.interiors)
     if h is not None:
         return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
-    kinds = {int(kind) for kind in start.scene.plan.elements[:, at.EL_KIND]}
-    abrupt = [text for kind, text in _ABRUPT.items() if kind in kinds]
+    found = {int(kind) for kind in start.scene.plan.elements[:, at.EL_KIND]}
+    abrupt = [text for kind, text in _ABRUPT.items() if kind in found]
     if abrupt:
         return Choice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
-    stiff = _stiffness(start, kinds, t)
+    stiff = _stiffness(start, found, t)
     if stiff:
         return Choice(RadauIIA(), f"stiff: {stiff}")
     pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
@@ -79,15 +80,15 @@ def _with_history(interiors: Interiors) -> Choice:
     return Choice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
-def _stiffness(start: Start, kinds: set[int], t: float) -> str:
+def _stiffness(start: Start, found: set[int], t: float) -> str:
     """What in the scene is stiff; empty if nothing is."""
     plan = start.scene.plan
     if len(plan.flex):
         return "modes of flexible bodies"
-    hard = [text for kind, text in _HARD.items() if kind in kinds]
+    hard = [text for kind, text in _HARD.items() if kind in found]
     if hard:
         return ", ".join(dict.fromkeys(hard))
-    if not kinds & set(_SPRINGS):
+    if not found & set(_SPRINGS):
         return ""
     if start.scene.nv > _LARGE:
         return "springs in a large machine"

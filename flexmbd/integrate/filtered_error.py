@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 
@@ -30,7 +30,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(error_v[j]) / max(limit * speed, least * machine_rate)
-        if groups.kind[g] != at.GROUP_MODAL:  # of a vibration the velocity's error tells enough
+        if groups.kind[g] != kinds.GROUP_MODAL:  # of a vibration the velocity's error tells enough
             part = max(part, abs(error_x[j]) / max(limit * size, least))
         if not part <= largest:
             largest = part

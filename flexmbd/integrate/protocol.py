@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from flexmbd.integrate.controller import Stepper
 from flexmbd.integrate.state import Groups, State
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 
@@ -119,7 +120,7 @@ def machine_rate(state, groups):
         groups.position[g] = max(groups.position[g], groups.floor[g])
         size = groups.position[g]
         rate = max(groups.velocity[g] / size, np.sqrt(groups.acceleration[g] / size))
-        if groups.kind[g] == at.GROUP_MODAL:
+        if groups.kind[g] == kinds.GROUP_MODAL:
             modes = max(modes, rate)
         else:
             joints = max(joints, rate)

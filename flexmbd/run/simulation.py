@@ -17,8 +17,8 @@ from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.base.layout import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.sampling.series import largest_residuals
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

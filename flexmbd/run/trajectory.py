@@ -18,8 +18,9 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.interiors.scene_interiors import Row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
@@ -201,8 +202,8 @@ class Trajectory:
         slots = self._slots(connection)
         plan = self.scene.plan
         kind = plan.elements[:, at.EL_KIND]
-        given = (kind == at.ON_STATE) & (plan.elements[:, at.EL_COUNT] != NO_DRIVE)
-        passive = plan.elements[(kind != at.ON_FUNCTION) & ~given]
+        given = (kind == kinds.ON_STATE) & (plan.elements[:, at.EL_COUNT] != NO_DRIVE)
+        passive = plan.elements[(kind != kinds.ON_FUNCTION) & ~given]
         plan = plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.ascontiguousarray(passive))
         if not (passive[:, at.EL_TIME] >= 0).any():
             plan = plan._replace(times=plan.times[:0])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.visual.motion import Motion
 from flexmbd.visual.skin import surface_of
 
@@ -155,7 +155,7 @@ def _joints(trajectory: Motion) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
-    return [c for c in (*along, *topology.closures) if not any(s.kind == at.FREE for s in c.joint.steps)]
+    return [c for c in (*along, *topology.closures) if not any(s.kind == kinds.FREE for s in c.joint.steps)]
 
 
 def _frames(trajectory: Motion, joints: Sequence[Connection]) -> dict[int, list[Frame]]:
@@ -216,19 +216,19 @@ def _joint_solids(
     parent, child = (Pose(poses[id(f)].p, poses[id(f)].R @ turn) for f in ends)
     kind = steps[0].kind if len(steps) == 1 else None
     axis = child.R[:, :, 2]
-    if kind == at.REVOLUTE or kind == at.SCREW:
+    if kind == kinds.REVOLUTE or kind == kinds.SCREW:
         reach = 2.7 * size + max(_thickness(f, turn[:, 2]) for f in ends)
         yield cylinder(child.p - reach * axis, child.p + reach * axis, 1.1 * size, JOINT)
         if grounded:
             depth = 0.5 * size * axis
             yield cylinder(child.p - depth, child.p + depth, 2.8 * size, GROUND)
-    elif kind == at.PRISMATIC:
+    elif kind == kinds.PRISMATIC:
         yield box(child, (2.2 * size, 2.2 * size, 3.6 * size), colours[ends[1].body.name])
         travel = np.einsum("ki,ki->k", child.p - parent.p, parent.R[:, :, 2])
         low, high = travel.min() - 6.0 * size, travel.max() + 6.0 * size
         a, b = (parent.p + s * parent.R[:, :, 2] for s in (low, high))
         yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT)
-    elif kind != at.FIXED:
+    elif kind != kinds.FIXED:
         yield ball(child.p, 1.5 * size, JOINT)
     elif grounded:
         yield box(child, (2.0 * size,) * 3, GROUND)

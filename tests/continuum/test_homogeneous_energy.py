@@ -12,7 +12,7 @@ import flexmbd as fm
 from flexmbd.continuum import homogeneous_energy
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.forms import neo_hookean, solid_mixed, st_venant_kirchhoff
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work

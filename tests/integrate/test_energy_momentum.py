@@ -19,7 +19,7 @@ from flexmbd.integrate.discrete_gradient.newton import bind
 from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
 from flexmbd.multibody.plan.scene_matrices import mass_matrix

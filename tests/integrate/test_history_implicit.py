@@ -13,7 +13,7 @@ import flexmbd as fm
 from flexmbd.errors import ConvergenceError
 from flexmbd.integrate.alpha import interiors as alpha_interiors
 from flexmbd.multibody.bodies.continuum_body import Scheme
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.run.stopped import SimulationError
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))

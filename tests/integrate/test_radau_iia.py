@@ -11,7 +11,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.integrate.radau.coefficients import ORDER
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))

@@ -11,7 +11,7 @@ from observation import Moment, moment
 from random_machine import Built, Pseudo, build
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
 from flexmbd.run.stopped import SimulationError
 

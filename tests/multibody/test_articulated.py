@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_recursion import along, mixed_scene, particle_positions, rigid_cloud
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import articulate, forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual

@@ -7,8 +7,9 @@ import pytest
 from test_recursion import mixed_scene
 
 import flexmbd as fm
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -25,7 +26,7 @@ def state(compiled, seed):
 
 def free_rows(plan):
     """Offsets in x (of the quaternion) and v (of the linear velocity) of free joints."""
-    return [(row[at.JOINT_X] + 3, row[at.JOINT_V]) for row in plan.tree if row[at.JOINT] == at.FREE]
+    return [(row[at.JOINT_X] + 3, row[at.JOINT_V]) for row in plan.tree if row[at.JOINT] == kinds.FREE]
 
 
 def lagrangian(compiled, x, v):

@@ -13,8 +13,9 @@ from test_recursion import mixed_scene
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work, without_forces
+from flexmbd.multibody.kernels.base.arrays import new_work, without_forces
 from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law, element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -387,8 +388,8 @@ def element_rows():
     ):
         scene.add_force(element)
     plan = scene.compile().plan
-    between = [row for row in plan.elements if row[at.EL_KIND] >= at.BETWEEN_SPRING]
-    return plan, between, [row for row in plan.elements if row[at.EL_KIND] < at.BETWEEN_SPRING]
+    between = [row for row in plan.elements if row[at.EL_KIND] in kinds.BETWEEN_FRAMES]
+    return plan, between, [row for row in plan.elements if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES]
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.3, 0.49, 0.51, 2.9])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_recursion import along
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.linear.output import observe

@@ -12,7 +12,7 @@ from test_recursion import GRAVITY, mixed_scene
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kane.equations import Kinematics, active_forces, elastic_forces, inertia_forces
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian

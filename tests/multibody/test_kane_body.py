@@ -7,7 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_matrix
 from flexmbd.run.stopped import SimulationError
 

@@ -11,7 +11,7 @@ from particles import particle_body
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.plan.compiled_scene import add_probe

@@ -8,7 +8,7 @@ from particles import elastic_forces, particle_body, strain_energy
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import energy_series, frame_series

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian
 from flexmbd.run.stopped import SimulationError
 

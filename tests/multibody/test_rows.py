@@ -9,23 +9,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
 from flexmbd.multibody.kernels.physics.rows import row_value, row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
 
 DATA = 0.37
 KINDS = {
-    **{f"translation {k}": (at.ROW_TRANSLATION, k) for k in range(3)},
-    **{f"direction {k}": (at.ROW_DIRECTION, k) for k in range(9)},
-    **{f"axis {k}": (at.ROW_AXIS, k) for k in range(3)},
-    "angle": (at.ROW_ANGLE, 0),
-    "screw": (at.ROW_SCREW, 0),
-    "distance": (at.ROW_DISTANCE, 0),
-    "touch": (at.ROW_TOUCH, 0),
+    **{f"translation {k}": (kinds.ROW_TRANSLATION, k) for k in range(3)},
+    **{f"direction {k}": (kinds.ROW_DIRECTION, k) for k in range(9)},
+    **{f"axis {k}": (kinds.ROW_AXIS, k) for k in range(3)},
+    "angle": (kinds.ROW_ANGLE, 0),
+    "screw": (kinds.ROW_SCREW, 0),
+    "distance": (kinds.ROW_DISTANCE, 0),
+    "touch": (kinds.ROW_TOUCH, 0),
 }
-ROLLING = {f"roll {k}": (at.ROW_ROLL, k) for k in range(2)}
+ROLLING = {f"roll {k}": (kinds.ROW_ROLL, k) for k in range(2)}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def plan():
 
 
 def row_of(kind, index):
-    return np.array([0, 0, kind, index, 1, at.LEVEL_POSITION, -1])
+    return np.array([0, 0, kind, index, 1, kinds.LEVEL_POSITION, -1])
 
 
 def places(seed):
@@ -86,13 +86,13 @@ def test_variation_is_the_wrench_s_derivative(plan, name, seed):
 def test_rolling_rows_are_the_velocity_of_the_lowest_point(plan, k):
     """The rim's point that lies lowest, found by search, as a point of the disc."""
     d, R, rate, spin = places(5)
-    force, torque = row_wrench(plan.data, row_of(at.ROW_ROLL, k), *flat(d, R))
+    force, torque = row_wrench(plan.data, row_of(kinds.ROW_ROLL, k), *flat(d, R))
     angle = np.linspace(0.0, 2.0 * np.pi, 2_000_001)
     rim = DATA * (np.outer(np.cos(angle), R[:, 0]) + np.outer(np.sin(angle), R[:, 1]))
     arm = rim[np.argmin(rim[:, 2])]
     velocity = rate + np.cross(spin, arm)
     assert np.dot(force, rate) + np.dot(torque, spin) == pytest.approx(velocity[k], abs=1e-5)
-    touch = row_value(plan.data, row_of(at.ROW_TOUCH, 0), *flat(d, R))
+    touch = row_value(plan.data, row_of(kinds.ROW_TOUCH, 0), *flat(d, R))
     assert touch == pytest.approx(d[2] + arm[2], abs=1e-10)
 
 
@@ -101,7 +101,7 @@ def test_screw_holds_over_turns(plan, turns):
     """On the screw, turns of any number leave the residual 0; off it, the distance along it."""
     angle = 2.0 * math.pi * turns + 1.1
     R = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
-    row = row_of(at.ROW_SCREW, 0)
+    row = row_of(kinds.ROW_SCREW, 0)
     for off in (0.0, 0.2, -0.3):
         value = row_value(plan.data, row, *flat(np.array([0.3, 0.1, DATA * angle + off]), R))
         assert value == pytest.approx(off, abs=1e-12)
@@ -109,7 +109,7 @@ def test_screw_holds_over_turns(plan, turns):
 
 def test_angle_is_the_turn_about_z(plan):
     """A turn about z by any angle, then one about an axis across z, which leaves it."""
-    row = row_of(at.ROW_ANGLE, 0)
+    row = row_of(kinds.ROW_ANGLE, 0)
     for angle in (-3.0, -0.4, 2.9):
         turn = Rotation.from_rotvec([0.9, -1.3, 0.0]) * Rotation.from_rotvec([0.0, 0.0, angle])
         value = row_value(plan.data, row, *flat(np.zeros(3), turn.as_matrix()))
@@ -120,12 +120,12 @@ def test_angle_is_the_turn_about_z(plan):
 def test_penalty_wrench_and_its_variation(plan, name):
     """-(k phi + c d phi/dt) times the unit wrench; the variation by differences of it."""
     kind, index = {**KINDS, **ROLLING}[name]
-    level = at.LEVEL_VELOCITY if name in ROLLING else at.LEVEL_POSITION
+    level = kinds.LEVEL_VELOCITY if name in ROLLING else kinds.LEVEL_POSITION
     held = np.array([0, 0, kind, index, 1, level, -1])
     stiffness, damping = (0.0 if name in ROLLING else 30.0), 7.0
     penalised = plan._replace(data=np.array([0.0, DATA, stiffness, damping]), penalties=held[None])
     work = new_work(penalised)
-    row = np.array([at.BETWEEN_PENALTY, 0, 0, -1, -1, -1, 2, 0, 0])
+    row = np.array([kinds.BETWEEN_PENALTY, 0, 0, -1, -1, -1, 2, 0, 0])
     d, R, dd, dtheta = places(1)
     rate, spin, drate, dspin = np.random.default_rng(2).standard_normal((4, 3))
 

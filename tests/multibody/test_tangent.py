@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from test_recursion import mixed_scene
 
 import flexmbd as fm
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
@@ -282,5 +283,5 @@ def test_weights_add_up():
 
 
 def test_joint_kinds_are_all_there():
-    kinds = set(mixed_scene()[0].compile().plan.tree[:, at.JOINT])
-    assert kinds == {at.FIXED, at.REVOLUTE, at.PRISMATIC, at.SPHERICAL, at.FREE}
+    found = set(mixed_scene()[0].compile().plan.tree[:, at.JOINT])
+    assert found == {kinds.FIXED, kinds.REVOLUTE, kinds.PRISMATIC, kinds.SPHERICAL, kinds.FREE}

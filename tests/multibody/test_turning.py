@@ -9,8 +9,9 @@ from particles import particle_body
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
@@ -21,7 +22,7 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan import compiled_scene as plan_module
 
-NEVER, BALANCED, IN_PLANE, FREELY = at.NEVER, at.BALANCED, at.IN_PLANE, at.FREELY
+NEVER, BALANCED, IN_PLANE, FREELY = kinds.NEVER, kinds.BALANCED, kinds.IN_PLANE, kinds.FREELY
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
 SKEWED = np.array([[0.3, 0.0, 0.04], [0.0, 0.4, 0.0], [0.04, 0.0, 0.5]])
 joint = fm.joint

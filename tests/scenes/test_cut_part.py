@@ -14,7 +14,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface, cut_mesh
 from flexmbd.forms import solid_linear
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work

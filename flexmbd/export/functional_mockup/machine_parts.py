@@ -20,8 +20,9 @@ from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, survey
 from flexmbd.integrate.explicit.tableau import Tableau
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, new_work
+from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
@@ -91,8 +92,8 @@ def refuse_functions(scene: CompiledScene) -> None:
     if scene.interiors is not None:
         names = ", ".join(body.name for body in scene.interiors.bodies)
         raise ExportError(f"bodies with history cannot leave in an FMU ({names}): where they stay elastic, reduce them")
-    kinds = plan.times[:, at.TIME_KIND]
-    users = [scene.time_names[k] for k in np.flatnonzero((kinds == at.TIME_PYTHON) | (kinds == at.TIME_COMPILED))]
+    given = plan.times[:, at.TIME_KIND]
+    users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
     users += [scene.element_names[k] for k in np.flatnonzero(plan.elements[:, at.EL_ADDRESS])]
     if users:
         raise ExportError(

@@ -22,7 +22,7 @@ from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.linear.output import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

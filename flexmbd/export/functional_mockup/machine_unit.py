@@ -26,9 +26,10 @@ from flexmbd.export.functional_mockup.machine_ports import (
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.base.layout import Plan
 from flexmbd.multibody.linear.output import Output
 from flexmbd.system import System
 
@@ -205,7 +206,8 @@ def _follows_time(plan: Plan, drives: Sequence[Drive]) -> bool:
     offsets = {drive.offset - 3 for drive in drives}
     for row in plan.times:
         offset = int(row[at.TIME_OFFSET])
-        constant = row[at.TIME_KIND] == at.TIME_PIECEWISE and row[at.TIME_COUNT] == 1 and plan.time_data[offset] == 1.0
+        piecewise = row[at.TIME_KIND] == kinds.TIME_PIECEWISE
+        constant = piecewise and row[at.TIME_COUNT] == 1 and plan.time_data[offset] == 1.0
         if not constant and offset not in offsets:
             return True
     return False

@@ -9,6 +9,7 @@ Integrators that know of no passes solve for the reaction itself, which leaves p
 from __future__ import annotations
 
 from flexmbd.integrate.alpha.step import solve_step
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
@@ -26,7 +27,7 @@ def _is_open(plan, work, s):
     for i in range(plan.rows.shape[0]):
         o = plan.rows[i, at.ROW_HOLD]
         if o > 0:
-            velocity = plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY
+            velocity = plan.rows[i, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY
             gap = s.phi_rate[i] if velocity else s.phi[i]
             if not abs(gap) <= plan.data[o + at.HOLD_OPEN]:
                 return True
@@ -45,7 +46,7 @@ def _next_pass(plan, s, factor, first):
     for i in range(plan.rows.shape[0]):
         o = plan.rows[i, at.ROW_HOLD]
         if o > 0:
-            velocity = plan.rows[i, at.ROW_LEVEL] == at.LEVEL_VELOCITY
+            velocity = plan.rows[i, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY
             lacks = plan.data[o + at.HOLD_STIFFNESS] * s.phi[i]
             if velocity:
                 lacks = plan.data[o + at.HOLD_DAMPING] * s.phi_rate[i]

@@ -22,8 +22,8 @@ from flexmbd.integrate.alpha.memory import accept, set_out
 from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
 from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
 from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 ORDER = 2

@@ -20,8 +20,8 @@ from flexmbd.integrate.alpha.matrix import linearise
 from flexmbd.integrate.alpha.step import correct, start_newton, trial, update
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, Scheme
 from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_motions
 
 FloatArray = NDArray[np.float64]

@@ -28,9 +28,10 @@ from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, note_scal
 from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
@@ -49,18 +50,18 @@ _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
 
 #: Force elements that store what they take.
 _STORING = (
-    at.ON_SPRING, at.ON_CHARACTERISTIC, at.ON_STOP, at.ON_ENERGY,
-    at.BETWEEN_SPRING, at.BETWEEN_BUSHING, at.BETWEEN_PENALTY,
+    kinds.ON_SPRING, kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_ENERGY,
+    kinds.BETWEEN_SPRING, kinds.BETWEEN_BUSHING, kinds.BETWEEN_PENALTY,
 )  # fmt: skip
 #: Where the data of each holds its damper: first entry and how many.
 _DAMPERS = {
-    at.ON_SPRING: (2, 1),
-    at.ON_CHARACTERISTIC: (1, 1),
-    at.ON_STOP: (3, 1),
-    at.ON_ENERGY: (0, 0),
-    at.BETWEEN_SPRING: (2, 1),
-    at.BETWEEN_PENALTY: (1, 1),
-    at.BETWEEN_BUSHING: (36, 36),
+    kinds.ON_SPRING: (2, 1),
+    kinds.ON_CHARACTERISTIC: (1, 1),
+    kinds.ON_STOP: (3, 1),
+    kinds.ON_ENERGY: (0, 0),
+    kinds.BETWEEN_SPRING: (2, 1),
+    kinds.BETWEEN_PENALTY: (1, 1),
+    kinds.BETWEEN_BUSHING: (36, 36),
 }
 
 
@@ -186,13 +187,13 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
     kept[2 * bodies :, 0] = 1.0
     for i, row in enumerate(plan.tree):
         kind, o = int(row[at.JOINT]), int(row[at.JOINT_V])
-        if kind in (at.REVOLUTE, at.PRISMATIC, at.SCREW):
+        if kind in (kinds.REVOLUTE, kinds.PRISMATIC, kinds.SCREW):
             if np.abs(seen[:, o]).max() * size[o] <= nothing:
                 kept[2 * bodies + o, 0] = 0.0
-        elif kind == at.FREE:
+        elif kind == kinds.FREE:
             kept[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
             kept[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
-        elif kind == at.SPHERICAL:
+        elif kind == kinds.SPHERICAL:
             kept[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
     return kept
 
@@ -245,8 +246,8 @@ def _gradient(
     wrench = np.zeros((len(plan.tree), 6))
     canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
     for i, row in enumerate(plan.tree):
-        if row[at.JOINT] in (at.SPHERICAL, at.FREE):
-            o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == at.FREE else 0)
+        if row[at.JOINT] in (kinds.SPHERICAL, kinds.FREE):
+            o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == kinds.FREE else 0)
             turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
             gradient[o : o + 3] = turn @ gradient[o : o + 3]
     return gradient
@@ -296,8 +297,8 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
         s.own[k] = curve
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
-        if row[at.JOINT] == at.SPHERICAL or row[at.JOINT] == at.FREE:
-            o = row[at.JOINT_V] + (3 if row[at.JOINT] == at.FREE else 0)
+        if row[at.JOINT] == kinds.SPHERICAL or row[at.JOINT] == kinds.FREE:
+            o = row[at.JOINT_V] + (3 if row[at.JOINT] == kinds.FREE else 0)
             _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
     for j in range(plan.free.shape[0]):
         s.error_x[j] = s.error_x[plan.free[j]]

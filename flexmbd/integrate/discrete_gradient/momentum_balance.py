@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
@@ -70,9 +71,9 @@ def place(plan, x, s, h):
         if has_one_coordinate(kind):
             s.x_mid[ox] = x[ox] + 0.5 * s.move[ov]
             s.x_end[ox] = x[ox] + s.move[ov]
-        elif kind == at.SPHERICAL:
+        elif kind == kinds.SPHERICAL:
             _turn_joint(x, ox, load3(s.move, ov), s.x_mid, s.x_end)
-        elif kind == at.FREE:
+        elif kind == kinds.FREE:
             turn = load3(s.move, ov + 3)
             _turn_joint(x, ox + 3, turn, s.x_mid, s.x_end)
             _, kappa = _half_turn(turn)
@@ -121,14 +122,14 @@ def balance_momenta(plan, p, s, h):
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
         kind = row[at.JOINT]
-        if kind != at.SPHERICAL and kind != at.FREE:
+        if kind != kinds.SPHERICAL and kind != kinds.FREE:
             continue
-        o = row[at.JOINT_V] + (3 if kind == at.FREE else 0)
+        o = row[at.JOINT_V] + (3 if kind == kinds.FREE else 0)
         turn = load3(s.move, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.force, o)
-        if kind == at.FREE:
+        if kind == kinds.FREE:
             shift = o - 3
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
             start = rotate_back(R, load3(p, shift))
@@ -162,17 +163,17 @@ def settle_momenta(plan, p, s, h):
         row = plan.tree[i]
         kind = row[at.JOINT]
         shift = row[at.JOINT_V]
-        if has_one_coordinate(kind) or kind == at.FREE:
-            for k in range(shift, shift + (3 if kind == at.FREE else 1)):
+        if has_one_coordinate(kind) or kind == kinds.FREE:
+            for k in range(shift, shift + (3 if kind == kinds.FREE else 1)):
                 s.p_end[k] = p[k] - h * s.force[k]
-        if kind != at.SPHERICAL and kind != at.FREE:
+        if kind != kinds.SPHERICAL and kind != kinds.FREE:
             continue
-        o = shift + (3 if kind == at.FREE else 0)
+        o = shift + (3 if kind == kinds.FREE else 0)
         turn = load3(s.move, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.force, o)
-        if kind == at.FREE:
+        if kind == kinds.FREE:
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
             mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
             torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
@@ -273,11 +274,11 @@ def drop_symmetries(plan, s, out):
         row = plan.tree[i]
         kind = row[at.JOINT]
         o = row[at.JOINT_V]
-        if kind == at.FREE:
+        if kind == kinds.FREE:
             unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
             store3(out, o, _projected(s.projector, 2 * i, unturned, load3(out, o)))
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
             store3(out, o + 3, _projected(s.projector, 2 * i + 1, R, load3(out, o + 3)))
-        elif kind == at.SPHERICAL:
+        elif kind == kinds.SPHERICAL:
             R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X]))
             store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))

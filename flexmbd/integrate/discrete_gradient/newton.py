@@ -38,9 +38,10 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import place, settle_m
 from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, weigh_end
 from flexmbd.integrate.discrete_gradient.step import evaluate
 from flexmbd.integrate.explicit.loop_dynamics import Loops
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
@@ -91,7 +92,7 @@ def _put_matrix(plan, work, s, h):
     if m > 0:
         turn_columns(plan, s.move, tw.jacobian)
     for k in range(m):
-        if plan.rows[k, at.ROW_LEVEL] == at.LEVEL_POSITION:
+        if plan.rows[k, at.ROW_LEVEL] == kinds.LEVEL_POSITION:
             for j in range(n):
                 s.matrix[n + k, j] = tw.jacobian[k, free[j]]
 

@@ -27,6 +27,7 @@ from flexmbd.integrate.discrete_gradient.gradient import (
     WEIGH,
 )
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, drop_symmetries
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
@@ -92,7 +93,7 @@ def _rows(plan, work, s, h):
     call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.rate, s.rate2))
     for i in range(s.nu.shape[0]):
         row = plan.rows[i]
-        if row[at.ROW_LEVEL] == at.LEVEL_POSITION:
+        if row[at.ROW_LEVEL] == kinds.LEVEL_POSITION:
             value = s.phi[i]
             if row[at.ROW_TIME] >= 0:
                 value += work.time[row[at.ROW_TIME], 0] - s.row_end[i, 0]

@@ -20,7 +20,7 @@ from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
 from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, survey
 from flexmbd.integrate.history import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 

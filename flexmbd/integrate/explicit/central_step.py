@@ -18,8 +18,8 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     project,
 )
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times

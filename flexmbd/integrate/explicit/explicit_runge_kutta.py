@@ -34,8 +34,8 @@ from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, move, turn_rates
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import (
     round_axes,

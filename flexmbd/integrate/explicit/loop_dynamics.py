@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints

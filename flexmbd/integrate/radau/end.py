@@ -14,6 +14,7 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import LENGTH, evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
@@ -138,8 +139,8 @@ def close_end(plan, work, state, s, h, tolerance):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 return False
         if moved_before > 0.0:
-            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, at.LEVEL_POSITION)
-            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, at.LEVEL_VELOCITY))
+            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, kinds.LEVEL_POSITION)
+            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, kinds.LEVEL_VELOCITY))
             # round-off of the rows moves what they hardly hold to and fro: then it stays
             moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
         size, noise = _balance(plan, state, s, h)

@@ -7,6 +7,7 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
 from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
@@ -90,7 +91,7 @@ def _fill(plan, s, step, matrix):
             matrix[nu + m + r, nu + q] = 0.0
             matrix[nu + r, nu + m + q] = gain
             matrix[nu + m + r, nu + m + q] = step * swing
-        if plan.rows[r, at.ROW_LEVEL] == at.LEVEL_VELOCITY:  # no position to shift: kappa = 0
+        if plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY:  # no position to shift: kappa = 0
             for j in range(nu):
                 matrix[nu + r, j] = 0.0
             for q in range(m):
@@ -112,7 +113,7 @@ def _aim_shifts(plan, s, h):
         return False
     solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.aim)
     for r in range(plan.rows.shape[0]):
-        holds = plan.rows[r, at.ROW_LEVEL] == at.LEVEL_POSITION
+        holds = plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_POSITION
         for j in range(nu):
             s.direction[r, j] = s.aim[r, j] if holds else 0.0
         for q in range(plan.rows.shape[0]):
@@ -167,7 +168,7 @@ def correct_stages(plan, s, h):
             factor_real *= REAL / h
             factor_complex *= COMPLEX / h
         elif j >= nu:
-            if plan.rows[j - nu, at.ROW_LEVEL] == at.LEVEL_VELOCITY:
+            if plan.rows[j - nu, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY:
                 for i in range(STAGES):
                     equation[i, j] = s.shift[i, j - nu]
             else:

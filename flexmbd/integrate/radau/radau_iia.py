@@ -28,8 +28,8 @@ from flexmbd.integrate.radau.stages import (
     evaluate_stage_times,
     new_scratch,
 )
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.base.native import complex_lapack_addresses
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 

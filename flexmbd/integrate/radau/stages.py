@@ -17,8 +17,8 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.layout import Plan, Work
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan
 
 
 def with_probe(plan: Plan, body_row: Mapping[int, int], frame: Frame) -> Plan:

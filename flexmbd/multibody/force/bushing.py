@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, Table, vector
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Bushing(BetweenFrames):
         """One row."""
         data = table.numbers(np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")]))
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(at.BETWEEN_BUSHING, self.what, f=f, g=g, data=data)
+        table.element(kinds.BETWEEN_BUSHING, self.what, f=f, g=g, data=data)
 
     def _matrix(self, name: str) -> NDArray[np.float64]:
         given = np.asarray(getattr(self, name), dtype=np.float64)

@@ -12,14 +12,14 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.functions.time_function import TimeFunction
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 class Axes(Enum):
     """Whose axes a given force keeps to."""
 
-    WORLD = at.BETWEEN_GIVEN_F
-    FRAME = at.BETWEEN_GIVEN_G
+    WORLD = kinds.BETWEEN_GIVEN_F
+    FRAME = kinds.BETWEEN_GIVEN_G
 
 
 @dataclass(frozen=True, eq=False)

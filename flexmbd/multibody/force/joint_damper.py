@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,4 +31,4 @@ class JointDamper(OnCoordinate):
     def lay(self, table: Table) -> None:
         """One row, a spring without stiffness."""
         x, v = table.coordinate(self.connection, self.coordinate)
-        table.element(at.ON_SPRING, self.what, x=x, v=v, data=table.numbers([0.0, 0.0, self.damping]))
+        table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=table.numbers([0.0, 0.0, self.damping]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,4 +58,4 @@ class JointFriction(OnCoordinate):
         static = self.coulomb if self.static is None else self.static
         speed = 1.0 if self.stribeck is None else self.stribeck
         data = table.numbers([self.coulomb, static, self.regularisation, speed, self.viscous])
-        table.element(at.ON_FRICTION, self.what, x=x, v=v, data=data)
+        table.element(kinds.ON_FRICTION, self.what, x=x, v=v, data=data)

@@ -9,7 +9,7 @@ from flexmbd.multibody.force.protocol import OnCoordinate, Table
 from flexmbd.multibody.functions.callback import Law
 from flexmbd.multibody.functions.time_function import Compiled, Signature
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,4 +41,4 @@ class JointLaw(OnCoordinate):
     def lay(self, table: Table) -> None:
         """One row with the function's address."""
         x, v = table.coordinate(self.connection, self.coordinate)
-        table.element(at.ON_FUNCTION, self.what, x=x, v=v, address=table.law(self.law, self.what))
+        table.element(kinds.ON_FUNCTION, self.what, x=x, v=v, address=table.law(self.law, self.what))

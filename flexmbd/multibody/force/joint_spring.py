@@ -11,7 +11,7 @@ from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
 from flexmbd.multibody.functions.time_function import Table as Points
 from flexmbd.multibody.functions.time_function import spline
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +48,14 @@ class JointSpring(OnCoordinate):
         x, v = table.coordinate(self.connection, self.coordinate)
         if not isinstance(self.stiffness, Points):
             data = table.numbers([self.stiffness, self.rest, self.damping])
-            table.element(at.ON_SPRING, self.what, x=x, v=v, data=data)
+            table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data)
             return
         force = spline(self.stiffness, self.what)
         potential = force.antiderivative()
         potential.c[-1] -= potential(0.0)
         head = np.array([self.rest, self.damping])
         data = table.numbers(np.concatenate([head, _laid(force), _laid(potential)]))
-        table.element(at.ON_CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
+        table.element(kinds.ON_CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
 
 
 def _laid(poly: PPoly) -> np.ndarray:

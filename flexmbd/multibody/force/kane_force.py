@@ -10,7 +10,7 @@ from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.kane.equations import Contribution, Kinematics, Machine
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class KaneForce(OnState):
         table.when_built(forces.build)
         breaks = self.function.breaks if isinstance(self.function, Piecewise) else ()
         address = table.state_function(Piecewise(forces, breaks), self.what)
-        table.element(at.ON_STATE, self.what, address=address)
+        table.element(kinds.ON_STATE, self.what, address=address)
         table.act_on_frames(forces)
 
 

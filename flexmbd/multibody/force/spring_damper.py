@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, Table, check_numbers
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,4 +36,4 @@ class SpringDamper(BetweenFrames):
         """One row."""
         data = table.numbers([self.stiffness, self.length, self.damping])
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(at.BETWEEN_SPRING, self.what, f=f, g=g, data=data)
+        table.element(kinds.BETWEEN_SPRING, self.what, f=f, g=g, data=data)

@@ -8,7 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, Signature
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,4 +42,4 @@ class StateForce(OnState):
 
     def lay(self, table: Table) -> None:
         """One row with the function's address."""
-        table.element(at.ON_STATE, self.what, address=table.state_function(self.function, self.what))
+        table.element(kinds.ON_STATE, self.what, address=table.state_function(self.function, self.what))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly
 
 from flexmbd.multibody.functions.time_function import TimeRow
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -55,7 +55,7 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
     """
     jumps, knots = [np.asarray(declared, dtype=np.float64)], []
     for row in rows:
-        if row.kind == at.TIME_PIECEWISE and row.count > 1:
+        if row.kind == kinds.TIME_PIECEWISE and row.count > 1:
             poly = _polynomial(row)
             if row.motion:
                 # what acts is its acceleration, and where its rate jumps, an impulse
@@ -72,7 +72,7 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
 
 def jumps_of_rate(row: TimeRow) -> FloatArray:
     """Instants (s) at which data of a prescribed motion jump in value or rate."""
-    if not row.motion or row.kind != at.TIME_PIECEWISE or row.count == 1:
+    if not row.motion or row.kind != kinds.TIME_PIECEWISE or row.count == 1:
         return np.zeros(0)
     poly = _polynomial(row)
     inside: FloatArray = poly.x[1:-1]

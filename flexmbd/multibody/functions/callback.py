@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, ask_python, checked
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.team import Alone, Team
 
 FloatArray = NDArray[np.float64]
@@ -113,7 +113,7 @@ class Callbacks:
         self._lost = error
         if isinstance(self._team, Alone):
             self.error, self._where = error, "a call of a user's function"
-            self.flag[0] = at.FLAG_PYTHON
+            self.flag[0] = kinds.FLAG_PYTHON
 
     def failure(
         self, t: float, elements: Sequence[str], times: Sequence[str]
@@ -127,7 +127,7 @@ class Callbacks:
             return None
         if self.error is not None:
             return f"{self._where} failed: {self.error}", self.error
-        name = elements[flag - at.FLAG_ELEMENT] if flag >= at.FLAG_ELEMENT else times[at.FLAG_TIME - flag]
+        name = elements[flag - kinds.FLAG_ELEMENT] if flag >= kinds.FLAG_ELEMENT else times[kinds.FLAG_TIME - flag]
         error = SceneError(f"{name} at t = {t:g} s: the compiled function gave no finite number")
         return str(error), error
 
@@ -151,7 +151,7 @@ class Callbacks:
             self._team.fail(told)
             return self._team.agree(answer)
         except Exception as reason:  # noqa: BLE001  (this rank's or another's)
-            self.flag[0] = at.FLAG_PYTHON
+            self.flag[0] = kinds.FLAG_PYTHON
             self.error = reason if error is None or told is error else error
             self._where = where()
             return nothing

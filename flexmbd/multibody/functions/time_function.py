@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 from flexmbd.errors import SceneError, TableWarning
 from flexmbd.given import numbers, refuse_no_truth
 from flexmbd.multibody.functions.fingerprint import fingerprint
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 FloatArray = NDArray[np.float64]
 
@@ -251,13 +251,13 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         if not np.isfinite(value):
             raise SceneError(f"{what}: {value} is not a finite number")
         return TimeRow(
-            at.TIME_PIECEWISE, np.array([1.0, 0.0, 1.0, value]), 1, none, None, f"{value:g}"
+            kinds.TIME_PIECEWISE, np.array([1.0, 0.0, 1.0, value]), 1, none, None, f"{value:g}"
         )
     if isinstance(function, Sine):
         values = numbers([function.offset, function.amplitude, function.omega, function.phase])
         if values.shape != (4,) or not np.isfinite(values).all():
             raise SceneError(f"{what}: a sine takes finite numbers, got {function!r}")
-        return TimeRow(at.TIME_SINE, values, 0, none, None, "sine")
+        return TimeRow(kinds.TIME_SINE, values, 0, none, None, "sine")
     if isinstance(function, Table):
         function = spline(function, what)
     if isinstance(function, PPoly):
@@ -270,7 +270,7 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         )
         text = f"compiled {function.value.name}"
         code = function.value.code + function.rate.code + function.acceleration.code
-        return TimeRow(at.TIME_COMPILED, np.zeros(0), 0, addresses, None, text, code)
+        return TimeRow(kinds.TIME_COMPILED, np.zeros(0), 0, addresses, None, text, code)
     if isinstance(function, Compiled):
         if function.signature is not Signature.TIME:
             raise SceneError(f"{what}: {function.name} takes {function.signature.value} arguments, not the time alone")
@@ -280,7 +280,7 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
                 "flexmbd.Motion(value, rate, acceleration) of three compiled functions"
             )
         return TimeRow(
-            at.TIME_COMPILED,
+            kinds.TIME_COMPILED,
             np.zeros(0),
             0,
             (function.address, 0, 0),
@@ -289,7 +289,7 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
             function.code,
         )
     if callable(function):
-        return TimeRow(at.TIME_PYTHON, np.zeros(0), 0, none, function, "Python callable", fingerprint(function))
+        return TimeRow(kinds.TIME_PYTHON, np.zeros(0), 0, none, function, "Python callable", fingerprint(function))
     raise SceneError(
         f"{what}: {type(function).__name__} is no function of time; give a number, "
         "flexmbd.Table, flexmbd.Sine, a scipy PPoly, a compiled function or a callable"
@@ -359,7 +359,7 @@ def _piecewise(poly: PPoly, what: str) -> TimeRow:
     order, pieces = poly.c.shape
     data = np.concatenate([[float(order)], poly.x, poly.c.T.ravel()])
     return TimeRow(
-        at.TIME_PIECEWISE, data, pieces, (0, 0, 0), None, f"piecewise polynomial ({pieces})"
+        kinds.TIME_PIECEWISE, data, pieces, (0, 0, 0), None, f"piecewise polynomial ({pieces})"
     )
 
 

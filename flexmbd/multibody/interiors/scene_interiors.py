@@ -13,8 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, LaidInterior, Memory
 from flexmbd.multibody.force.protocol import OffJoints, Table
-from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.sampling.interface_frames import (
     M_A,
     M_ALPHA,
@@ -52,7 +52,7 @@ class InteriorForce(OffJoints):
             rows.append(table.frame(frame))
             places.append(table.numbers(np.zeros(6)))
             what = f"interior of {self.body.name} on {frame.label}"
-            table.element(at.BETWEEN_GIVEN_F, what, f=table.ground(), g=rows[-1], data=places[-1])
+            table.element(kinds.BETWEEN_GIVEN_F, what, f=table.ground(), g=rows[-1], data=places[-1])
         table.lay_interior(LaidInterior(self.body, tuple(rows), tuple(places)))
 
 

@@ -14,7 +14,7 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.time_function import TimeFunction, as_row
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 FloatArray = NDArray[np.float64]
 
@@ -149,5 +149,5 @@ def motion_name(connection: Connection) -> str:
 
 def _quaternions(joint: Joint) -> tuple[int, ...]:
     """Where quaternions begin among the joint's coordinates."""
-    kinds = {step.kind for step in joint.steps}
-    return (0,) if at.SPHERICAL in kinds else (3,) if at.FREE in kinds else ()
+    found = {step.kind for step in joint.steps}
+    return (0,) if kinds.SPHERICAL in found else (3,) if kinds.FREE in found else ()

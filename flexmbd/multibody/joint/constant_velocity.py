@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.multibody.joint.protocol import TOGETHER, AlongAxis, ConstraintsAlone, Row
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -23,4 +23,4 @@ class ConstantVelocity(AlongAxis, ConstraintsAlone):
 
     axis: Axis = "z"
 
-    rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(at.ROW_ANGLE, 0, "equal turning"))
+    rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(kinds.ROW_ANGLE, 0, "equal turning"))

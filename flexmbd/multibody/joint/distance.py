@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.multibody.joint.protocol import ConstraintsAlone, FloatArray, Row, positive
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True)
@@ -31,4 +31,4 @@ class Distance(ConstraintsAlone):
     @property
     def rows(self) -> tuple[Row, ...]:
         """(|p_FG|^2 / length - length) / 2 = 0, which has no singular point."""
-        return (Row(at.ROW_DISTANCE, 0, "distance", (self.length,)),)
+        return (Row(kinds.ROW_DISTANCE, 0, "distance", (self.length,)),)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -24,9 +24,9 @@ class Planar(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(at.PRISMATIC, "x"), Step(at.PRISMATIC, "y"), Step(at.REVOLUTE))
+    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC, "x"), Step(kinds.PRISMATIC, "y"), Step(kinds.REVOLUTE))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement 1", "displacement 2", "angle")
     angular: ClassVar[tuple[bool, ...]] = (False, False, True)
     reversible: ClassVar[bool] = True
-    rows: ClassVar[tuple[Row, ...]] = (Row(at.ROW_TRANSLATION, 2, "translation z"), *ALIGNED)
+    rows: ClassVar[tuple[Row, ...]] = (Row(kinds.ROW_TRANSLATION, 2, "translation z"), *ALIGNED)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.multibody.joint.protocol import AlongAxis, ConstraintsAlone, Row
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -20,4 +20,4 @@ class PointOnPlane(AlongAxis, ConstraintsAlone):
 
     axis: Axis = "z"
 
-    rows: ClassVar[tuple[Row, ...]] = (Row(at.ROW_TRANSLATION, 2, "translation z"),)
+    rows: ClassVar[tuple[Row, ...]] = (Row(kinds.ROW_TRANSLATION, 2, "translation z"),)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Row:
     index: int
     name: str
     data: tuple[float, ...] = ()
-    level: int = at.LEVEL_POSITION
+    level: int = kinds.LEVEL_POSITION
 
 
 @dataclass(frozen=True)
@@ -125,22 +125,22 @@ def positive(value: float, what: str) -> None:
 
 #: The origin of G on the axis z of F.
 ON_AXIS = (
-    Row(at.ROW_TRANSLATION, 0, "translation x"),
-    Row(at.ROW_TRANSLATION, 1, "translation y"),
+    Row(kinds.ROW_TRANSLATION, 0, "translation x"),
+    Row(kinds.ROW_TRANSLATION, 1, "translation y"),
 )
 
 #: z of G along z of F.
 ALIGNED = (
-    Row(at.ROW_DIRECTION, 2, "rotation y"),
-    Row(at.ROW_DIRECTION, 5, "rotation x"),
+    Row(kinds.ROW_DIRECTION, 2, "rotation y"),
+    Row(kinds.ROW_DIRECTION, 5, "rotation x"),
 )
 
 #: The origin of G on that of F.
-TOGETHER = (*ON_AXIS, Row(at.ROW_TRANSLATION, 2, "translation z"))
+TOGETHER = (*ON_AXIS, Row(kinds.ROW_TRANSLATION, 2, "translation z"))
 
 #: No rotation of G against F.
 UNTURNED = (
-    Row(at.ROW_AXIS, 0, "rotation x"),
-    Row(at.ROW_AXIS, 1, "rotation y"),
-    Row(at.ROW_AXIS, 2, "rotation z"),
+    Row(kinds.ROW_AXIS, 0, "rotation x"),
+    Row(kinds.ROW_AXIS, 1, "rotation y"),
+    Row(kinds.ROW_AXIS, 2, "rotation z"),
 )

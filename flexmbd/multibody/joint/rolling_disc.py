@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.multibody.joint.protocol import ConstraintsAlone, FloatArray, Row, positive
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class RollingDisc(ConstraintsAlone):
         """Touching, and no slip along x and y."""
         data = (self.radius,)
         return (
-            Row(at.ROW_TOUCH, 0, "touching", data),
-            Row(at.ROW_ROLL, 0, "no slip along x", data, at.LEVEL_VELOCITY),
-            Row(at.ROW_ROLL, 1, "no slip along y", data, at.LEVEL_VELOCITY),
+            Row(kinds.ROW_TOUCH, 0, "touching", data),
+            Row(kinds.ROW_ROLL, 0, "no slip along x", data, kinds.LEVEL_VELOCITY),
+            Row(kinds.ROW_ROLL, 1, "no slip along y", data, kinds.LEVEL_VELOCITY),
         )

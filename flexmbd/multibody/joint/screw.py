@@ -8,7 +8,7 @@ from typing import ClassVar
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -40,9 +40,9 @@ class Screw(AlongAxis):
     @property
     def steps(self) -> tuple[Step, ...]:
         """One screw."""
-        return (Step(at.SCREW, pitch=self.pitch),)
+        return (Step(kinds.SCREW, pitch=self.pitch),)
 
     @property
     def rows(self) -> tuple[Row, ...]:
         """Those of a cylindrical joint, and the advance."""
-        return (*ON_AXIS, *ALIGNED, Row(at.ROW_SCREW, 0, "advance", (self.pitch,)))
+        return (*ON_AXIS, *ALIGNED, Row(kinds.ROW_SCREW, 0, "advance", (self.pitch,)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
 
 
@@ -39,12 +39,12 @@ class Universal:
                 f"angles; the cosine between them is {cosine:.3g}"
             )
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(at.REVOLUTE), Step(at.REVOLUTE, "x"))
+    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.REVOLUTE), Step(kinds.REVOLUTE, "x"))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle 1", "angle 2")
     angular: ClassVar[tuple[bool, ...]] = (True, True)
     reversible: ClassVar[bool] = True
-    rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(at.ROW_DIRECTION, 6, "right angle of the cross"))
+    rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(kinds.ROW_DIRECTION, 6, "right angle of the cross"))
 
     @property
     def turn(self) -> FloatArray:

@@ -21,7 +21,7 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.probe import with_probe
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, Work, new_work, without_forces
+from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work, without_forces
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
 from flexmbd.multibody.topology import Topology

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, new_work
+from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
@@ -44,7 +45,7 @@ class Response:
 
     def __init__(self, plan: Plan, extent: float) -> None:
         self.plan = plan
-        in_rad = np.isin(plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD)
+        in_rad = np.isin(plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD)
         self._sizes = np.where(in_rad, extent, 1.0)  # times a row, all are of one unit
         self.work = new_work(plan)
         self._articulated = new_articulated_work(plan)

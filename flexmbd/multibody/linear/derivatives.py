@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 
@@ -56,8 +57,8 @@ def turning(plan: Plan, v: FloatArray) -> FloatArray:
     A = np.zeros((len(v), len(v)))
     for row in plan.tree:
         kind = row[at.JOINT]
-        if kind in (at.SPHERICAL, at.FREE):
-            o = row[at.JOINT_V] + (3 if kind == at.FREE else 0)
+        if kind in (kinds.SPHERICAL, kinds.FREE):
+            o = row[at.JOINT_V] + (3 if kind == kinds.FREE else 0)
             x, y, z = v[o : o + 3]
             A[o : o + 3, o : o + 3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
     return A

@@ -18,6 +18,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -103,7 +104,7 @@ def eliminate(
     """
     free, size, J = coordinates.free, coordinates.size, of.jacobian
     levels = scene.plan.rows[:, at.ROW_LEVEL]
-    hold, roll = np.flatnonzero(levels == at.LEVEL_POSITION), np.flatnonzero(levels == at.LEVEL_VELOCITY)
+    hold, roll = np.flatnonzero(levels == kinds.LEVEL_POSITION), np.flatnonzero(levels == kinds.LEVEL_VELOCITY)
     kept, bound = _split((J * size)[np.ix_(hold, free)], [scene.row_names[k] for k in hold])
     y, bound = free[kept], free[bound]
     Xy = _solution(J[hold], y, bound)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
 from flexmbd.multibody.interiors.steady import steady
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning

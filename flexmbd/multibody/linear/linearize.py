@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning

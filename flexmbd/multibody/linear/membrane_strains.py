@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
@@ -114,8 +115,8 @@ def _frame_slopes(
     plan = add_probe(scene, frame)
     here = np.concatenate([motion[:3], motion[3:12] if turns else np.eye(3).ravel()])
     g = len(plan.frames) - 1
-    kind = at.ROW_AXIS if turns else at.ROW_TRANSLATION
-    rows = np.array([[g + 1, g, kind, k, 0, at.LEVEL_POSITION, -1, 0] for k in range(3)], np.int64)
+    kind = kinds.ROW_AXIS if turns else kinds.ROW_TRANSLATION
+    rows = np.array([[g + 1, g, kind, k, 0, kinds.LEVEL_POSITION, -1, 0] for k in range(3)], np.int64)
     plan = plan._replace(
         frames=np.vstack([plan.frames, here]), frame_of=np.vstack([plan.frame_of, [-1, -1]]), rows=rows
     )

@@ -14,8 +14,9 @@ from flexmbd.multibody.force.bearing_friction import BearingFriction
 from flexmbd.multibody.force.kane_body import KaneBody
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.linear.elimination import Prescribed
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 #: A force element, whether in the scene or not, or a joint whose motion is prescribed.
 Input: TypeAlias = Force | Connection
 
-_GIVEN = (at.ON_MODES, at.BETWEEN_GIVEN_F, at.BETWEEN_GIVEN_G)
+_GIVEN = (kinds.ON_MODES, kinds.BETWEEN_GIVEN_F, kinds.BETWEEN_GIVEN_G)
 _ORDERS = ("", "rate of ", "acceleration of ")
 
 
@@ -128,7 +129,7 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
     return found
 
 
-def _asked(plan: at.Plan, point: WorkingPoint, times: FloatArray) -> FloatArray:
+def _asked(plan: Plan, point: WorkingPoint, times: FloatArray) -> FloatArray:
     """(nv,) the residual at the working point without reactions."""
     work = new_work(plan)
     work.time[:] = times

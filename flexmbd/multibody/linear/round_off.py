@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination
@@ -24,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 _ROUND_OFF = 1e-14  # of the sum of all sizes: some tens of units in the last place
 
-_SPEEDS = {at.FIXED: 0, at.REVOLUTE: 1, at.PRISMATIC: 1, at.SCREW: 1, at.SPHERICAL: 3, at.FREE: 6}
+_SPEEDS = {kinds.FIXED: 0, kinds.REVOLUTE: 1, kinds.PRISMATIC: 1, kinds.SCREW: 1, kinds.SPHERICAL: 3, kinds.FREE: 6}
 
 
 def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
@@ -39,8 +40,8 @@ def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
     passed += np.linalg.norm(rows[:, at.B_T : at.B_T + 3], axis=1)
     at_play = passed + length * plan.rigid[: len(plan.tree), at.MASS] * np.linalg.norm(plan.gravity)
     for row, force in zip(plan.rows, point.multipliers, strict=True):
-        lever = 1.0 if row[at.ROW_KIND] in at.ROWS_IN_RAD else length
-        for frame in row[[at.ROW_F, at.ROW_G]] if row[at.ROW_KIND] != at.ROW_COUPLING else ():
+        lever = 1.0 if row[at.ROW_KIND] in kinds.ROWS_IN_RAD else length
+        for frame in row[[at.ROW_F, at.ROW_G]] if row[at.ROW_KIND] != kinds.ROW_COUPLING else ():
             if plan.frame_of[frame, at.FRAME_BODY] >= 0:
                 at_play[plan.frame_of[frame, at.FRAME_BODY]] += lever * abs(force)
     for i, parent in enumerate(plan.tree[:, at.PARENT]):

@@ -16,7 +16,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior, steady
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, own_coordinates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

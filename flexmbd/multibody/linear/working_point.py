@@ -12,7 +12,7 @@ from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 

@@ -20,7 +20,7 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.kane.equations import WrenchSource
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan, Work
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.plan.forces import ForceRows, lay_forces
 from flexmbd.multibody.plan.numbering import Numbering, Slots

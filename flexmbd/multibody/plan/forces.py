@@ -19,8 +19,9 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.equations import Machine, WrenchSource
 from flexmbd.multibody.kane.inertia import GivenBody, KaneInertia
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.plan.numbering import Numbering
 
 #: Count of an element ON_STATE that is no user's force, so that no drive.
@@ -146,7 +147,7 @@ class ForceTable:
         along_z[5 if connection.joint.angular[0] else 2] = 1.0
         data = self.numbers(along_z)
         time = self.time(function, what)
-        self.element(at.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
+        self.element(kinds.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
     def act_on_frames(self, source: WrenchSource) -> None:
         """Let the joints' reactions know of what acts on frames by generalised forces."""
@@ -175,7 +176,7 @@ class ForceTable:
             self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
             self.act_on_frames(inertia)
         if self._bearings:
-            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == at.ON_STATE]
+            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == kinds.ON_STATE]
             what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
             if unknown:
                 raise SceneError(
@@ -187,7 +188,7 @@ class ForceTable:
     def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
         address = self._numbering.add_state_function(function, what)
         self.when_built(lambda scene: function.build(scene, address))
-        self.element(at.ON_STATE, what, count=NO_DRIVE, address=address)
+        self.element(kinds.ON_STATE, what, count=NO_DRIVE, address=address)
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
@@ -201,7 +202,7 @@ class ForceTable:
 def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
     """Raise SceneError where a start (nx,) lies beyond a stop, by more than the stop's transition."""
     for name, row in zip(names, plan.elements, strict=True):
-        if row[at.EL_KIND] == at.ON_STOP:
+        if row[at.EL_KIND] == kinds.ON_STOP:
             lower, upper, _, _, transition = plan.data[row[at.EL_DATA] : row[at.EL_DATA] + 5]
             beta = x[row[at.EL_X]]
             if not lower - transition <= beta <= upper + transition:

@@ -13,6 +13,7 @@ from flexmbd.multibody.functions.time_function import Compiled, TimeRow
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, Step
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
@@ -86,9 +87,9 @@ class Numbering:
             else:
                 g = self.lay_frame(row, np.zeros(3), turns[k])
             step = joint.steps[k]
-            pitch = self.add_data(np.array([step.pitch])) if step.kind == at.SCREW else 0
+            pitch = self.add_data(np.array([step.pitch])) if step.kind == kinds.SCREW else 0
             ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
-            self.tree.append([*ends, -1, -1, -1, pitch, at.FREELY])
+            self.tree.append([*ends, -1, -1, -1, pitch, kinds.FREELY])
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
             if after is not None:
@@ -116,7 +117,7 @@ class Numbering:
             if angular not in group_at:
                 group_at[angular] = len(self.groups)
                 size = 1.0 if angular else self.extent
-                kind = at.GROUP_ANGLE if angular else at.GROUP_LENGTH
+                kind = kinds.GROUP_ANGLE if angular else kinds.GROUP_LENGTH
                 self.groups.append((kind, size, size))
             self.group_of.append(group_at[angular])
         return slots
@@ -129,7 +130,7 @@ class Numbering:
         self.start.extend([0.0] * n)
         self.names.extend(f"{body.name}.q[{k}]" for k in range(n))
         full = self.extent * float(np.sqrt(record.mass))
-        self.groups.append((at.GROUP_MODAL, full, _MODAL_SHARE * full))
+        self.groups.append((kinds.GROUP_MODAL, full, _MODAL_SHARE * full))
         self.group_of.extend([len(self.groups) - 1] * n)
         return [self.add_flex(record), x, v]
 

@@ -14,6 +14,7 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.protocol import Row
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering
@@ -35,9 +36,9 @@ class RowTable:
 
 #: The row that holds a joint's only coordinate, by the kind of its step.
 _COORDINATE = {
-    at.REVOLUTE: Row(at.ROW_ANGLE, 0, "prescribed angle"),
-    at.SCREW: Row(at.ROW_ANGLE, 0, "prescribed angle"),
-    at.PRISMATIC: Row(at.ROW_TRANSLATION, 2, "prescribed displacement"),
+    kinds.REVOLUTE: Row(kinds.ROW_ANGLE, 0, "prescribed angle"),
+    kinds.SCREW: Row(kinds.ROW_ANGLE, 0, "prescribed angle"),
+    kinds.PRISMATIC: Row(kinds.ROW_TRANSLATION, 2, "prescribed displacement"),
 }
 
 
@@ -61,7 +62,7 @@ def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) ->
                 )
             values += [float(found[term.index]), term.share]
         data = b.add_data(np.array(values))
-        rows.table.append([-1, -1, at.ROW_COUPLING, 0, data, at.LEVEL_POSITION, -1, 0])
+        rows.table.append([-1, -1, kinds.ROW_COUPLING, 0, data, kinds.LEVEL_POSITION, -1, 0])
         rows.names.append(coupling.name)
         rows.owners.append(coupling)
     return rows
@@ -95,8 +96,8 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
 
 def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
     """(2,) stiffness and damping of a row, in its own unit."""
-    scale = extent**2 if row.kind in at.ROWS_IN_RAD else 1.0
-    if row.level == at.LEVEL_POSITION:
+    scale = extent**2 if row.kind in kinds.ROWS_IN_RAD else 1.0
+    if row.level == kinds.LEVEL_POSITION:
         return np.array([choice.stiffness, choice.damping]) * scale
     if choice.damping == 0.0:
         raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
@@ -105,7 +106,7 @@ def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name:
 
 def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
     """(N_HOLD,) what an augmented Lagrangian enforces a row by."""
-    size = 1.0 if row.kind in at.ROWS_IN_RAD else extent
+    size = 1.0 if row.kind in kinds.ROWS_IN_RAD else extent
     return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
 
 
@@ -114,4 +115,4 @@ def lay_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
     for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
         data = b.add_data(penalty)
         f, g = row[at.ROW_F], row[at.ROW_G]
-        table.element(at.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)
+        table.element(kinds.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)

@@ -7,8 +7,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work, without_forces
+from flexmbd.multibody.kernels.base.arrays import Work, without_forces
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -45,9 +46,9 @@ def coordinate_sizes(scene: CompiledScene) -> FloatArray:
 
 def row_sizes(scene: CompiledScene) -> FloatArray:
     """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
-    sizes = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0, scene.extent)
+    sizes = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD), 1.0, scene.extent)
     full, data = coordinate_sizes(scene), scene.plan.data
-    for k in np.flatnonzero(scene.plan.rows[:, at.ROW_KIND] == at.ROW_COUPLING):
+    for k in np.flatnonzero(scene.plan.rows[:, at.ROW_KIND] == kinds.ROW_COUPLING):
         o = int(scene.plan.rows[k, at.ROW_DATA])
         terms = data[o + 2 : o + 2 + 2 * int(data[o])].reshape(-1, 2)
         columns = scene.plan.tree[terms[:, 0].astype(int), at.JOINT_V]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 
 FloatArray = NDArray[np.float64]
@@ -16,8 +17,8 @@ _ROUND_OFF = 1e-15
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 #: Joints that turn about no axis but z.
-_HINGES = (at.REVOLUTE, at.SCREW)
-_SLIDES = (at.FIXED, at.PRISMATIC)
+_HINGES = (kinds.REVOLUTE, kinds.SCREW)
+_SLIDES = (kinds.FIXED, kinds.PRISMATIC)
 
 
 def decide_turning(tree: IntArray, frames: FloatArray, frame_of: IntArray, rigid: FloatArray) -> IntArray:
@@ -28,17 +29,17 @@ def decide_turning(tree: IntArray, frames: FloatArray, frame_of: IntArray, rigid
     frame that deforms may turn any way.  Columns are those of ``Plan``.
     """
     axes: list[FloatArray | None] = []  # in the body; zeros: turns never; None: any way
-    kinds = np.full(len(tree), at.FREELY)
+    turning = np.full(len(tree), kinds.FREELY)
     for i, row in enumerate(tree):
         axes.append(_axis(row, frames, frame_of, axes))
         axis = axes[-1]
         if axis is None:
             continue
         if not axis.any():
-            kinds[i] = at.NEVER
+            turning[i] = kinds.NEVER
         elif row[at.FLEX] < 0:
-            kinds[i] = at.BALANCED if _is_balanced(rigid[i], axis) else at.IN_PLANE
-    return kinds
+            turning[i] = kinds.BALANCED if _is_balanced(rigid[i], axis) else kinds.IN_PLANE
+    return turning
 
 
 def _axis(

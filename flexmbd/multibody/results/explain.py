@@ -10,23 +10,24 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Penalty
 from flexmbd.multibody.joint.fixed import Fixed
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.start.consistent_start import Start
 
 _KINDS = {
-    at.TIME_PIECEWISE: "read as data",
-    at.TIME_SINE: "read as data",
-    at.TIME_COMPILED: "called compiled",
-    at.TIME_PYTHON: "Python, called at each new time",
+    kinds.TIME_PIECEWISE: "read as data",
+    kinds.TIME_SINE: "read as data",
+    kinds.TIME_COMPILED: "called compiled",
+    kinds.TIME_PYTHON: "Python, called at each new time",
 }
 
 #: What bodies do without, by how their frames may turn.
 _UNNEEDED_RIGID = {
-    at.NEVER: "gyroscopic terms of {} (no joint turns the frame)",
-    at.BALANCED: "gyroscopic terms of {} (turning about one principal axis)",
-    at.IN_PLANE: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
+    kinds.NEVER: "gyroscopic terms of {} (no joint turns the frame)",
+    kinds.BALANCED: "gyroscopic terms of {} (turning about one principal axis)",
+    kinds.IN_PLANE: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
 }
-_UNNEEDED_FLEXIBLE = {at.NEVER: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
+_UNNEEDED_FLEXIBLE = {kinds.NEVER: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
 _SHOWN = 4
 
 
@@ -144,7 +145,7 @@ def _closures(start: Start) -> list[str]:
         lines.append(f"  {owner.name}: {kind}, {count} of {whole} rows{why}")
     if scene.redundant:
         lines.append("  redundant, left out: " + "; ".join(scene.redundant))
-    rolling = int(np.sum(scene.plan.rows[:, at.ROW_LEVEL] == at.LEVEL_VELOCITY))
+    rolling = int(np.sum(scene.plan.rows[:, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY))
     if rolling:
         lines.append(f"  {rolling} of the rows hold velocities alone (nonholonomic)")
     return lines
@@ -164,7 +165,7 @@ def _elements(start: Start) -> list[str]:
     lines: dict[str, None] = {}
     for name, row in zip(scene.element_names, scene.plan.elements, strict=True):
         cost = ""
-        if row[at.EL_KIND] in (at.ON_FUNCTION, at.ON_STATE):
+        if row[at.EL_KIND] in (kinds.ON_FUNCTION, kinds.ON_STATE):
             python = row[at.EL_ADDRESS] in scene.callbacks.addresses
             cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
         lines[name + cost] = None

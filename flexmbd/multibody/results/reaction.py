@@ -10,8 +10,9 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kane.equations import Kinematics
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.numbering import step_turn
@@ -94,6 +95,6 @@ def coordinate_force(joint: Joint, reaction: FloatArray) -> FloatArray:
     """(nt,) what reactions (nt, 6) do on the coordinate of a joint that has only one (N m or N)."""
     (step,) = joint.steps
     axis = (joint.turn @ step_turn(step, False))[:, 2]
-    if step.kind == at.PRISMATIC:
+    if step.kind == kinds.PRISMATIC:
         return reaction[:, :3] @ axis
     return reaction[:, 3:] @ axis + step.pitch * (reaction[:, :3] @ axis)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import Kept
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
@@ -170,11 +171,11 @@ def _set_couplings(
     scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given
 ) -> CompiledScene:
     """Give the couplings the sums that they have where all other constraints are fulfilled."""
-    kinds = scene.plan.rows[:, at.ROW_KIND]
-    coupling = np.flatnonzero(kinds == at.ROW_COUPLING)
+    kind = scene.plan.rows[:, at.ROW_KIND]
+    coupling = np.flatnonzero(kind == kinds.ROW_COUPLING)
     if len(coupling) == 0:
         return scene
-    others = scene.keep_rows([int(k) for k in np.flatnonzero(kinds != at.ROW_COUPLING)])
+    others = scene.keep_rows([int(k) for k in np.flatnonzero(kind != kinds.ROW_COUPLING)])
     closed = close_loops(others, work, x, held, given).x
     data = scene.plan.data.copy()
     data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = 0.0

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -45,7 +46,7 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
     for slots in scene.modal_slots.values():
         led[slots.v], design[slots.x] = False, x[slots.x]
     way = np.where(led, coordinate_values(scene, x) - coordinate_values(scene, design), 0.0)
-    hinges = scene.plan.tree[scene.plan.tree[:, at.JOINT] == at.REVOLUTE, at.JOINT_V].astype(int)
+    hinges = scene.plan.tree[scene.plan.tree[:, at.JOINT] == kinds.REVOLUTE, at.JOINT_V].astype(int)
     way[hinges] -= 2.0 * np.pi * np.round(way[hinges] / (2.0 * np.pi))  # whole turns of a hinge are none
     place_flying(scene, work, design, np.zeros(scene.nv))
     if not way.any():
@@ -78,7 +79,7 @@ def _joined(scene: CompiledScene, x: FloatArray, other: FloatArray, mask: Mask) 
     joined = x.copy()
     for row in scene.plan.tree:
         i, k = int(row[at.JOINT_X]), int(row[at.JOINT_V])
-        n = {at.FREE: 7, at.SPHERICAL: 4, at.FIXED: 0}.get(int(row[at.JOINT]), 1)
+        n = {kinds.FREE: 7, kinds.SPHERICAL: 4, kinds.FIXED: 0}.get(int(row[at.JOINT]), 1)
         if n and mask[k]:
             joined[i : i + n] = other[i : i + n]
     return joined

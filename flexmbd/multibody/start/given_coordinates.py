@@ -13,8 +13,8 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
-from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -145,15 +145,15 @@ def _measure(joint: Joint, R: FloatArray) -> FloatArray:
     rows = []
     for k, step in enumerate(joint.steps):
         axis = z_onto(step.axis)[:, 2]
-        if step.kind == at.SPHERICAL:
+        if step.kind == kinds.SPHERICAL:
             return np.hstack([np.zeros((3, 3)), R.T])
-        if step.kind == at.FREE:
+        if step.kind == kinds.FREE:
             return np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), R.T]])
-        if step.kind == at.PRISMATIC:
+        if step.kind == kinds.PRISMATIC:
             rows.append(np.concatenate([axis, np.zeros(3)]))
-        elif step.kind == at.SCREW:
+        elif step.kind == kinds.SCREW:
             rows.append(np.concatenate([axis / step.pitch, np.zeros(3)]))
-        elif step.kind == at.REVOLUTE:
+        elif step.kind == kinds.REVOLUTE:
             turned = R @ axis if k > 0 and k == len(joint.steps) - 1 else axis
             rows.append(np.concatenate([np.zeros(3), turned]))
     return np.array(rows).reshape(-1, 6)

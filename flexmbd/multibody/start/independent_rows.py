@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, coordinate_sizes, row_sizes

@@ -11,7 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion
 from flexmbd.multibody.interiors.scene_interiors import Interiors, Kept
 from flexmbd.multibody.interiors.steady import steady
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]

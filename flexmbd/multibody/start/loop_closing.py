@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -36,7 +37,7 @@ def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
 def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """(m, nv) rates of ``loop_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
     slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
-    slopes[scene.plan.rows[:, at.ROW_LEVEL] != at.LEVEL_POSITION] = 0.0
+    slopes[scene.plan.rows[:, at.ROW_LEVEL] != kinds.LEVEL_POSITION] = 0.0
     forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for rows, frames, _, per_spin in list(_far_turned(scene, work)):
         slopes[rows] = per_spin @ _spins(scene, work, x, *frames)
@@ -52,9 +53,9 @@ def _far_turned(
     against F in F's axes.
     """
     table = scene.plan.rows
-    kinds, index = table[:, at.ROW_KIND], table[:, at.ROW_INDEX]
-    unturned = kinds == at.ROW_AXIS
-    aligned = (kinds == at.ROW_DIRECTION) & np.isin(index, _ALIGNING)
+    kind, index = table[:, at.ROW_KIND], table[:, at.ROW_INDEX]
+    unturned = kind == kinds.ROW_AXIS
+    aligned = (kind == kinds.ROW_DIRECTION) & np.isin(index, _ALIGNING)
     for frames in {(int(row[at.ROW_F]), int(row[at.ROW_G])): None for row in table[unturned | aligned]}:
         R = np.reshape(relative_motion(scene.plan, work, *frames)[1], (3, 3))
         own = (table[:, at.ROW_F] == frames[0]) & (table[:, at.ROW_G] == frames[1])

@@ -11,8 +11,9 @@ from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import ALIGNED
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.rotation import to_quaternion
@@ -169,7 +170,7 @@ def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
         f, g = scene.closure_frames[id(connection)]
         R_FG = _world_motion(scene, work, f)[1].T @ _world_motion(scene, work, g)[1]
         opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
-            any(row.kind == at.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
+            any(row.kind == kinds.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
         )
         if opposed:
             raise AssemblyError(

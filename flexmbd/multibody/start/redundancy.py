@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.independent_rows import look
@@ -35,7 +36,7 @@ def minimum_norm_multipliers(
     Returns:
         (nt, m) N or N m.
     """
-    weight = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], at.ROWS_IN_RAD), 1.0 / scene.extent, 1.0)
+    weight = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD), 1.0 / scene.extent, 1.0)
     spread = np.zeros_like(multipliers)
     for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
         jacobian = constraint_jacobian(scene, work, place)[:, scene.plan.free]

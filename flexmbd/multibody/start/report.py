@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
@@ -93,12 +94,12 @@ def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:
     for row in scene.plan.tree:
         i, k = int(row[at.JOINT_X]), int(row[at.JOINT_V])
         kind = int(row[at.JOINT])
-        if kind == at.FREE:
+        if kind == kinds.FREE:
             values[k : k + 3] = x[i : i + 3]
             i, k = i + 3, k + 3
-        if kind in (at.FREE, at.SPHERICAL):
+        if kind in (kinds.FREE, kinds.SPHERICAL):
             values[k : k + 3] = Rotation.from_quat(np.roll(x[i : i + 4], -1)).as_rotvec()
-        elif kind != at.FIXED:
+        elif kind != kinds.FIXED:
             values[k] = x[i]
     for slots in scene.modal_slots.values():
         values[slots.v] = x[slots.x]

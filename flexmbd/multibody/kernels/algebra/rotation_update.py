@@ -24,9 +24,10 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     store3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.layout import Plan
 
 IntArray = NDArray[np.int64]
 
@@ -38,9 +39,9 @@ def coordinate_slots(plan: Plan) -> tuple[IntArray, IntArray]:
     """(k, 2) offsets in x and in v of coordinates that add, and of quaternions with their spins (body axes)."""
     found = []
     for row in plan.tree:
-        if row[at.JOINT] == at.SPHERICAL:
+        if row[at.JOINT] == kinds.SPHERICAL:
             found.append((row[at.JOINT_X], row[at.JOINT_V]))
-        elif row[at.JOINT] == at.FREE:
+        elif row[at.JOINT] == kinds.FREE:
             found.append((row[at.JOINT_X] + 3, row[at.JOINT_V] + 3))
     quaternions = np.array(found, np.int64).reshape(-1, 2)
     nv = len(plan.free) + len(plan.driven)

@@ -1,21 +1,6 @@
-"""The flat layout of a compiled scene: what each column of each array holds.
-
-``Plan`` is the constant scene, ``Work`` the scratch space of one evaluation.  Both are named
-tuples of arrays whose types never change, so that one compiled image serves every scene.
-"""
+"""The columns of a compiled scene's arrays (``arrays.Plan``, ``arrays.Work``): for the kernels and the plan's room."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-# Joint kinds.
-FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SCREW = range(6)
 
 # Columns of Plan.tree, one row a body, parents before children.  The inner links of a joint of several steps are
 # rows of no mass.
@@ -29,13 +14,8 @@ FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
 JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
-TURNING = 10  # how the body's frame may turn, below
+TURNING = 10  # how the body's frame may turn
 N_TREE = 11
-
-# TURNING, decided from the joints on the way from the ground.  NEVER: not at all.  BALANCED: about one axis fixed in
-# the body, on which w x (J w) is zero for a rigid body.  IN_PLANE: about one axis, where w x (J w) is across it, which
-# loads joints but moves none.  FREELY: any way, or as a flexible body, whose Coriolis forces stay in a plane as well.
-NEVER, BALANCED, IN_PLANE, FREELY = range(4)
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
@@ -66,19 +46,6 @@ N_FLEX = 8
 ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, ROW_HOLD, N_ROW = range(9)
 # There: stiffness, damping, what may stay open (m or rad; m/s where velocities are held), the same over the extent.
 HOLD_STIFFNESS, HOLD_DAMPING, HOLD_OPEN, HOLD_TOL, N_HOLD = range(5)
-# ROW_KIND; d = p_FG_F, R = R_FG, n the z axis of G in F, "angle" that of the turn about z (the twist).
-ROW_TRANSLATION = 0  # d[index] = 0
-ROW_DIRECTION = 1  # R[index // 3, index % 3] = 0
-ROW_AXIS = 2  # component index of the axis of R = 0
-ROW_ANGLE = 3  # angle = 0, to the nearest turn
-ROW_SCREW = 4  # d[2] - pitch angle = 0, to the nearest turn; data: pitch (m/rad)
-ROW_DISTANCE = 5  # |d| = L; data: L (m)
-ROW_TOUCH = 6  # the rim of a disc about n in the plane z = 0; data: its radius (m)
-ROW_ROLL = 7  # the touching point's velocity along axis index of F = 0 (velocity level); data: the radius
-ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, r_k) ...
-ROWS_IN_RAD = (ROW_DIRECTION, ROW_AXIS, ROW_ANGLE)  # their multipliers are moments, those of the others forces
-# ROW_LEVEL
-LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 
 # Columns of Plan.forces: v index and time function of a joint force.
 FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
@@ -86,14 +53,6 @@ FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 # Columns of Plan.elements, one row a force element: its kind; frames F and G; index in x and in v of its coordinate;
 # row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the address of a user's function.
 EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS, N_ELEMENT = range(10)
-# EL_KIND, those on coordinates.  A spring: k, rest, c.  A characteristic of EL_COUNT pieces: rest, c, force and
-# potential over the deflection as piecewise polynomials.  A stop: lower, upper, k, damping, transition.  Friction:
-# Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  Forces on modes: EL_COUNT numbers.  The
-# energy of a homogeneous deformation: see ``energies``.
-ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE, ON_ENERGY = range(8)
-# Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
-# torque (3) in F's or in G's axes.  A penalty: k, c, for row EL_COUNT of Plan.penalties.
-BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(8, 13)
 
 # Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
 DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
@@ -101,43 +60,6 @@ DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3
 # Columns of Plan.times: kind, offset in Plan.time_data, and a count or an address.
 TIME_KIND, TIME_OFFSET, TIME_COUNT, TIME_ADDRESS, N_TIME = 0, 1, 2, 3, 6
 # TIME_ADDRESS .. TIME_ADDRESS + 2: addresses of value, rate, acceleration, 0 where absent.
-TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)
-
-
-# Kinds of error-norm groups: coordinates of one group share one scale.
-GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
-
-
-# Values of Plan.flag.
-FLAG_PYTHON, FLAG_ELEMENT, FLAG_TIME = 1, 2, -1
-
-
-class Plan(NamedTuple):
-    """The constant arrays of a compiled scene (SI units; see the column names above).
-
-    Only ``flag`` (1,) changes: a user's function that fails sets it, and the step stops.  FLAG_PYTHON: an exception
-    that ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
-    """
-
-    tree: IntArray
-    frames: FloatArray
-    frame_of: IntArray
-    rigid: FloatArray
-    flex: IntArray
-    modal: FloatArray
-    data: FloatArray
-    rows: IntArray
-    forces: IntArray
-    times: IntArray
-    time_data: FloatArray
-    driven: IntArray
-    free: IntArray
-    gravity: FloatArray
-    lapack: IntArray
-    flag: IntArray
-    elements: IntArray
-    penalties: IntArray  # constraint rows, with the columns of ``rows``, that yield instead of having multipliers
-
 
 # Columns of Work.body.
 B_R, B_P = 0, 9  # pose R_WB, p_WB_W
@@ -153,35 +75,3 @@ F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body
 F_THETA = 12  # rotation vector of the deformation
 F_V, F_W, F_A, F_DW = 15, 18, 21, 24  # motion of the frame against B, in B
 N_FRAME_WORK = 27
-
-
-class Work(NamedTuple):
-    """Scratch arrays of one evaluation; written before they are read.
-
-    time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
-    generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
-    """
-
-    body: FloatArray
-    frame: FloatArray
-    time: FloatArray
-    generalized: FloatArray
-
-
-def new_work(plan: Plan) -> Work:
-    """Allocate the scratch space of ``plan``."""
-    return Work(
-        np.zeros((len(plan.tree), N_BODY_WORK)),
-        np.zeros((len(plan.frames), N_FRAME_WORK)),
-        np.zeros((len(plan.times) + 1, 3)),
-        np.zeros(len(plan.free) + len(plan.driven)),
-    )
-
-
-def without_forces(plan: Plan) -> Plan:
-    """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
-    return plan._replace(
-        gravity=np.zeros(3),
-        forces=np.zeros((0, N_FORCE), np.int64),
-        elements=np.ascontiguousarray(plan.elements[plan.elements[:, EL_KIND] == ON_ENERGY]),
-    )

@@ -9,6 +9,7 @@ of the ground.
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.inward import gather_forces, gather_inertia
@@ -67,7 +68,7 @@ def _ask_loads(plan, work, aw, x, v, multipliers):
     asked = aw.asked
     loaded = multipliers.shape[0] > 0
     for i in range(plan.elements.shape[0]):
-        loaded = loaded or plan.elements[i, at.EL_KIND] >= at.BETWEEN_SPRING
+        loaded = loaded or plan.elements[i, at.EL_KIND] in kinds.BETWEEN_FRAMES
     if loaded:
         forward(plan, work, x, v, aw.rest)
         for i in range(plan.tree.shape[0]):

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import FloatArray, IntArray, Plan
+from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 
 # Columns of ArticulatedWork.link, one row a body of the tree.
 PARENT = 0  # row of the parent, -1 the ground
@@ -119,7 +120,8 @@ class ArticulatedWork(NamedTuple):
 
 def _subspace(kind: int, pitch: float) -> tuple[float, float] | None:
     """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
-    known = {at.FIXED: (0.0, 0.0), at.REVOLUTE: (1.0, 0.0), at.PRISMATIC: (0.0, 1.0), at.SCREW: (1.0, pitch)}
+    slide, turn = (0.0, 1.0), (1.0, 0.0)
+    known = {kinds.FIXED: (0.0, 0.0), kinds.REVOLUTE: turn, kinds.PRISMATIC: slide, kinds.SCREW: (1.0, pitch)}
     return known.get(kind)
 
 
@@ -145,11 +147,11 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
             level = bool((axes[i, X_R : X_R + 9].reshape(3, 3) == _IDENTITY).all())
             multi = -1
             form = ALIGNED if level and slot < 0 else TURNED
-            freedoms = 0 if kind == at.FIXED or int(tree[at.JOINT_V]) in driven else 1
-            if form == ALIGNED and kind == at.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
+            freedoms = 0 if kind == kinds.FIXED or int(tree[at.JOINT_V]) in driven else 1
+            if form == ALIGNED and kind == kinds.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
                 form = PLAIN
         else:
-            form, multi, freedoms = SEVERAL, several, 3 if kind == at.SPHERICAL else 6
+            form, multi, freedoms = SEVERAL, several, 3 if kind == kinds.SPHERICAL else 6
             several += 1
         links[i] = [
             tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, multi

@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.algebra.spatial import (
     turn_block,
     turn_symmetric,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
@@ -58,7 +59,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
             mass = constant[i, to.C_MASS]
             first = row3(constant, i, to.C_FIRST)
             inertia = row6(constant, i, to.C_INERTIA)
-            if plan.tree[i, at.TURNING] == at.FREELY:
+            if plan.tree[i, at.TURNING] == kinds.FREELY:
                 torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
             force = add3(force, cross3(w, cross3(w, first)))
             a = add6(a, inertia)

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, quaternion_product, scale3, store3, sub3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.layout import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import body_about_joint
 
 _ROUND = 1e-9  # the share of a moment of inertia by which two that are equal may differ
@@ -32,8 +33,8 @@ def round_axes(plan: Plan, quaternions: IntArray) -> FloatArray:
     """
     axes = np.zeros((len(quaternions), 3))
     for k, (in_x, _) in enumerate(quaternions):
-        start = plan.tree[:, at.JOINT_X] + 3 * (plan.tree[:, at.JOINT] == at.FREE)
-        turning = np.isin(plan.tree[:, at.JOINT], (at.SPHERICAL, at.FREE))
+        start = plan.tree[:, at.JOINT_X] + 3 * (plan.tree[:, at.JOINT] == kinds.FREE)
+        turning = np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE))
         i = int(np.flatnonzero((start == in_x) & turning)[0])
         if plan.tree[i, at.FLEX] < 0 and not (plan.tree[:, at.PARENT] == i).any():
             axes[k] = _axis(*body_about_joint(plan, i)[1:])

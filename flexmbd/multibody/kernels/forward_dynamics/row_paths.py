@@ -13,9 +13,10 @@ import numpy as np
 
 from flexmbd.multibody.kernels.algebra.so3 import load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import load6, put6
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.base.layout import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import pass_forces
@@ -53,7 +54,7 @@ def new_row_paths(plan: Plan) -> RowPaths:
     paths = [_path(plan, row) for row in plan.rows]
     rows_of = [[r for r, path in enumerate(paths) if b in path] for b in range(len(plan.tree))]
     driven = set(plan.driven[:, at.DRIVEN_V])
-    freedoms = {at.FIXED: 0, at.SPHERICAL: 3, at.FREE: 6}
+    freedoms = {kinds.FIXED: 0, kinds.SPHERICAL: 3, kinds.FREE: 6}
     slots = np.zeros((len(plan.tree), 5), np.int64)
     for i, tree in enumerate(plan.tree):
         count = freedoms.get(int(tree[at.JOINT]), 1)
@@ -73,7 +74,7 @@ def new_row_paths(plan: Plan) -> RowPaths:
 
 def _path(plan: Plan, row: IntArray) -> set[int]:
     """Tree rows of the bodies between a constraint row's ends and the ground."""
-    if row[at.ROW_KIND] == at.ROW_COUPLING:
+    if row[at.ROW_KIND] == kinds.ROW_COUPLING:
         o = row[at.ROW_DATA]
         ends = [int(b) for b in plan.data[o + 2 :: 2][: int(plan.data[o])]]
     else:
@@ -153,7 +154,7 @@ def _direction(plan, work, paths, i):
             out[k] = 0.0
         store3(work.body[b], at.B_F, _ZERO3)
         store3(work.body[b], at.B_T, _ZERO3)
-    if row[at.ROW_KIND] == at.ROW_COUPLING:
+    if row[at.ROW_KIND] == kinds.ROW_COUPLING:
         o = row[at.ROW_DATA]
         for k in range(int(plan.data[o])):
             out[plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]] += plan.data[o + 3 + 2 * k]

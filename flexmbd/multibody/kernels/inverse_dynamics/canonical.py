@@ -26,6 +26,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.algebra.turning import turning_torque
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
@@ -52,7 +53,7 @@ def _body_momentum(plan, i, x, v, none, row, out):
     tree = plan.tree[i]
     if tree[at.FLEX] < 0:
         rigid = plan.rigid[i]
-        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), at.NEVER, row)
+        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), kinds.NEVER, row)
     else:
         n = plan.flex[tree[at.FLEX], at.N_MODES]
         qx = tree[at.MODAL_X]

@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
@@ -97,7 +98,7 @@ def constraints(plan, work, position, velocity, acceleration):
     """
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
-        if row[at.ROW_KIND] == at.ROW_COUPLING:
+        if row[at.ROW_KIND] == kinds.ROW_COUPLING:
             position[i] = _coupling_sum(plan, work, row, 0) - plan.data[row[at.ROW_DATA] + 1]
             velocity[i] = _coupling_sum(plan, work, row, 1)
             acceleration[i] = _coupling_sum(plan, work, row, 2)
@@ -121,7 +122,7 @@ def constraints(plan, work, position, velocity, acceleration):
             position[i] -= work.time[f, 0]
             velocity[i] -= work.time[f, 1]
             acceleration[i] -= work.time[f, 2]
-            if row[at.ROW_KIND] == at.ROW_ANGLE:
+            if row[at.ROW_KIND] == kinds.ROW_ANGLE:
                 position[i] = wrap(position[i])
 
 
@@ -134,7 +135,7 @@ def load_constraints(plan, work, multipliers, out):
     """
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
-        if row[at.ROW_KIND] == at.ROW_COUPLING:
+        if row[at.ROW_KIND] == kinds.ROW_COUPLING:
             continue
         f = row[at.ROW_F]
         g = row[at.ROW_G]
@@ -151,7 +152,7 @@ def load_couplings(plan, multipliers, out):
     """Add the couplings' reactions to the joints' generalised forces; after ``backward``."""
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
-        if row[at.ROW_KIND] == at.ROW_COUPLING:
+        if row[at.ROW_KIND] == kinds.ROW_COUPLING:
             o = row[at.ROW_DATA]
             for k in range(int(plan.data[o])):
                 v = plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]

@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
@@ -73,16 +74,16 @@ def _friction(data, o, rate):
 
 @entry_kernel
 def coordinate_law(plan, row, x, rate):
-    """Force on a coordinate x (rad or m) and its derivatives by x and its rate: ON_SPRING .. ON_FRICTION."""
+    """Force on a coordinate x (rad or m) and its derivatives by x and its rate: any of COORDINATE_LAWS."""
     data = plan.data
     o = row[at.EL_DATA]
     kind = row[at.EL_KIND]
-    if kind == at.ON_SPRING:
+    if kind == kinds.ON_SPRING:
         return -data[o] * (x - data[o + 1]) - data[o + 2] * rate, -data[o], -data[o + 2]
-    if kind == at.ON_CHARACTERISTIC:
+    if kind == kinds.ON_CHARACTERISTIC:
         force, slope, _ = piecewise(data, o + 2, row[at.EL_COUNT], x - data[o])
         return -force - data[o + 1] * rate, -slope, -data[o + 1]
-    if kind == at.ON_STOP:
+    if kind == kinds.ON_STOP:
         low, low_x, low_v = _stop(data[o + 2], data[o + 3], data[o + 4], data[o] - x, -rate)
         high, high_x, high_v = _stop(data[o + 2], data[o + 3], data[o + 4], x - data[o + 1], rate)
         return low - high, -low_x - high_x, -low_v - high_v
@@ -96,13 +97,13 @@ def _coordinate_energy(plan, row, x):
     data = plan.data
     o = row[at.EL_DATA]
     kind = row[at.EL_KIND]
-    if kind == at.ON_SPRING:
+    if kind == kinds.ON_SPRING:
         return 0.5 * data[o] * (x - data[o + 1]) ** 2
-    if kind == at.ON_CHARACTERISTIC:
+    if kind == kinds.ON_CHARACTERISTIC:
         pieces = row[at.EL_COUNT]
         potential = o + 4 + pieces + int(data[o + 2]) * pieces
         return piecewise(data, potential, pieces, x - data[o])[0]
-    if kind == at.ON_STOP:
+    if kind == kinds.ON_STOP:
         depth = max(data[o] - x, x - data[o + 1])
         return _contact(data[o + 2], data[o + 4], depth)[2] if depth > 0.0 else 0.0
     return 0.0
@@ -126,7 +127,7 @@ def _user_law(plan, work, i, x, rate):
         return np.nan
     force = call_law(plan.elements[i, at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, rate)
     if plan.flag[0] == 0 and not np.isfinite(force):
-        plan.flag[0] = at.FLAG_ELEMENT + i
+        plan.flag[0] = kinds.FLAG_ELEMENT + i
     return force
 
 
@@ -139,7 +140,7 @@ def _push_user_forces(plan, work, i, x, v, out):
     if plan.flag[0] == 0 and _finite(x) and _finite(v):
         call_state(plan.elements[i, at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, v, force)
         if plan.flag[0] == 0 and not _finite(force):
-            plan.flag[0] = at.FLAG_ELEMENT + i
+            plan.flag[0] = kinds.FLAG_ELEMENT + i
     for k in range(force.shape[0]):
         out[k] -= force[k]
 
@@ -151,17 +152,17 @@ def push_coordinates(plan, work, x, v, out):
         row = plan.elements[i]
         kind = row[at.EL_KIND]
         k = row[at.EL_V]
-        if kind <= at.ON_FRICTION:
+        if kind in kinds.COORDINATE_LAWS:
             out[k] -= coordinate_law(plan, row, x[row[at.EL_X]], v[k])[0]
-        elif kind == at.ON_FUNCTION:
+        elif kind == kinds.ON_FUNCTION:
             out[k] -= _user_law(plan, work, i, x[row[at.EL_X]], v[k])
-        elif kind == at.ON_MODES:
+        elif kind == kinds.ON_MODES:
             factor = work.time[row[at.EL_TIME], 0]
             for j in range(row[at.EL_COUNT]):
                 out[k + j] -= factor * plan.data[row[at.EL_DATA] + j]
-        elif kind == at.ON_STATE:
+        elif kind == kinds.ON_STATE:
             _push_user_forces(plan, work, i, x, v, out)
-        elif kind == at.ON_ENERGY:
+        elif kind == kinds.ON_ENERGY:
             push_energy(plan, row, x, out)
 
 
@@ -206,7 +207,7 @@ def penalty_pull(plan, work, row, d, R, rate, spin):
     if f >= 0:
         speed -= work.time[f, 1]
         value -= work.time[f, 0]
-        if held[at.ROW_KIND] == at.ROW_ANGLE:
+        if held[at.ROW_KIND] == kinds.ROW_ANGLE:
             value = wrap(value)
     return value, speed, plan.data[o] * value + plan.data[o + 1] * speed, force, torque
 
@@ -221,23 +222,23 @@ def element_wrench(plan, work, row, d, R, rate, spin):
     data = plan.data
     o = row[at.EL_DATA]
     kind = row[at.EL_KIND]
-    if kind == at.BETWEEN_SPRING:
+    if kind == kinds.BETWEEN_SPRING:
         length = max(math.sqrt(dot3(d, d)), _LEAST)
         pull = data[o] * (length - data[o + 1]) + data[o + 2] * dot3(d, rate) / length
         return scale3(-pull / length, d), _ZERO
-    if kind == at.BETWEEN_BUSHING:
+    if kind == kinds.BETWEEN_BUSHING:
         theta = rotation_vector(R)
         force, torque = six_times(data, o, d, theta)
         drag, twist = six_times(data, o + 36, rate, left_jacobian_inverse(theta, spin))
         torque = left_jacobian_inverse_transposed(theta, add3(torque, twist))
         return scale3(-1.0, add3(force, drag)), scale3(-1.0, torque)
-    if kind == at.BETWEEN_PENALTY:
+    if kind == kinds.BETWEEN_PENALTY:
         _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
         return scale3(-pull, force), scale3(-pull, torque)
     factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
     force = scale3(factor, load3(data, o))
     torque = scale3(factor, load3(data, o + 3))
-    if kind == at.BETWEEN_GIVEN_G:
+    if kind == kinds.BETWEEN_GIVEN_G:
         return rotate(R, force), rotate(R, torque)
     return force, torque
 
@@ -247,7 +248,7 @@ def load_elements(plan, work, out):
     """Ask the wrenches of all elements between frames of both frames' bodies, as applied forces."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if row[at.EL_KIND] < at.BETWEEN_SPRING:
+        if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES:
             continue
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin = relative_rates(plan, work, f, g)
@@ -266,18 +267,18 @@ def elements_energy(plan, work, x):
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         o = row[at.EL_DATA]
-        if row[at.EL_KIND] <= at.ON_FRICTION:
+        if row[at.EL_KIND] in kinds.COORDINATE_LAWS:
             energy += _coordinate_energy(plan, row, x[row[at.EL_X]])
-        elif row[at.EL_KIND] == at.ON_ENERGY:
+        elif row[at.EL_KIND] == kinds.ON_ENERGY:
             energy += energy_of(plan, row, x)
-        elif row[at.EL_KIND] == at.BETWEEN_SPRING:
+        elif row[at.EL_KIND] == kinds.BETWEEN_SPRING:
             d, _, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2
-        elif row[at.EL_KIND] == at.BETWEEN_PENALTY:
+        elif row[at.EL_KIND] == kinds.BETWEEN_PENALTY:
             d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             value, _, _, _, _ = penalty_pull(plan, work, row, d, R, rate, spin)
             energy += 0.5 * plan.data[o] * value * value
-        elif row[at.EL_KIND] == at.BETWEEN_BUSHING:
+        elif row[at.EL_KIND] == kinds.BETWEEN_BUSHING:
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             theta = rotation_vector(R)
             force, torque = six_times(plan.data, o, d, theta)

@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
     sub3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
@@ -187,7 +188,7 @@ def ask_inertia(plan, work, x, v, a, out):
             qx = tree[at.MODAL_X]
             qv = tree[at.MODAL_V]
             q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-            if tree[at.TURNING] == at.NEVER:
+            if tree[at.TURNING] == kinds.NEVER:
                 unturned_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
             else:
                 flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
 
@@ -39,7 +40,7 @@ def add_rigid_wrench(mass, first, second, turning, row):
         scale3(mass, a), add3(cross3(dw, first), cross3(w, cross3(w, first)))
     )
     torque = add3(cross3(first, a), inertia_times(second, dw))
-    if turning > at.BALANCED:
+    if turning == kinds.IN_PLANE or turning == kinds.FREELY:
         torque = add3(torque, cross3(w, inertia_times(second, w)))
     store3(row, at.B_F, force)
     store3(row, at.B_T, torque)
@@ -196,7 +197,7 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
         # 2 phi_j . (w x Phi qd) = 2 w . sum phi_k x phi_j qd_k
         load += 2.0 * (w[0] * u[0] + w[1] * u[1] + w[2] * u[2])
         out[j] = load + e
-    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), at.FREELY, row)
+    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), kinds.FREELY, row)
     coriolis = cross3(w, (vx, vy, vz))
     store3(
         row,

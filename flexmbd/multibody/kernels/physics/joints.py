@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     quaternion_matrix,
     quaternion_product,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
@@ -28,17 +29,17 @@ def joint_pose(kind, pitch, x, o):
     """p_FG_F and R_FG from the joint's coordinates x[o:]."""
     p = _ZERO
     r = _IDENTITY
-    if kind == at.REVOLUTE or kind == at.SCREW:
+    if kind == kinds.REVOLUTE or kind == kinds.SCREW:
         c = math.cos(x[o])
         s = math.sin(x[o])
         r = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-        if kind == at.SCREW:
+        if kind == kinds.SCREW:
             p = (0.0, 0.0, pitch * x[o])
-    elif kind == at.PRISMATIC:
+    elif kind == kinds.PRISMATIC:
         p = (0.0, 0.0, x[o])
-    elif kind == at.SPHERICAL:
+    elif kind == kinds.SPHERICAL:
         r = quaternion_matrix((x[o], x[o + 1], x[o + 2], x[o + 3]))
-    elif kind == at.FREE:
+    elif kind == kinds.FREE:
         p = load3(x, o)
         r = quaternion_matrix((x[o + 3], x[o + 4], x[o + 5], x[o + 6]))
     return p, r
@@ -47,11 +48,11 @@ def joint_pose(kind, pitch, x, o):
 @kernel
 def joint_size(kind):
     """Number of velocities of a joint."""
-    if kind == at.FIXED:
+    if kind == kinds.FIXED:
         return 0
-    if kind == at.SPHERICAL:
+    if kind == kinds.SPHERICAL:
         return 3
-    return 6 if kind == at.FREE else 1
+    return 6 if kind == kinds.FREE else 1
 
 
 @entry_kernel
@@ -59,16 +60,16 @@ def joint_motion(kind, pitch, v, o):
     """Rate of p_FG_F and w_FG_G from the joint's entries v[o:]; for accelerations alike."""
     linear = _ZERO
     angular = _ZERO
-    if kind == at.REVOLUTE:
+    if kind == kinds.REVOLUTE:
         angular = (0.0, 0.0, v[o])
-    elif kind == at.PRISMATIC:
+    elif kind == kinds.PRISMATIC:
         linear = (0.0, 0.0, v[o])
-    elif kind == at.SCREW:
+    elif kind == kinds.SCREW:
         linear = (0.0, 0.0, pitch * v[o])
         angular = (0.0, 0.0, v[o])
-    elif kind == at.SPHERICAL:
+    elif kind == kinds.SPHERICAL:
         angular = load3(v, o)
-    elif kind == at.FREE:
+    elif kind == kinds.FREE:
         linear = load3(v, o)
         angular = load3(v, o + 3)
     return linear, angular
@@ -77,17 +78,17 @@ def joint_motion(kind, pitch, v, o):
 @kernel
 def joint_force(kind, pitch, force_F, torque_G, out, o):
     """Project the wrench at G onto the joint's coordinates: out[o:]."""
-    if kind == at.REVOLUTE:
+    if kind == kinds.REVOLUTE:
         out[o] = torque_G[2]
-    elif kind == at.PRISMATIC:
+    elif kind == kinds.PRISMATIC:
         out[o] = force_F[2]
-    elif kind == at.SCREW:
+    elif kind == kinds.SCREW:
         out[o] = torque_G[2] + pitch * force_F[2]
-    elif kind == at.SPHERICAL:
+    elif kind == kinds.SPHERICAL:
         out[o] = torque_G[0]
         out[o + 1] = torque_G[1]
         out[o + 2] = torque_G[2]
-    elif kind == at.FREE:
+    elif kind == kinds.FREE:
         out[o] = force_F[0]
         out[o + 1] = force_F[1]
         out[o + 2] = force_F[2]
@@ -99,7 +100,7 @@ def joint_force(kind, pitch, force_F, torque_G, out, o):
 @kernel
 def has_one_coordinate(kind):
     """Whether the joint is a revolute, prismatic or screw joint."""
-    return kind == at.REVOLUTE or kind == at.PRISMATIC or kind == at.SCREW
+    return kind == kinds.REVOLUTE or kind == kinds.PRISMATIC or kind == kinds.SCREW
 
 
 @kernel
@@ -127,9 +128,9 @@ def retract(plan, x, step, out):
         ov = row[at.JOINT_V]
         if has_one_coordinate(kind):
             out[ox] = x[ox] + step[ov]
-        elif kind == at.SPHERICAL:
+        elif kind == kinds.SPHERICAL:
             _turn(x, ox, load3(step, ov), out)
-        elif kind == at.FREE:
+        elif kind == kinds.FREE:
             for k in range(3):
                 out[ox + k] = x[ox + k] + step[ov + k]
             _turn(x, ox + 3, load3(step, ov + 3), out)

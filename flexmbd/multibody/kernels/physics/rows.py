@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
@@ -144,21 +145,21 @@ def row_value(data, row, d, R):
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
     value = 0.0
-    if kind == at.ROW_TRANSLATION:
+    if kind == kinds.ROW_TRANSLATION:
         value = dot3(unit(k), d)
-    elif kind == at.ROW_DIRECTION:
+    elif kind == kinds.ROW_DIRECTION:
         value = dot3(unit(k // 3), column(R, k % 3))
-    elif kind == at.ROW_AXIS:
+    elif kind == kinds.ROW_AXIS:
         value = dot3(unit(k), skew_axis(R))
-    elif kind == at.ROW_ANGLE:
+    elif kind == kinds.ROW_ANGLE:
         value = twist(R)
-    elif kind == at.ROW_SCREW:
+    elif kind == kinds.ROW_SCREW:
         pitch = data[row[at.ROW_DATA]]
         value = -pitch * wrap(twist(R) - d[2] / pitch)
-    elif kind == at.ROW_DISTANCE:
+    elif kind == kinds.ROW_DISTANCE:
         length = data[row[at.ROW_DATA]]
         value = 0.5 * (dot3(d, d) / length - length)
-    elif kind == at.ROW_TOUCH:
+    elif kind == kinds.ROW_TOUCH:
         _, slope = _rise(column(R, 2))
         value = d[2] - data[row[at.ROW_DATA]] * slope
     return value
@@ -171,25 +172,25 @@ def row_wrench(data, row, d, R):
     k = row[at.ROW_INDEX]
     force = _ZERO
     torque = _ZERO
-    if kind == at.ROW_TRANSLATION:
+    if kind == kinds.ROW_TRANSLATION:
         force = unit(k)
-    elif kind == at.ROW_DIRECTION:
+    elif kind == kinds.ROW_DIRECTION:
         torque = cross3(column(R, k % 3), unit(k // 3))
-    elif kind == at.ROW_AXIS:
+    elif kind == kinds.ROW_AXIS:
         torque = _axis_torque(R, unit(k))
-    elif kind == at.ROW_ANGLE:
+    elif kind == kinds.ROW_ANGLE:
         torque = twist_torque(R)
-    elif kind == at.ROW_SCREW:
+    elif kind == kinds.ROW_SCREW:
         force = (0.0, 0.0, 1.0)
         torque = scale3(-data[row[at.ROW_DATA]], twist_torque(R))
-    elif kind == at.ROW_DISTANCE:
+    elif kind == kinds.ROW_DISTANCE:
         force = scale3(1.0 / data[row[at.ROW_DATA]], d)
-    elif kind == at.ROW_TOUCH:
+    elif kind == kinds.ROW_TOUCH:
         # the arm from the centre to the touching point, times the force along z there
         u, _ = _rise(column(R, 2))
         force = (0.0, 0.0, 1.0)
         torque = cross3(scale3(-data[row[at.ROW_DATA]], u), force)
-    elif kind == at.ROW_ROLL:
+    elif kind == kinds.ROW_ROLL:
         u, _ = _rise(column(R, 2))
         force = unit(k)
         torque = cross3(scale3(-data[row[at.ROW_DATA]], u), force)
@@ -203,19 +204,19 @@ def row_wrench_variation(data, row, d, R, dd, dtheta):
     k = row[at.ROW_INDEX]
     force = _ZERO
     torque = _ZERO
-    if kind == at.ROW_DIRECTION:
+    if kind == kinds.ROW_DIRECTION:
         torque = cross3(cross3(dtheta, column(R, k % 3)), unit(k // 3))
-    elif kind == at.ROW_AXIS:
+    elif kind == kinds.ROW_AXIS:
         torque = _axis_torque_variation(R, unit(k), dtheta)
-    elif kind == at.ROW_ANGLE:
+    elif kind == kinds.ROW_ANGLE:
         torque = twist_torque_variation(R, dtheta)
-    elif kind == at.ROW_SCREW:
+    elif kind == kinds.ROW_SCREW:
         torque = scale3(-data[row[at.ROW_DATA]], twist_torque_variation(R, dtheta))
-    elif kind == at.ROW_DISTANCE:
+    elif kind == kinds.ROW_DISTANCE:
         force = scale3(1.0 / data[row[at.ROW_DATA]], dd)
-    elif kind == at.ROW_TOUCH or kind == at.ROW_ROLL:
+    elif kind == kinds.ROW_TOUCH or kind == kinds.ROW_ROLL:
         n = column(R, 2)
         du = _rise_variation(n, cross3(dtheta, n))
-        e = (0.0, 0.0, 1.0) if kind == at.ROW_TOUCH else unit(k)
+        e = (0.0, 0.0, 1.0) if kind == kinds.ROW_TOUCH else unit(k)
         torque = cross3(scale3(-data[row[at.ROW_DATA]], du), e)
     return force, torque

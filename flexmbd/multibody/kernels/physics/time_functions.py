@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import call_row, call_scalar
@@ -53,17 +54,17 @@ def evaluate_times(plan, t, out):
         row = plan.times[i]
         kind = row[at.TIME_KIND]
         o = row[at.TIME_OFFSET]
-        if kind == at.TIME_PIECEWISE:
+        if kind == kinds.TIME_PIECEWISE:
             out[i, 0], out[i, 1], out[i, 2] = piecewise(
                 plan.time_data, o, row[at.TIME_COUNT], t
             )
-        elif kind == at.TIME_SINE:
+        elif kind == kinds.TIME_SINE:
             out[i, 0], out[i, 1], out[i, 2] = _sine(plan.time_data, o, t)
-        elif kind == at.TIME_COMPILED:
+        elif kind == kinds.TIME_COMPILED:
             for k in range(3):
                 address = row[at.TIME_ADDRESS + k]
                 out[i, k] = call_scalar(address, t) if address != 0 else 0.0
                 if plan.flag[0] == 0 and not math.isfinite(out[i, k]):
-                    plan.flag[0] = at.FLAG_TIME - i
+                    plan.flag[0] = kinds.FLAG_TIME - i
         else:
             call_row(row[at.TIME_ADDRESS], t, out.ctypes.data + 24 * i)

@@ -12,6 +12,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     store9,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
@@ -64,7 +65,7 @@ def _body_energy(plan, work, i, x, v, none, out):
     elastic = 0.0
     kinetic = 0.0
     if tree[at.FLEX] < 0:
-        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), at.NEVER, row)
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NEVER, row)
     else:
         flex = plan.flex[tree[at.FLEX]]
         n = flex[at.N_MODES]

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.algebra.turning import add9, scale9, skew
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, summing_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
@@ -257,7 +258,7 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     w = load3(body, at.B_W)
     G = _particle_matrix(_spin_matrix(w, load3(body, at.B_DW)), w, per_x, per_v)
     damping = flex[at.MODAL_DAMPING]
-    spins = tree[at.TURNING] != at.NEVER
+    spins = tree[at.TURNING] != kinds.NEVER
     for j in range(n):
         o = flex[at.MODAL_PAIR] + 9 * n * j
         row = matrix[first + j, first : first + n]

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.algebra.turning import add9, scale9, skew, turning, turning_torque
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -160,14 +161,14 @@ def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     o = tree[at.JOINT_V]
     for k in range(size):
         angular, linear = zero, zero
-        if kind == at.REVOLUTE:
+        if kind == kinds.REVOLUTE:
             angular = column(R_G, 2)
-        elif kind == at.PRISMATIC:
+        elif kind == kinds.PRISMATIC:
             linear = column(R_F, 2)
-        elif kind == at.SCREW:
+        elif kind == kinds.SCREW:
             angular = column(R_G, 2)
             linear = scale3(plan.data[tree[at.JOINT_DATA]], angular)
-        elif kind == at.SPHERICAL:
+        elif kind == kinds.SPHERICAL:
             angular = column(R_G, k)
         elif k < 3:
             linear = column(R_F, k)

@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     rotation_vector,
     scale3,
 )
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.elements import penalty_pull, six_times
@@ -75,7 +76,7 @@ def _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dsp
     _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
     force_change, torque_change = row_wrench_variation(plan.data, held, d, R, dd, dtheta)
     value_change = 0.0
-    if held[at.ROW_LEVEL] == at.LEVEL_POSITION:
+    if held[at.ROW_LEVEL] == kinds.LEVEL_POSITION:
         value_change = dot3(force, dd) + dot3(torque, dtheta)
     speed_change = dot3(force_change, rate) + dot3(torque_change, spin) + dot3(force, drate) + dot3(torque, dspin)
     pull_change = plan.data[o] * value_change + plan.data[o + 1] * speed_change
@@ -94,13 +95,13 @@ def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drat
     data = plan.data
     o = row[at.EL_DATA]
     kind = row[at.EL_KIND]
-    if kind == at.BETWEEN_SPRING:
+    if kind == kinds.BETWEEN_SPRING:
         return _spring_variation(data, o, d, rate, dd, drate)
-    if kind == at.BETWEEN_BUSHING:
+    if kind == kinds.BETWEEN_BUSHING:
         return _bushing_variation(data, o, d, R, rate, spin, dd, dtheta, drate, dspin)
-    if kind == at.BETWEEN_PENALTY:
+    if kind == kinds.BETWEEN_PENALTY:
         return _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin)
-    if kind == at.BETWEEN_GIVEN_G:
+    if kind == kinds.BETWEEN_GIVEN_G:
         factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
         force = rotate(R, scale3(factor, load3(data, o)))
         torque = rotate(R, scale3(factor, load3(data, o + 3)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
@@ -55,14 +56,14 @@ def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
         row = plan.elements[i]
         kind = row[at.EL_KIND]
         k = row[at.EL_V]
-        if kind <= at.ON_FRICTION:
+        if kind in kinds.COORDINATE_LAWS:
             _, slope_x, slope_v = coordinate_law(plan, row, x[row[at.EL_X]], v[k])
             matrix[k, k] -= per_x * slope_x + per_v * slope_v
-        elif kind == at.ON_ENERGY:
+        elif kind == kinds.ON_ENERGY:
             add_energy_block(plan, row, x, per_x, matrix)
         elif plan.flag[0] != 0:
             continue
-        elif kind == at.ON_FUNCTION:
+        elif kind == kinds.ON_FUNCTION:
             matrix[k, k] -= _user_slope(plan, work, row, x[row[at.EL_X]], v[k], per_x, per_v)
-        elif kind == at.ON_STATE:
+        elif kind == kinds.ON_STATE:
             _add_state_columns(plan, work, tw, row[at.EL_ADDRESS], x, v, per_x, per_v, matrix)

@@ -7,6 +7,7 @@ the frames and not the other change it; that it goes along with the bodies is pa
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
@@ -154,7 +155,7 @@ def _last_of_group(plan, first):
     last = first + 1
     while (
         last < plan.rows.shape[0]
-        and plan.rows[last, at.ROW_KIND] != at.ROW_COUPLING
+        and plan.rows[last, at.ROW_KIND] != kinds.ROW_COUPLING
         and _same_frames(plan.rows[first], plan.rows[last])
     ):
         last += 1
@@ -231,7 +232,7 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
     tw.rate_jacobian[:] = 0.0
     first = 0
     while first < plan.rows.shape[0]:
-        if plan.rows[first, at.ROW_KIND] == at.ROW_COUPLING:
+        if plan.rows[first, at.ROW_KIND] == kinds.ROW_COUPLING:
             _coupling_row(plan, tw, first, per_v)
             first += 1
             continue
@@ -245,7 +246,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if row[at.EL_KIND] < at.BETWEEN_SPRING:
+        if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES:
             continue
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)

@@ -9,6 +9,7 @@ r' take the place of their spatial matrices, and frames that deform that of join
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -102,7 +103,7 @@ def _joint_block(tw, kind, o, matrix):
     size = joint_size(kind)
     for r in range(size):
         for k in range(size):
-            if kind == at.FREE and r < 3:
+            if kind == kinds.FREE and r < 3:
                 matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
             else:
                 matrix[o + r, o + k] += _feel_product(tw, o + r, tw.motion, o + k)
@@ -192,9 +193,9 @@ def turn_columns(plan, move, matrix):
     """
     for i in range(plan.tree.shape[0]):
         kind = plan.tree[i, at.JOINT]
-        if kind != at.SPHERICAL and kind != at.FREE:
+        if kind != kinds.SPHERICAL and kind != kinds.FREE:
             continue
-        o = plan.tree[i, at.JOINT_V] + (0 if kind == at.SPHERICAL else 3)
+        o = plan.tree[i, at.JOINT_V] + (0 if kind == kinds.SPHERICAL else 3)
         turn = scale3(-1.0, load3(move, o))
         for r in range(matrix.shape[0]):
             store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.layout import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -78,7 +79,7 @@ def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
             edge_of[f] = edges
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
-    quaternions = int(np.isin(plan.tree[:, at.JOINT], (at.SPHERICAL, at.FREE)).sum())
+    quaternions = int(np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE)).sum())
     zeros = np.zeros
     return TangentWork(
         origin=zeros(6),

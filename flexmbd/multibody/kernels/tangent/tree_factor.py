@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
-from flexmbd.multibody.kernels.base.layout import Plan
 
 _LEAST_PIVOT = 1e-8  # of the diagonal entry before the elimination
 _DENSE_GAIN = 3.0  # how much faster LAPACK does a flop than these loops over indices do, at some 50 unknowns
@@ -46,7 +47,7 @@ def ancestors(plan: Plan) -> NDArray[np.int64]:
 
 
 _JOINT_SIZE = {
-    at.FIXED: 0, at.REVOLUTE: 1, at.PRISMATIC: 1, at.SCREW: 1, at.SPHERICAL: 3, at.FREE: 6,
+    kinds.FIXED: 0, kinds.REVOLUTE: 1, kinds.PRISMATIC: 1, kinds.SCREW: 1, kinds.SPHERICAL: 3, kinds.FREE: 6,
 }  # fmt: skip
 
 

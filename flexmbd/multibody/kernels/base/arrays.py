@@ -1,0 +1,77 @@
+"""The arrays of a compiled scene: ``Plan``, which is constant, and ``Work``, the scratch space of one evaluation.
+
+Both are named tuples of arrays whose types never change, so that one compiled image serves every scene.  Who hands
+them from kernel to kernel imports them from here; what their columns hold is for the kernels and the plan's room.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import layout as at
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Plan(NamedTuple):
+    """The constant arrays of a compiled scene (SI units; ``layout`` names their columns).
+
+    Only ``flag`` (1,) changes: a user's function that fails sets it, and the step stops.  FLAG_PYTHON: an exception
+    that ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
+    """
+
+    tree: IntArray
+    frames: FloatArray
+    frame_of: IntArray
+    rigid: FloatArray
+    flex: IntArray
+    modal: FloatArray
+    data: FloatArray
+    rows: IntArray
+    forces: IntArray
+    times: IntArray
+    time_data: FloatArray
+    driven: IntArray
+    free: IntArray
+    gravity: FloatArray
+    lapack: IntArray
+    flag: IntArray
+    elements: IntArray
+    penalties: IntArray  # constraint rows, with the columns of ``rows``, that yield instead of having multipliers
+
+
+class Work(NamedTuple):
+    """Scratch arrays of one evaluation; written before they are read.
+
+    time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
+    generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
+    """
+
+    body: FloatArray
+    frame: FloatArray
+    time: FloatArray
+    generalized: FloatArray
+
+
+def new_work(plan: Plan) -> Work:
+    """Allocate the scratch space of ``plan``."""
+    return Work(
+        np.zeros((len(plan.tree), at.N_BODY_WORK)),
+        np.zeros((len(plan.frames), at.N_FRAME_WORK)),
+        np.zeros((len(plan.times) + 1, 3)),
+        np.zeros(len(plan.free) + len(plan.driven)),
+    )
+
+
+def without_forces(plan: Plan) -> Plan:
+    """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
+    return plan._replace(
+        gravity=np.zeros(3),
+        forces=np.zeros((0, at.N_FORCE), np.int64),
+        elements=np.ascontiguousarray(plan.elements[plan.elements[:, at.EL_KIND] == kinds.ON_ENERGY]),
+    )

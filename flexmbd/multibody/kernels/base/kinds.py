@@ -1,0 +1,52 @@
+"""The vocabulary of a compiled scene: kinds of joints, constraint rows, force elements, functions of time.
+
+Plain integers, which kernels compile as constants.  Joints and force elements say by them what they are; nothing is
+to be read from their order.
+"""
+
+from __future__ import annotations
+
+# Joint kinds.
+FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SCREW = range(6)
+
+# How a body's frame may turn, decided from the joints on the way from the ground.  NEVER: not at all.  BALANCED: about
+# one axis fixed in the body, on which w x (J w) is zero for a rigid body.  IN_PLANE: about one axis, where w x (J w) is
+# across it, which loads joints but moves none.  FREELY: any way, or as a flexible body, whose Coriolis forces stay in a
+# plane as well.
+NEVER, BALANCED, IN_PLANE, FREELY = range(4)
+
+# Kinds of constraint rows between frames F and G; d = p_FG_F, R = R_FG, n the z axis of G in F, "angle" that of the
+# turn about z (the twist).
+ROW_TRANSLATION = 0  # d[index] = 0
+ROW_DIRECTION = 1  # R[index // 3, index % 3] = 0
+ROW_AXIS = 2  # component index of the axis of R = 0
+ROW_ANGLE = 3  # angle = 0, to the nearest turn
+ROW_SCREW = 4  # d[2] - pitch angle = 0, to the nearest turn; data: pitch (m/rad)
+ROW_DISTANCE = 5  # |d| = L; data: L (m)
+ROW_TOUCH = 6  # the rim of a disc about n in the plane z = 0; data: its radius (m)
+ROW_ROLL = 7  # the touching point's velocity along axis index of F = 0 (velocity level); data: the radius
+ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, r_k) ...
+ROWS_IN_RAD = (ROW_DIRECTION, ROW_AXIS, ROW_ANGLE)  # their multipliers are moments, those of the others forces
+# What a row holds: positions, or velocities alone.
+LEVEL_POSITION, LEVEL_VELOCITY = range(2)
+
+# Kinds of force elements, those on coordinates.  A spring: k, rest, c.  A characteristic of several pieces: rest, c,
+# force and potential over the deflection as piecewise polynomials.  A stop: lower, upper, k, damping, transition.
+# Friction: Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  A user's function of time,
+# coordinate and rate.  Forces on modes, one number a mode.  A user's function of time and state.  The energy of a
+# homogeneous deformation: see ``energies``.
+ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE, ON_ENERGY = range(8)
+# Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
+# torque (3) in F's or in G's axes.  A penalty: k, c, for a row of Plan.penalties.
+BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(8, 13)
+COORDINATE_LAWS = (ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION)  # of one coordinate, by numbers alone
+BETWEEN_FRAMES = (BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY)
+
+# Kinds of functions of time.
+TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)
+
+# Kinds of error-norm groups: coordinates of one group share one scale.
+GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
+
+# Values of Plan.flag.
+FLAG_PYTHON, FLAG_ELEMENT, FLAG_TIME = 1, 2, -1
