@@ -94,6 +94,7 @@ def write(source: str, modes: int, stem: str) -> None:
     plain.save(f"{stem}_{PLAIN}.h5")
     x, rows = np.array(model.node_x), model.displacement_dofs.reshape(-1, 3)
     nodal = plain.modes
+    assert nodal is not None
     # our record's nodes in the order of the matrices
     order = np.lexsort(np.round(nodal.x, 9).T)[np.argsort(np.lexsort(np.round(x, 9).T))]
     if np.abs(nodal.x[order] - x).max() > 1e-9:

@@ -19,12 +19,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import beam_record
 import numpy as np
 import scenes
 
 import flexmbd as fm
+from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Frame
 
 H, FINE = 1e-3, 2e-5  # s
@@ -63,7 +65,7 @@ def own_rows(case: Case) -> list[Row]:
     system, point = case.start()
     exact = system.simulate(END, rtol=1e-12, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
     place = exact.position(point)[-1]
-    methods = [
+    methods: list[tuple[str, Integrator, dict[str, Any]]] = [
         ("generalized-alpha, h = 1 ms", fm.GeneralizedAlpha(), {"h": H, "rtol": SLACK}),
         (f"central differences, h = {1e3 * case.explicit:g} ms", fm.CentralDifference(), {"h": case.explicit}),
         ("Radau IIA, rtol = 1e-2", fm.RadauIIA(), {"rtol": 1e-2}),
@@ -72,7 +74,8 @@ def own_rows(case: Case) -> list[Row]:
     rows = []
     for name, method, how in methods:
         run = system.simulate(END, integrator=method, **how)
-        short, whole = [], []
+        short: list[float] = []
+        whole: list[float] = []
         for _ in range(2 * RUNS):
             for end, spent in ((2.0 * H, short), (END, whole)):
                 began = time.thread_time()

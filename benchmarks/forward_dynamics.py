@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 import flexmbd as fm
+from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
@@ -24,7 +25,7 @@ from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 try:
     import exudyn
 except ImportError:
-    exudyn = None
+    exudyn = None  # type: ignore[assignment]
 try:
     import pinocchio
 except ImportError:
@@ -68,10 +69,11 @@ def runge_kutta(steps, h, plan, work, aw, x, v, xs, vs, k, nothing):
 
 def chain(count):
     scene = fm.System(gravity=(0.0, -GRAVITY, 0.0))
-    body, place = scene.ground, (0.0, 0.0, 0.0)
+    body: Body = scene.ground
+    place = (0.0, 0.0, 0.0)
     for _ in range(count):
         link = scene.add(fm.RigidBody(MASS, INERTIA, (LENGTH / 2.0, 0.0, 0.0)))
-        scene.connect(fm.joint.Revolute("z"), body.frame(p=place), link.frame())
+        scene.connect(fm.joint.Revolute("z"), body.frame(p=place), link.frame())  # type: ignore[attr-defined]
         body, place = link, (LENGTH, 0.0, 0.0)
     return scene.compile()
 

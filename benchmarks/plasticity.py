@@ -182,6 +182,8 @@ def limit(means: bool) -> float:
     try:
         path = follow(body, [0.9, 1.1], held=held, load=lambda t: t * force, smallest=0.002)
     except PathError as error:
+        if error.path is None:
+            raise
         path = error.path
     return path.steps[-1].t
 

@@ -49,7 +49,7 @@ def netgen_mesh(points: np.ndarray, cells: np.ndarray) -> ngsolve.Mesh:
         mesh.Add(netgen.FaceDescriptor(bc=number, domin=1, surfnr=number))
     numbers = [mesh.Add(netgen.MeshPoint(netgen.Pnt(*map(float, x)))) for x in points]
     for cell in cells.tolist():
-        mesh.Add(netgen.Element3D(1, [numbers[i] for i in cell]))
+        mesh.Add(netgen.Element3D(1, [numbers[i] for i in cell]))  # type: ignore[index]
     faces = cells[:, FACES].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     for face in faces[first[count == 1]].tolist():

@@ -26,6 +26,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import scenes
@@ -89,17 +90,17 @@ def bodies(*, quick: bool) -> Iterator[Row]:
     found = {}
     for links in sizes:
         # long chains swing slowly; a short step keeps Newton's iterations alike
-        found[links] = step_time(lambda n=links: scenes.rigid_chain(n)[0], CLASSICAL)
+        found[links] = step_time(partial(_rigid, links), CLASSICAL)
     for links, explicit in found.items():
         each = (explicit / links) / (found[50] / 50.0)
         text = f"RK4 {explicit:.2f}; per body by that at 50: {each:.2f}"
         if links <= 200:
-            implicit = step_time(lambda n=links: scenes.rigid_chain(n)[0], fm.GeneralizedAlpha())
+            implicit = step_time(partial(_rigid, links), fm.GeneralizedAlpha())
             text += f"; generalized-alpha {implicit:.1f}"
             if PEER:
                 import scenes_exudyn as peer
 
-                scene = scenes.Scene("", "rigid chain", 1.0, 1.0, lambda n=links: scenes.rigid_chain(n), None, links)
+                scene = scenes.Scene("", "rigid chain", 1.0, 1.0, partial(scenes.rigid_chain, links), None, links)
                 theirs = min(peer.solve(peer.build(scene), peer.RK44, 0.2, h=H)[0] for _ in range(3)) / 200.0 * 1e6
                 damped = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(3)) / 100.0 * 1e6
                 text += f"; exudyn RK4 {theirs:.1f} ({theirs / explicit:.1f} times)"
@@ -110,11 +111,19 @@ def bodies(*, quick: bool) -> Iterator[Row]:
 def modes(folder: Path, *, quick: bool) -> Iterator[Row]:
     for count in (8, 20) if quick else (6, 8, 12, 20, 35, 50, 75, 100):
         record = fm.ReducedBody.load(beam("5k", count, folder=folder).plain)
-        leaf = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], CLASSICAL, h=1e-5)
-        parent = step_time(lambda r=record: _with_child(r), CLASSICAL, h=1e-5)
-        implicit = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], fm.GeneralizedAlpha())
+        leaf = step_time(partial(_flexible, record), CLASSICAL, h=1e-5)
+        parent = step_time(partial(_with_child, record), CLASSICAL, h=1e-5)
+        implicit = step_time(partial(_flexible, record), fm.GeneralizedAlpha())
         text = f"RK4 {leaf:.1f}, with a child {parent:.1f} ({parent / leaf:.2f} times)"
         yield "modes", str(count), f"{text}; generalized-alpha {implicit:.1f}"
+
+
+def _rigid(links: int) -> fm.System:
+    return scenes.rigid_chain(links)[0]
+
+
+def _flexible(record: fm.ReducedBody) -> fm.System:
+    return scenes.flexible_chain(record, 1)[0]
 
 
 def _with_child(record: fm.ReducedBody) -> fm.System:
@@ -130,14 +139,14 @@ def mesh(folder: Path, meshes: Path | None, *, quick: bool) -> Iterator[Row]:
     for size in ("5k",) if quick else ("5k", "19k", "63k"):
         files = beam(size, 20, folder=folder, meshes=meshes)
         record = fm.ReducedBody.load(files.plain)
-        ours = step_time(lambda r=record: scenes.flexible_chain(r, 1)[0], fm.GeneralizedAlpha())
+        ours = step_time(partial(_flexible, record), fm.GeneralizedAlpha())
         first = first or ours
         text = f"generalized-alpha {ours:.1f}; by that of the first mesh {ours / first:.3f}"
         if PEER:
             import scenes_exudyn as peer
 
             for name, way in (("node", "flexible chain"), ("averaged", "averaged flexible chain")):
-                scene = scenes.Scene("", way, 1.0, 1.0, lambda r=record: scenes.flexible_chain(r, 1), None, 1, files)
+                scene = scenes.Scene("", way, 1.0, 1.0, partial(scenes.flexible_chain, record, 1), None, 1, files)
                 seconds = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(2))
                 theirs = seconds / 100.0 * 1e6
                 text += f"; exudyn, {name}: {theirs:.0f} ({theirs / ours:.1f} times)"

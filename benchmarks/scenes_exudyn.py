@@ -196,7 +196,7 @@ def _reduced(path: Path) -> tuple[ObjectFFRFreducedOrderInterface, list[int]]:
     body = ObjectFFRFreducedOrderInterface(mesh)
     body.stiffnessMatrixReduced = stiffness
     corners = (np.abs(np.abs(x[:, 1:]) - 0.5 * case.WIDTH) < 1e-9).all(axis=1) & (np.abs(x[:, 0] - case.LENGTH) < 1e-9)
-    return body, np.flatnonzero(corners).tolist()
+    return body, np.flatnonzero(corners).tolist()  # type: ignore[return-value]
 
 
 def _beam(
@@ -246,7 +246,7 @@ def _averaged_chain(system: Any, scene: scenes.Scene) -> Any:
     for i in range(scene.parameter):
         added = body.AddObjectFFRFreducedOrder(system, positionRef=[float(i), 0.0, 0.0], gravity=[0.0, 0.0, -scenes.G])
         faces = (np.flatnonzero(np.abs(along - x) < 1e-9).tolist() for x in (0.0, case.LENGTH))
-        start, tip = (_mean(system, added["oFFRFreducedOrder"], nodes) for nodes in faces)
+        start, tip = (_mean(system, added["oFFRFreducedOrder"], nodes) for nodes in faces)  # type: ignore[arg-type]
         _free_of(system, end, start, 4)
         end = tip
     return _marker_sensor(system, end)
@@ -282,7 +282,7 @@ def _slider_crank(system: Any, scene: scenes.Scene) -> Any:
     half = [0.5 * scenes.CRANK, 0.0, 0.0]
     crank = rigid(scenes.CRANK_MASS, scenes.CRANK_INERTIA, half, [0.0, 0.0, 0.0], angle)
     slider = rigid(scenes.SLIDER_MASS, (0.01, 0.01, 0.01), [0.0, 0.0, 0.0], slide, 0.0)
-    start, end = _beam(system, scene, crank_end.tolist(), turned=-rise)
+    start, end = _beam(system, scene, crank_end.tolist(), turned=-rise)  # type: ignore[arg-type]
     first = marker(crank, [0.0, 0.0, 0.0])
     _free_of(system, marker(ground, [0.0, 0.0, 0.0]), first, 5)
     _free_of(system, marker(crank, [scenes.CRANK, 0.0, 0.0]), start, 5)
@@ -310,7 +310,8 @@ def _loaded_spring(load: str, system: Any, _: scenes.Scene) -> Any:
     def force(_system: Any, t: float, _load: Any) -> list[float]:
         return [float(pieces(t)), 0.0, 0.0]
 
-    system.AddLoad(item.Force(markerNumber=marker, loadVector=[0.0, 0.0, 0.0], loadVectorUserFunction=force))
+    push = {"markerNumber": marker, "loadVector": [0.0, 0.0, 0.0], "loadVectorUserFunction": force}
+    system.AddLoad(item.Force(**push))
     return _point(system, body, [0.0, 0.0, 0.0])
 
 

@@ -41,6 +41,7 @@ import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
 from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.trajectory import Stats
 
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None
@@ -123,7 +124,7 @@ class Run(NamedTuple):
     solve: float
     whole: float
     end: np.ndarray
-    stats: fm.trajectory.Stats
+    stats: Stats
 
 
 def _run(scene: Scene, method: Method, rtol: float) -> Run | None:
@@ -161,7 +162,7 @@ def _ours(scene: Scene, method: Method, reference: np.ndarray, *, patience: floa
             continue
         again = [_run(scene, method, rtol) for _ in range(_repeats(first.whole))]
         done = [first, *(run for run in again if run is not None)]
-        solve, whole = (min(run[k] for run in done) for k in range(2))
+        solve, whole = min(run.solve for run in done), min(run.whole for run in done)
         steps = first.stats.steps + first.stats.rejected
         error = scenes.error(scene, first.end, reference)
         yield _row(scene, "flexmbd", method.label, (solve, whole), error, rtol, steps)
@@ -257,7 +258,8 @@ def _claims(rows: Sequence[Row]) -> Iterator[str]:
     for scene in dict.fromkeys(row["scene"] for row in rows):
         cells = [_best(rows, scene, code) for code in ("flexmbd", "exudyn")]
         said = " | ".join(f"{label} | {1e3 * solve:.3g} | {1e3 * whole:.3g}" for label, solve, whole in cells)
-        ratios = (f"{cells[1][k] / cells[0][k]:.1f}" for k in (1, 2))
+        (_, *ours), (_, *theirs) = cells
+        ratios = (f"{their / our:.1f}" for our, their in zip(ours, theirs, strict=True))
         yield f"| {scene} | {said} | {' | '.join(ratios)} |"
 
 

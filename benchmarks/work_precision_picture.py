@@ -31,7 +31,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         panel.grid(which="major", alpha=0.3)
     for panel in list(axes.flat)[len(names) :]:
         panel.set_axis_off()
-    handles = {}
+    handles: dict[str, Any] = {}
     for panel in axes.flat:
         drawn, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, drawn, strict=True))

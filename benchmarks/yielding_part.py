@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from mpi4py import MPI
 
@@ -53,7 +55,7 @@ class Found:
     work: float
     seconds: float
     run: fm.Trajectory
-    bodies: dict[str, fm.FlexibleBody | fm.ContinuumBody]
+    bodies: Mapping[str, fm.FlexibleBody | fm.ContinuumBody]
 
 
 def main() -> int:
@@ -106,27 +108,30 @@ def run_whole(mesh: TaggedMesh, speed: float, t_end: float) -> Found:
 def run_cut(mesh: TaggedMesh, speed: float, t_end: float, coupling: fm.Coupling) -> Found:
     """The bar in three pieces."""
     cut = cut_mesh(mesh, {"waist": fm.Slab((1, 0, 0), (WAIST - AROUND) * SIDE, (WAIST + AROUND) * SIDE)})
-    scene, bodies = fm.System(), {}
+    scene = fm.System()
+    waist: dict[str, fm.ContinuumBody] = {}
+    rests: dict[str, fm.FlexibleBody] = {}
     for name, piece in cut.pieces.items():
         at_cuts = cut.interfaces(name, coupling=coupling)
         held = [Interface(end) for end in ENDS if end in piece.facet_groups]
         if name in cut.yielding:
-            bodies[name] = scene.add(yielding(piece, at_cuts), name=name)
+            waist[name] = scene.add(yielding(piece, at_cuts), name=name)
             continue
         model = ContinuumModel(piece, forms.solid_linear, STEEL, degree=2, interfaces=[*held, *at_cuts])
         frame = "x_min" if "x_min" in piece.facet_groups else at_cuts[0].name
         record = craig_bampton(model, modes=MODES, frame=frame, keep_stress=True)
-        bodies[name] = scene.add(fm.FlexibleBody(record), name=name)
-    scene.connect(fm.joint.Fixed(), scene.ground.frame(), bodies["rest 1"].frame("x_min"))
+        rests[name] = scene.add(fm.FlexibleBody(record), name=name)
+    bodies = {**waist, **rests}
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), bodies["rest 1"].frame("x_min"))  # type: ignore[attr-defined]
     for one in cut.cuts:
         low, high = (bodies[name] for name in one.pieces)
-        scene.connect(fm.joint.Fixed(), low.frame(one.name), high.frame(one.name))
-    tip = bodies["rest 2"].frame("x_max")
+        scene.connect(fm.joint.Fixed(), low.frame(one.name), high.frame(one.name))  # type: ignore[attr-defined]
+    tip = bodies["rest 2"].frame("x_max")  # type: ignore[attr-defined]
     scene.connect(fm.joint.Fixed(), tip, scene.add(weight(), name="weight").frame())
-    return swing(scene, tip, bodies["waist"], speed, t_end, bodies=bodies)
+    return swing(scene, tip, waist["waist"], speed, t_end, bodies=bodies)  # type: ignore[arg-type]
 
 
-def yielding(mesh: TaggedMesh, interfaces: list[Interface], **parts: dict[str, fm.RigidBody]) -> fm.ContinuumBody:
+def yielding(mesh: TaggedMesh, interfaces: list[Interface], **parts: Any) -> fm.ContinuumBody:
     body = UpdatedLagrangian(mesh, forms.hencky_plasticity, YIELDING, degree=2, interfaces=interfaces)
     return fm.ContinuumBody(ImplicitContinuum(body, **parts))
 
@@ -143,7 +148,7 @@ def swing(
     speed: float,
     t_end: float,
     *,
-    bodies: dict[str, fm.FlexibleBody | fm.ContinuumBody],
+    bodies: Mapping[str, fm.FlexibleBody | fm.ContinuumBody],
 ) -> Found:
     """Push the end and follow it."""
     t = np.linspace(0.0, 2.0 * PUSH, 81)
@@ -161,7 +166,9 @@ def swing(
 
 def utilisation(found: Found, name: str) -> float:
     """Of a remainder."""
-    return float(fm.YieldMonitor(found.bodies[name], yield_stress=YIELD).over(found.run).largest.utilisation)
+    body = found.bodies[name]
+    assert isinstance(body, fm.FlexibleBody)
+    return float(fm.YieldMonitor(body, yield_stress=YIELD).over(found.run).largest.utilisation)
 
 
 if __name__ == "__main__":

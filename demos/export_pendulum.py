@@ -132,8 +132,8 @@ def in_exudyn() -> Found:
         integration = settings.timeIntegration
         integration.numberOfSteps, integration.endTime, integration.verboseMode = round(END / h), END, 0
         integration.newton.relativeTolerance = integration.newton.absoluteTolerance = 1e-10
-        settings.solutionSettings.writeSolutionToFile = False
-        settings.solutionSettings.sensorsWritePeriod = END / (len(TIMES) - 1)
+        settings.solutionSettings.writeSolutionToFile = False  # type: ignore[attr-defined]
+        settings.solutionSettings.sensorsWritePeriod = END / (len(TIMES) - 1)  # type: ignore[attr-defined]
         mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
         return np.array(mbs.GetSensorStoredData(sensor))[:, 1:]
 

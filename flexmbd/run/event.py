@@ -105,7 +105,7 @@ class Event:
     """Something to look for while a machine moves.
 
     Attributes:
-        function: of a ``Moment``; the event is where it passes through zero.  It must be continuous.
+        function: of a ``Moment``, one number; the event is where it passes through zero.  It must be continuous.
             What passes and comes back within a step is found by looking at the motion between its ends, once at least
             and thrice in the time between its last two passages: of passages that are much nearer than that some may
             be missed; ``max_step`` bounds the steps.
@@ -118,7 +118,7 @@ class Event:
         SceneError: ``stop`` is neither True nor False.
     """
 
-    function: Callable[[Moment], float]
+    function: Callable[[Moment], float | FloatArray]
     direction: Direction = Direction.EITHER
     stop: bool = False
     action: Callable[[Moment], None] | None = None

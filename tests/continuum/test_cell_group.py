@@ -56,7 +56,7 @@ def second_law():
         energy = lam / 2 * ufl.tr(strain) ** 2 + mu * ufl.inner(strain, strain)
         return [(energy, solid_linear.Quadrature(2))]
 
-    form.strain_energy = strain_energy
+    form.strain_energy = strain_energy  # type: ignore[attr-defined]
     return form
 
 
@@ -144,7 +144,7 @@ def turned():
     """A formulation whose rotations are counted the other way round."""
     form = types.ModuleType("turned")
     form.__dict__.update({**vars(micropolar), "__name__": "turned", "__file__": None})
-    form.rigid_motion = lambda x, translation, rotation: ufl.as_vector(
+    form.rigid_motion = lambda x, translation, rotation: ufl.as_vector(  # type: ignore[attr-defined]
         [*(translation + ufl.cross(rotation, x)), *(-rotation)]
     )
     return form
@@ -231,6 +231,6 @@ def test_entries_that_are_not_finite_are_refused():
         (energy, rule), = solid_linear.strain_energy(u, p)
         return [(energy * ufl.sqrt(0.25 - x[0]), rule)]
 
-    form.strain_energy = strain_energy
+    form.strain_energy = strain_energy  # type: ignore[attr-defined]
     with pytest.raises(FormulationError, match="the stiffness of singular has entries that are not finite"):
         ContinuumModel(tagged(halves), form, STEEL, degree=2)

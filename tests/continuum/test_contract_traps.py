@@ -227,7 +227,7 @@ def test_the_trap_of_a_shell_whose_shear_has_four_points(tmp_path):
 def test_the_trap_of_sections_that_are_not_the_kinetic_energys():
     form = types.ModuleType("beam")
     form.__dict__.update(vars(beam_timoshenko))
-    form.section_inertia = lambda p: 1.1 * beam_timoshenko.section_inertia(p)
+    form.section_inertia = lambda p: 1.1 * beam_timoshenko.section_inertia(p)  # type: ignore[attr-defined]
     *_, sections = outcome_of("translational mass", Trial(form, "interval", 1))
     assert sections.value == pytest.approx(0.1, abs=0.05)
 

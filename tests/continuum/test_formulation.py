@@ -322,7 +322,7 @@ def test_symbols_take_the_place_of_numbers():
 
     symbolic = form(twin)
     assert np.allclose(matrix(symbolic), matrix(form(p)), rtol=0, atol=1e-14)
-    twin.E.value = 6.0
+    twin.E.value = 6.0  # type: ignore[attr-defined]
     assert np.allclose(matrix(symbolic), 2 * matrix(form(p)), rtol=0, atol=1e-14)
 
 

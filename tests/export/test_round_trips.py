@@ -54,7 +54,7 @@ def receptance(body, names, omega, *, rotations, damped):
     rows = np.vstack(rows)
     dynamic = -(omega**2) * body.mass_matrix().astype(complex)
     dynamic[6:, 6:] += np.diag(body.stiffness) + (1j * omega * body.damping if damped else 0.0)
-    return rows @ np.linalg.solve(dynamic, rows.T)
+    return rows @ np.linalg.solve(dynamic, rows.T)  # type: ignore[attr-defined]
 
 
 def test_mass_and_frequencies(trip):

@@ -398,7 +398,8 @@ def test_sections_that_are_not_the_kinetic_energys_are_refused():
 
     form = types.ModuleType("light_beam")
     form.__dict__.update({**vars(beam), "__name__": "light_beam", "__file__": None})
-    form.section_inertia = lambda p: p.rho * ufl.as_matrix(((p.A, 0, 0), (0, p.Iz, 0), (0, 0, 1.01 * p.Iy)))
+    wrong = lambda p: p.rho * ufl.as_matrix(((p.A, 0, 0), (0, p.Iz, 0), (0, 0, 1.01 * p.Iy)))  # noqa: E731
+    form.section_inertia = wrong  # type: ignore[attr-defined]
     body = ContinuumModel(along(helix, divisions=6, degree=2), form, PLATE, degree=2)
     with pytest.raises(FormulationError, match="light_beam: the kinetic energy is not that of its motion"):
         gram_matrix(body, np.zeros((body.n_owned, 0)), p=np.zeros(3), R=np.eye(3))

@@ -78,7 +78,7 @@ def pulled(form, parameters):
 def own_form(tmp_path: Path, text: str) -> ModuleType:
     path = tmp_path / f"renamed_{abs(hash(text))}.py"
     path.write_text(text)
-    return load(path)
+    return load(path)  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize(

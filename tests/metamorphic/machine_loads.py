@@ -74,7 +74,7 @@ class Spring:
         return self
 
     def build(self, frames, joints):
-        return fm.force.SpringDamper(*frames, self.stiffness, self.length, self.damping)
+        return fm.force.SpringDamper(*frames, self.stiffness, self.length, self.damping)  # type: ignore[call-arg]
 
     def in_units(self, u, turns):
         return Spring(
@@ -108,7 +108,7 @@ class Bush:
         return self
 
     def build(self, frames, joints):
-        return fm.force.Bushing(*frames, self.stiffness, self.damping)
+        return fm.force.Bushing(*frames, self.stiffness, self.damping)  # type: ignore[call-arg]
 
     def in_units(self, u, turns):
         scale = np.concatenate([np.ones(3), np.full(3, u.length)])

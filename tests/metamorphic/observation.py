@@ -50,7 +50,7 @@ def moment(machine, built, run, row):
     ]
     energy = run.energy()
     energies = [part[row] for part in (energy.kinetic, energy.elastic, energy.gravitational, energy.spring)]
-    return Moment(*motion, np.array(wrenches).reshape(-1, 6), np.array(energies))
+    return Moment(*motion, np.array(wrenches).reshape(-1, 6), np.array(energies))  # type: ignore[call-arg]
 
 
 def described(machine, seen):

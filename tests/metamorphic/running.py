@@ -106,5 +106,5 @@ def see(machine, *, rtol=None, integrator=None, **options):
             reject()
         raise
     ends = [moment(machine, built, run, row) for row in (0, -1)]
-    return Seen(*ends, worst, inertia(start), bool(start.scene.redundant), run, built)
+    return Seen(*ends, worst, inertia(start), bool(start.scene.redundant), run, built)  # type: ignore[call-arg]
 

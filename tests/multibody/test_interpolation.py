@@ -44,7 +44,7 @@ def conical(t, *, spin=5.0):
 def between(t0, h, s, *, spin=5.0, axis=(0.0, 0.0, 0.0)):
     x, v, a = np.zeros(5), np.zeros(4), np.zeros(4)
     ends = *conical(t0, spin=spin), *conical(t0 + h, spin=spin)
-    interpolate(PLAIN, QUATERNIONS, np.array([axis]), h, s, *ends, x, v, a)
+    interpolate(PLAIN, QUATERNIONS, np.array([axis]), h, s, *ends, x, v, a)  # type: ignore[call-arg]
     return x, v, a
 
 

@@ -201,9 +201,9 @@ def test_bodies_that_are_none():
     scene = fm.System()
     ball = scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3)), name="ball")
     with pytest.raises(SceneError, match="one frame"):
-        scene.add_force(fm.force.KaneBody([], lambda m: None))
+        scene.add_force(fm.force.KaneBody([], lambda m: None))  # type: ignore[return-value]
     with pytest.raises(SceneError, match="no function"):
         scene.add_force(fm.force.KaneBody([ball.frame()], 3.0))
     other = fm.System().add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3)), name="other")
     with pytest.raises(SceneError, match="not in this scene"):
-        scene.add_force(fm.force.KaneBody([other.frame()], lambda m: None))
+        scene.add_force(fm.force.KaneBody([other.frame()], lambda m: None))  # type: ignore[return-value]

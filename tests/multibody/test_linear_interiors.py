@@ -20,9 +20,9 @@ def hung(*, twin=False, kind=ImplicitSprings, free=False, **options):
     if twin:
         frames = as_rigid_bodies(scene, interior)
         for body in [body for body in scene._bodies if body.name.startswith("point")]:
-            turned = fm.force.Bushing(
-                scene.ground.frame(), body.frame(), np.diag([0, 0, 0, *3 * [SPIN**2 * 0.4]]), np.zeros((6, 6))
-            )
+            place = body.frame()  # type: ignore[attr-defined]
+            stiffness = np.diag([0, 0, 0, *3 * [SPIN**2 * 0.4]])
+            turned = fm.force.Bushing(scene.ground.frame(), place, stiffness, np.zeros((6, 6)))
             scene.add_force(turned)
     else:
         _, frames = as_continuum(scene, interior)

@@ -75,7 +75,7 @@ def test_wrench_is_the_gradient_of_the_value(plan, name, seed):
 @pytest.mark.parametrize("name", {**KINDS, **ROLLING})
 def test_variation_is_the_wrench_s_derivative(plan, name, seed):
     row, (d, R, dd, dtheta) = row_of(*{**KINDS, **ROLLING}[name]), places(seed)
-    change = row_wrench_variation(plan.data, row, *flat(d, R), tuple(dd), tuple(dtheta))
+    change = row_wrench_variation(plan.data, row, *flat(d, R), tuple(dd), tuple(dtheta))  # type: ignore[call-arg]
     expected = differences(
         lambda s: np.array(row_wrench(plan.data, row, *flat(*moved(d, R, dd, dtheta, s))))
     )
@@ -132,7 +132,7 @@ def test_penalty_wrench_and_its_variation(plan, name):
     def wrench(s):
         place = flat(*moved(d, R, dd, dtheta, s))
         speeds = tuple(rate + s * drate), tuple(spin + s * dspin)
-        return np.array(element_wrench(penalised, work, row, *place, *speeds))
+        return np.array(element_wrench(penalised, work, row, *place, *speeds))  # type: ignore[call-arg]
 
     unit = np.array(row_wrench(plan.data, held, *flat(d, R)))
     pull = stiffness * row_value(plan.data, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])

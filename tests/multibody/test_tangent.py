@@ -39,7 +39,8 @@ def random_state(compiled, seed, spread=0.5):
 def analytic(plan, state, weights):
     x, v, a, multipliers = state
     matrix = np.full((len(v), len(v)), np.nan)
-    tangent(plan, new_work(plan), new_tangent_work(plan, len(v)), x, v, a, multipliers, *weights, matrix)
+    scratch = new_work(plan), new_tangent_work(plan, len(v))
+    tangent(plan, *scratch, x, v, a, multipliers, *weights, matrix)  # type: ignore[call-arg]
     return matrix
 
 
@@ -57,7 +58,7 @@ def differenced(plan, state, which, step):
                 else:
                     place[which] += sign * k * step * unit
                 out = np.zeros(len(v))
-                residual(plan, work, *place, multipliers, out)
+                residual(plan, work, *place, multipliers, out)  # type: ignore[call-arg]
                 matrix[:, j] += sign * weight / step * out
     return matrix
 

@@ -61,7 +61,7 @@ def test_start(name, reverse):
     """Accelerations and reactions of the start, where nothing is integrated, agree to round-off."""
     runs = []
     for way in (fm.Way.COORDINATES, fm.Way.CONSTRAINTS):
-        if reverse and not JOINTS[name][0].reversible:
+        if reverse and not JOINTS[name][0].reversible:  # type: ignore[attr-defined]
             return  # such a joint cannot be turned round along the tree
         scene, bodies, joints = machine(name, reverse=reverse, way=way)
         run = scene.simulate(1e-6, h=1e-6)

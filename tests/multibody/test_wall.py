@@ -79,7 +79,7 @@ def test_a_kernel_without_a_way_in_refuses_python():
     for _ in range(2):
         with pytest.raises(TypeError, match="scale3 is called by kernels alone"):
             so3.scale3(2.0, (1.0, 2.0, 3.0))
-        so3.scale3.compile((types.float64, types.UniTuple(types.float64, 3)))
+        so3.scale3.compile((types.float64, types.UniTuple(types.float64, 3)))  # type: ignore[attr-defined]
 
 
 def test_kernels_of_other_sources_are_not_touched(tmp_path):

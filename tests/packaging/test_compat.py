@@ -85,21 +85,22 @@ def version_dependence(source: str) -> Iterator[str]:
         asked = [parts for parts in imports(node) if parts[0] in LIBRARIES]
         if isinstance(node, ast.ImportFrom) and asked:
             bound |= {alias.asname or alias.name for alias in node.names}
+        line = getattr(node, "lineno", 0)
         if asked and node in attempted:
-            yield f"line {node.lineno}: tries what {asked[0][0]} has; let compat do so"
+            yield f"line {line}: tries what {asked[0][0]} has; let compat do so"
         if isinstance(node, ast.Attribute):
             parts = dotted(node)
             if parts[-2:-1] != ["compat"]:
                 asked.append([parts[0], ".".join(parts[-2:]), parts[-1]])
         if isinstance(node, ast.Call) and dotted(node.func)[-1] in ("hasattr", "getattr"):
             if dotted(node.args[0])[0] in bound:
-                yield f"line {node.lineno}: asks what {dotted(node.args[0])[0]} has; let compat do so"
+                yield f"line {line}: asks what {dotted(node.args[0])[0]} has; let compat do so"
         for parts in asked:
             if parts[0] in bound and parts[-1] == "__version__":
-                yield f"line {node.lineno}: asks which {parts[0]} there is; let compat do so"
+                yield f"line {line}: asks which {parts[0]} there is; let compat do so"
             for part in parts:
                 if part in DIFFERENT:
-                    yield f"line {node.lineno}: {part} is not the same in all versions; use {DIFFERENT[part]}"
+                    yield f"line {line}: {part} is not the same in all versions; use {DIFFERENT[part]}"
 
 
 def imports(node: ast.AST) -> list[list[str]]:

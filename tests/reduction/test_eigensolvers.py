@@ -143,7 +143,7 @@ class Careless(BlockLanczos):
 def test_a_mode_that_was_left_out_is_found(monkeypatch):
     model = cube("x_min", "x_max")
     exact = reduced(model)
-    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)
+    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
     assert reduced(model).stiffness == pytest.approx(exact.stiffness, rel=1e-10)
     # nothing else tells
     wrong = reduced(model, complete=False)
@@ -153,7 +153,7 @@ def test_a_mode_that_was_left_out_is_found(monkeypatch):
 
 
 def test_a_mode_that_stays_away_is_told(monkeypatch):
-    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)
+    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
     monkeypatch.setattr(Careless, "learns", False)
     with pytest.raises(ConvergenceError, match=r"found \d+ of \d+|are missing"):
         reduced(cube("x_min", "x_max"))

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import flexmbd as fm
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.joint.connection import Connection
 
 G = 9.81
 
@@ -28,10 +30,10 @@ class Mechanism:
     """
 
     scene: fm.System
-    point: fm.multibody.body.Frame
+    point: Frame
     plane: tuple[int, ...]
     reference: Mapping[float, tuple[float, ...]]
-    joint: fm.multibody.connection.Connection | None = field(default=None)
+    joint: Connection | None = field(default=None)
 
     def error(self, run: fm.Trajectory, at: float) -> float:
         """Distance (m) of the point from its reference at the time ``at`` (s), where the run must have a step."""
@@ -116,7 +118,7 @@ def double_pendulum(kind: str, start: str, *, way: fm.Way | None = None) -> Mech
     return Mechanism(scene, links[1].frame(p=(0, 0, 1)), (0, 2), reference, first)
 
 
-def point_masses(masses: tuple[float, float]) -> tuple[fm.System, fm.multibody.body.Frame]:
+def point_masses(masses: tuple[float, float]) -> tuple[fm.System, Frame]:
     """A double pendulum of two point masses on arms of 1 m, in line at 1 rad from hanging, at rest; and its tip."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     first, second = (
