@@ -1,4 +1,7 @@
-"""What users give: numbers, of which what is none becomes NaN, which each quantity's checks refuse; and objects."""
+"""What users give: numbers, of which what is none becomes NaN, which each quantity's checks refuse; and objects.
+
+True and False are no numbers: ``joint.position = True`` would turn a joint by 1 rad.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,24 @@ def numbers(value: object) -> FloatArray:
     """An array of numbers; NaN, without dimensions, for what holds anything else, as a text or rows of two lengths."""
     try:
         array = np.asarray(value)
-        if array.dtype.kind in "biufO":  # a text of digits is no number
+        # a text of digits is no number, and among numbers numpy takes True for one
+        if array.dtype.kind in "iufO" and (isinstance(value, np.ndarray) or not _holds_truth(value)):
             return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         pass
     return np.array(np.nan)
+
+
+def _holds_truth(value: object) -> bool:
+    """Whether it, or anything in it, is True or False."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return is_truth(value)
+
+
+def is_truth(value: object) -> bool:
+    """Whether it is True or False, of Python or of numpy, or an array of such."""
+    return isinstance(value, bool | np.bool_) or (isinstance(value, np.ndarray) and value.dtype.kind == "b")
 
 
 def is_number(value: object) -> bool:
@@ -34,7 +50,7 @@ def refuse_no_truth(error: type[FlexmbdError] = SceneError, **given: object) -> 
         FlexmbdError: of the kind given, naming the first that is neither.
     """
     for name, value in given.items():
-        if not isinstance(value, bool | np.bool_):
+        if isinstance(value, np.ndarray) or not is_truth(value):
             raise error(f"{name} must be True or False, got {value!r:.100}")
 
 

@@ -28,6 +28,9 @@ _GONE = 1e-10
 # at most so often; what is found twice in a row by twice as many looks is all there is.
 _LOOKS, _MOST_LOOKS = 3.0, 4096
 _UNEVEN = 0.618  # no whole share of a step, for functions that repeat themselves
+# Where a function's pace is not known yet, at the start and after a passage, it is also looked at in shorter and
+# shorter parts of the step, each half the one before: the first of passages at equal times is then seen by itself.
+_HALVES = 12
 
 
 class EventSearch:
@@ -59,6 +62,7 @@ class EventSearch:
         # when each function passed through zero last, and how long that was after the time before
         self._last_passage = np.full(len(events), -np.inf)
         self._spacing = np.full(len(events), np.inf)
+        self._new_pace = True  # whether a function may pass at another pace than before
 
     def advance(self, t_end: float) -> int:
         """One step towards ``t_end`` (s), cut short at the first event in it; the stepper's code."""
@@ -84,34 +88,42 @@ class EventSearch:
             self._note_passages(signs * self._signs < 0.0)
             # a function that touches zero keeps its side
             self._signs = np.where(signs == 0.0, self._signs, signs)
+            self._new_pace = first is not None
             integration.keep_rows()
             return code
         return self._take_place(passed, before, signs, t_end)
 
     def _note_passages(self, passed: NDArray[np.bool_]) -> None:
         """Take note of when functions passed, about now, and of the time since they did before."""
+        self._new_pace = self._new_pace or bool(passed.any())
         self._spacing[passed] = (self._integration.t - self._last_passage)[passed]
         self._last_passage[passed] = self._integration.t
 
     def _first_of_many(self, before: Snapshot, signs: NDArray[np.float64]) -> float | None:
-        """An instant (s) after the first passage in the step, where a function passes more than once in it.
+        """Where to end the step that a function passes more than once in: at a look with but its first passage before.
 
+        A function that is zero at the step's beginning has none before it: it must be seen on a side to leave that.
         Looked for on the motion between the step's ends, which nothing but this is taken from.
         """
         begin, end = float(before.state.numbers[st.TIME]), self._integration.t
         looks = int(min(1.0 + np.ceil(_LOOKS * (end - begin) / self._spacing.min()), _MOST_LOOKS))
+        halves = 0.5 ** np.arange(1, _HALVES + 1) if self._new_pace else np.zeros(0)
+        allowed = (self._signs != 0.0).astype(int)
         found = -1
         while True:
-            instants = begin + (end - begin) * (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)
+            shares = np.concatenate([halves, (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)])
+            instants = begin + (end - begin) * np.unique(shares)
+            instants = instants[instants > begin]
             rows = zip(instants, *self._motion_since(before, instants), strict=True)
             seen = [self._signs, *(np.sign(self._values_at(t, x, v, a)) for t, x, v, a in rows), signs]
             changes = [_changes(np.array([row[k] for row in seen])) for k in range(len(self._events))]
-            if max(len(one) for one in changes) <= 1:
+            if all(len(one) <= most for one, most in zip(changes, allowed, strict=True)):
                 return None
             total = sum(len(one) for one in changes)
             if total == found or looks >= _MOST_LOOKS:
-                last = min(one[0] for one in changes if len(one))
-                return float(instants[last - 1]) if last <= looks else None
+                # seen[k + 1] is what is seen at instants[k]
+                last = min(one[0] - 2 + most for one, most in zip(changes, allowed, strict=True) if len(one))
+                return float(instants[last]) if last < len(instants) else None
             found, looks = total, 2 * looks
 
     def _motion_since(self, before: Snapshot, instants: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

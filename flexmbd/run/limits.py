@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 
 #: Rows that compiled stepping leaves at most before it returns, and seconds between two looks at the clock.
 MOST_ROWS = 1024
@@ -32,7 +33,7 @@ class Limits:
         for one in fields(self):
             value = getattr(self, one.name)
             whole = one.name == "max_seconds" or isinstance(value, int)
-            if value is not None and not (whole and 0 < value < float("inf")):
+            if value is not None and not (is_number(value) and whole and value > 0):
                 kind = "positive time (s)" if one.name == "max_seconds" else "positive whole number"
                 raise SceneError(f"{one.name} = {value!r} must be a {kind}")
 

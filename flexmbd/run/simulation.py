@@ -169,7 +169,7 @@ class Saves:
     every: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.every) and self.every > 0.0):
+        if not (is_number(self.every) and self.every > 0.0):
             raise SceneError(f"checkpoint_every = {self.every} s must be positive and finite")
 
     def times(self, begun: float, t_start: float, t_end: float) -> list[float]:
@@ -298,7 +298,8 @@ def _finish(
     )
     scene = start.unreduced
     if start.scene.redundant:
-        multipliers = minimum_norm_multipliers(scene, new_work(scene.plan), x, multipliers)
+        work, independent = new_work(scene.plan), len(start.scene.plan.rows)
+        multipliers = minimum_norm_multipliers(scene, work, x, multipliers, independent=independent)
     beside = tuple(integration.beside)
     departures = tuple(integration.departures)
     return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)

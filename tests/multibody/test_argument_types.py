@@ -103,6 +103,28 @@ WRONG = {
         r"what a joint connects must be a frame as body.frame\(\), got Ground",
     ),
     "position": (lambda p: setattr(p[2], "position", "up"), r"position of a Revolute takes 1 finite number\(s\)"),
+    "truth as position": (lambda p: setattr(p[2], "position", True), r"takes 1 finite number\(s\), got True"),
+    "numpy's truth": (lambda p: setattr(p[2], "velocity", np.bool_(True)), r"takes 1 finite number\(s\)"),
+    "truths": (lambda p: setattr(p[2], "position", np.array([True])), r"takes 1 finite number\(s\)"),
+    "truth among numbers": (lambda _: fm.RigidBody(1.0, (1, 1, 1), (0.0, True, 0.0)), "com must be three finite numb"),
+    "truth as mass": (lambda _: fm.RigidBody(True, (1, 1, 1)), "mass must be positive, got True"),
+    "truth as motion": (lambda p: p[2].prescribe(True), "bool is no function of time"),
+    "truth as torque": (
+        lambda p: (p[0].add_force(fm.force.JointTorque(p[2], np.bool_(1))), p[0].start()), "no function of time"
+    ),
+    "truth as stiffness": (lambda p: p[0].add_force(fm.force.JointSpring(p[2], True)), "stiffness = True is not a fin"),
+    "truth in a table": (lambda p: p[2].prescribe(fm.Table([0, 1], [0.0, True])), "a table needs numbers t and y"),
+    "truth as rtol": (lambda p: p[0].simulate(1.0, rtol=True), "rtol = True must lie between"),
+    "truth as step": (lambda p: p[0].simulate(1.0, h=True), "the step h = True s must be positive"),
+    "truth as end": (lambda p: p[0].simulate(True), "t_end = True s must lie after"),
+    "truth as limit": (lambda p: p[0].simulate(1.0, max_steps=True), "max_steps = True must be a positive whole"),
+    "truth as force": (
+        lambda p: p[0].add_force(fm.force.FrameForce(p[1].frame(), (True, 0.0, 0.0))), "a component is not a finite num"
+    ),
+    "truth as pitch": (lambda _: fm.joint.Screw(True), "pitch"),
+    "truth as period of checkpoints": (
+        lambda p: p[0].simulate(1.0, checkpoint_file="a.h5", checkpoint_every=True), "checkpoint_every = True s must be"
+    ),
     "axis": (lambda _: fm.joint.Revolute(("a", 0, 1)), "has no direction; give three numbers"),
     "ratio": (lambda p: fm.joint.Gear(p[2], p[2], "two"), "the ratio must be finite and not 0, got 'two'"),
     "force": (lambda p: p[0].add_force(5), "a force must be a force element as .*, got 5"),

@@ -249,14 +249,48 @@ def test_a_drawing_that_is_nearly_closed_says_the_side_too(angle, eye):
     assert end.real > 0.2
 
 
-@pytest.mark.parametrize("angle", [1.8, 2.5, np.pi])
-def test_what_the_drawing_does_not_say_is_closed_but_not_turned_over(angle):
-    """Here the loop is open where all joints are at zero, so that no way leads from there."""
-    scene, joints = slider_crank(angle, beside=0.05)
+@pytest.mark.parametrize("angle", [0.3, 1.6, 2.5, np.pi, -2.0, 41.0])
+@pytest.mark.parametrize(("off", "beside"), [(0.165, 0.0), (1.0, 0.0), (0.0, 0.05), (0.5, 0.2)])
+def test_a_drawing_that_is_open_says_the_side_too(angle, off, beside):
+    """Its nearest closing has the slider on the side where it is drawn, and so it has at every angle of the crank."""
+    scene, joints = slider_crank(angle, beside=beside, eye=(0.3 * np.cos(off), 0.3 * np.sin(off), 0.0))
     crank, rod, piston = angles_of(scene.start(), joints)
     assert crank == angle
-    np.testing.assert_allclose(0.08 * np.sin(angle) + 0.3 * np.sin(angle + rod), 0.05, atol=1e-13)
+    lean = np.arcsin((beside - 0.08 * np.sin(angle)) / 0.3)  # of the line between the rod's eyes
+    np.testing.assert_allclose(np.exp(1j * (angle + rod + off)), np.exp(1j * lean), atol=1e-13)
     np.testing.assert_allclose(np.exp(1j * (angle + rod + piston)), 1.0, atol=1e-13)
+
+
+def linked_cranks(angle, *, crank=0.1, coupler=0.3):
+    """Two cranks of one length (m) on axles 0.3 m apart, drawn upright, linked by a coupler (m)."""
+    scene, turn = fm.System(), fm.joint.Revolute("z")
+    first, bar, second = (scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3))) for _ in range(3))
+    joints = [
+        scene.connect(turn, scene.ground.frame(), first.frame()),
+        scene.connect(turn, first.frame((0.0, crank, 0.0)), bar.frame()),
+        scene.connect(turn, scene.ground.frame((0.3, 0.0, 0.0)), second.frame()),
+    ]
+    scene.connect(turn, bar.frame((coupler, 0.0, 0.0)), second.frame((0.0, crank, 0.0)))
+    joints[0].position = angle
+    return scene, joints
+
+
+@pytest.mark.parametrize("angle", [0.5, np.pi / 2, 2.0, np.pi, -3.0])
+def test_a_parallelogram_stays_one_through_its_flat_positions(angle):
+    """Where it is flat it may go on as parallelogram or turn inside out: it goes on as its rates lead."""
+    scene, joints = linked_cranks(angle)
+    found = angles_of(scene.start(), joints)
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angle * np.array([1.0, -1.0, 1.0])), atol=1e-6)
+
+
+def test_where_a_dead_centre_bars_the_way_the_nearest_assembly_is_taken():
+    """At 3 rad the first crank is past angles at which the coupler does not reach."""
+    scene, joints = linked_cranks(3.0, crank=0.2, coupler=0.25)
+    start = scene.start()
+    first, bar, second = angles_of(start, joints)
+    pin = 0.2j * np.exp(1j * first) + 0.25 * np.exp(1j * (first + bar))
+    assert pin == pytest.approx(0.3 + 0.2j * np.exp(1j * second), abs=1e-13)
+    assert first == 3.0
 
 
 @pytest.mark.parametrize("angle", [2.0, 3.0, np.pi])

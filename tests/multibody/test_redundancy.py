@@ -9,7 +9,7 @@ from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.errors import SceneError
+from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian
 from flexmbd.run.stopped import SimulationError
@@ -138,6 +138,15 @@ def driven_plate(motion, *, second_pin):
     return scene
 
 
+def driven_alone(motion, apart):
+    """A plate that a motion drives altogether, with a second hinge as far as ``apart`` (m) from the first."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    plate = scene.add(fm.RigidBody(2.0, (0.1, 0.1, 0.2)), name="plate")
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), plate.frame(), name="driven").prescribe(motion)
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(apart), plate.frame(apart), name="second")
+    return scene, plate
+
+
 PIN, BEGIN = 0.5, 0.125
 
 
@@ -154,6 +163,21 @@ def test_a_motion_that_the_loops_forbid_tears_them_and_is_told(method):
     t = told.value.trajectory.t
     assert BEGIN <= t[-1] < 0.5
     assert 2.0 * PIN * np.sin(0.5 * 3.0 * max(t[-1] - BEGIN, 0.0) ** 2) <= 1e-6 * 2.0 * PIN
+
+
+@pytest.mark.parametrize("method", [*METHODS, fm.EnergyMomentum()], ids=lambda method: method.name)
+def test_a_machine_that_motions_drive_altogether_needs_no_rows(method):
+    """Nothing is left for rows to hold, redundant ones as well: it moves as it is driven, or the rows are torn."""
+    scene, plate = driven_alone(fm.Sine(0.5, 10.0), (0.0, 0.0, 1.0))
+    run = scene.simulate(0.5, integrator=method)
+    angle = 0.5 * np.sin(10.0 * run.t)
+    np.testing.assert_allclose(run.rotation(plate.frame())[:, 0, 0], np.cos(angle), atol=1e-14)
+    scene, _ = driven_alone(fm.Sine(0.5, 10.0), (PIN, 0.0, 0.0))
+    with pytest.raises(AssemblyError, match=r"second.* opens at 2\.5.*check prescribed motions and joint velocities$"):
+        scene.simulate(0.5, integrator=method)
+    scene, _ = driven_alone(fm.Sine(0.5, 10.0, phase=0.5 * np.pi, offset=-0.5), (PIN, 0.0, 0.0))  # from rest
+    with pytest.raises(SimulationError, match=r"forbid .*'driven.angle'.*second"):
+        scene.simulate(0.5, integrator=method)
 
 
 def test_what_a_motion_by_constraints_leaves_open_is_told_in_the_stats():

@@ -156,6 +156,25 @@ def test_passages_of_which_a_step_holds_many_are_all_found():
     np.testing.assert_allclose(ticks, 0.01 * np.arange(1, 100), atol=1e-13)
 
 
+@pytest.mark.parametrize("begins_at_zero", [True, False])
+@pytest.mark.parametrize("passages", [1, 2, 3, 7, 40])
+def test_passages_within_the_first_step_are_all_found(passages, begins_at_zero):
+    """A clock that ticks so often in the first step, of which nothing is known but that step's ends."""
+    scene, _ = falling_ball(1.0)
+    omega = np.pi * (passages + 0.3) / 0.1
+    phase = 0.0 if begins_at_zero else 0.25 * np.pi
+    clock = fm.Event(lambda m: np.sin(omega * m.t + phase))
+    ticks = [one.t for one in scene.simulate(0.1, h=0.1, events=[clock]).events]
+    exact = (np.arange(1, passages + 1) * np.pi - phase) / omega
+    np.testing.assert_allclose(ticks, exact, atol=1e-13)
+
+
+def test_what_begins_at_zero_and_leaves_it_does_not_pass():
+    scene, drop = falling_ball(1.0)
+    run = scene.simulate(0.3, h=0.1, events=[fm.Event(lambda m: m.beta(drop) - 1.0)])
+    assert run.events == ()
+
+
 def test_what_passes_and_comes_back_within_a_step_is_found():
     """A pendulum that goes past a level which no step's end reaches, there and back."""
     scene, hinge, _ = falling_bar()

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import OffJoints, Table
 from flexmbd.multibody.functions.time_function import TimeFunction
@@ -57,7 +58,7 @@ class FrameForce(OffJoints):
         for name in ("force", "torque"):
             if np.shape(getattr(self, name))[:1] != (3,):
                 raise SceneError(f"{self.what}: {name} takes three components, got {getattr(self, name)!r}")
-        if not np.isfinite([c for c in (*self.force, *self.torque) if isinstance(c, (int, float))]).all():
+        if not all(map(is_number, [c for c in (*self.force, *self.torque) if isinstance(c, (int, float))])):
             raise SceneError(f"{self.what}: a component is not a finite number")
 
     def lay(self, table: Table) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError, TableWarning
-from flexmbd.given import numbers, refuse_no_truth
+from flexmbd.given import is_truth, numbers, refuse_no_truth
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base import kinds
 
@@ -246,7 +246,7 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     none = (0, 0, 0)
-    if isinstance(function, (int, float, np.integer, np.floating)):
+    if isinstance(function, (int, float, np.integer, np.floating)) and not is_truth(function):
         value = float(function)
         if not np.isfinite(value):
             raise SceneError(f"{what}: {value} is not a finite number")
@@ -337,6 +337,8 @@ def _warn_of_swings(inner: PPoly, t: FloatArray, y: FloatArray, what: str) -> No
     low, high = y.min(), y.max()
     beyond = np.maximum(values - high, low - values)
     worst = int(np.argmax(beyond))
+    # by less than the points' own range a smooth function's true extremes may lie outside of them; by more, the cubics
+    # make more of the curve than the points do
     if beyond[worst] > high - low:
         warnings.warn(
             f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "

@@ -1,9 +1,8 @@
-"""Which way a machine is put together: the way that it is in its design position, all joint coordinates at zero.
+"""Which way a machine is put together: the way that it is drawn, with all joint coordinates at zero.
 
 Where joints are set, the loops close in several ways as a rule: a crank at 2 rad has its slider on either side of its
-axle.  If the design position is an assembly, but for what less than a stride closes (centres of meshed bores, figures
-of two digits), the set joints move from there to where they were set, the others follow and keep the loops closed, and
-so the machine comes to be as its drawing turned that far.
+axle.  The drawing says which: the joints that nobody set close it, by the nearest way, and from that assembly the set
+joints move to where they were set while the others follow and keep the loops closed.
 """
 
 from __future__ import annotations
@@ -17,15 +16,18 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+from flexmbd.multibody.start.least_change import least_change
 from flexmbd.multibody.start.loop_closing import CLOSED, close_rigidly
-from flexmbd.multibody.start.loop_gaps import loop_gaps
+from flexmbd.multibody.start.loop_gaps import loop_gaps, loop_slopes
 from flexmbd.multibody.start.placement import place_flying
 from flexmbd.multibody.start.report import coordinate_values
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STRIDE = 0.1  # rad, or shares of the machine's extent, that set joints move at a time
+_BENT = 0.1  # of the machine's extent: what modes, which are small deformations, may have to close of the drawing
+_STRIDE = 0.1  # rad, or shares of the machine's extent, that set joints are tried to move first
+_ASTRAY = 0.1  # of what a stride moves: by how much more the loops may turn it aside from where the rates lead
 
 
 def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> FloatArray:
@@ -51,23 +53,54 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
     place_flying(scene, work, design, np.zeros(scene.nv))
     if not way.any():
         return x
-    reached = design
-    if _open(scene, work, design) > CLOSED:
-        reached = close_rigidly(scene, work, design, led)
-        moved = coordinate_values(scene, reached) - coordinate_values(scene, design)
-        if np.abs(moved / coordinate_sizes(scene)).max() > _STRIDE:
-            return x
-    left = _open(scene, work, reached)  # what rigid motions cannot close in the drawing, they cannot elsewhere
-    if left > _STRIDE:
+    assembly, _ = close_rigidly(scene, work, design, led)
+    left = _open(scene, work, assembly)
+    if left > (_BENT if scene.modal_slots else CLOSED):
         return x
-    strides = int(np.ceil(np.abs(way / coordinate_sizes(scene)).max() / _STRIDE))
-    for _ in range(strides):
+    # what rigid motions cannot close in the drawing, they cannot elsewhere
+    reached = _follow(scene, work, assembly, way, led, bound=2.0 * max(CLOSED, left))
+    return x if reached is None else _joined(scene, reached, x, led)
+
+
+def _follow(
+    scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led: Mask, *, bound: float
+) -> FloatArray | None:
+    """Where the other joints are once the set ones have gone their way (nv,) from x (nx,); None: it is barred.
+
+    A stride goes where the loops' rates lead.  Where the loops, closed again, turn it aside by more than a little it
+    is halved, for it may have come to another way of assembly; no stride passes a dead centre of the others.
+    """
+    size = coordinate_sizes(scene)
+    whole = float(np.abs(way / size).max())
+    done, stride = 0.0, min(1.0, _STRIDE / whole)  # shares of the way
+    while done < 1.0:
+        stride = min(stride, 1.0 - done)
+        step = stride * _rates(scene, work, x, way, led)
         ahead = np.empty_like(x)
-        retract(scene.plan, reached, way / strides, ahead)
-        reached = close_rigidly(scene, work, ahead, led)
-        if _open(scene, work, reached) > 2.0 * max(CLOSED, left):
-            return x
-    return _joined(scene, reached, x, led)
+        retract(scene.plan, x, step, ahead)
+        reached, correction = close_rigidly(scene, work, ahead, led)
+        aside = float(np.abs(correction / size).max() / np.abs(step / size).max())
+        if _open(scene, work, reached) <= bound and aside <= _ASTRAY:
+            x, done = reached, done + stride
+            stride *= 2.0 if aside <= 0.25 * _ASTRAY else 1.0
+        else:
+            stride *= 0.5
+            if stride * whole < CLOSED:
+                return None
+    return x
+
+
+def _rates(scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led: Mask) -> FloatArray:
+    """(nv,) rates of all joints that keep the loops as open as they are, where set ones have those of ``way`` (nv,)."""
+    slopes = loop_slopes(scene, work, x)
+    size, rigid = coordinate_sizes(scene), ~led
+    rigid[np.setdiff1d(np.arange(scene.nv), scene.plan.free)] = False
+    for slots in scene.modal_slots.values():
+        rigid[slots.v] = False
+    rest = np.zeros(scene.nv)
+    return way + least_change(
+        slopes, slopes @ way, size=size, movable=rigid, cost=rest, before=rest, blurred=_open(scene, work, x)
+    )
 
 
 def _open(scene: CompiledScene, work: Work, x: FloatArray) -> float:

@@ -134,7 +134,7 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:
     """
     m = len(scene.plan.rows)
     if m == 0 or len(scene.plan.free) == 0:
-        return Choice(list(range(m)), True)
+        return Choice([], True)  # what motions drive altogether needs no row, nor can one hold it
     here = look(scene, work, x)
     places = [here]
     if not (here.is_clear and here.rank == m):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
@@ -144,10 +144,13 @@ def close_loops(
     return best
 
 
-def close_rigidly(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> FloatArray:
-    """The configuration (nx,) near x where the joints that are not held have closed the loops as far as they can."""
+def close_rigidly(
+    scene: CompiledScene, work: Work, x: FloatArray, held: Mask
+) -> tuple[FloatArray, FloatArray]:
+    """Where joints that are not held have closed the loops as far as they can: (nx,), and (nv,) how it lies from x."""
     stage = _Stage(_rigid(scene) & ~held, np.zeros(scene.nv), False)
-    return _gauss_newton(scene, work, x, np.zeros(scene.nv), stage, NOTHING_GIVEN)[0]
+    reached, change, _ = _gauss_newton(scene, work, x, np.zeros(scene.nv), stage, NOTHING_GIVEN)
+    return reached, change
 
 
 def _closes_rigidly(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> bool:
@@ -266,15 +269,15 @@ def match_velocities(
 
 
 def _own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
-    """1/s: the rate that the machine's forces give it from rest within a coordinate's full size.
+    """1/s: the rate that the machine's forces and motions give it from rest within a coordinate's full size.
 
     Beside it the rates of a machine at rest are round-off, whatever they are to each other.
     """
     free, rest = scene.plan.free, np.zeros(scene.nv)
-    if not len(free):
-        return 0.0
-    force = np.zeros(scene.nv)
-    residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
-    lower = mass_factor(scene, work, x)
-    pull = scipy.linalg.cho_solve((lower, True), force[free])
-    return float(np.sqrt(np.abs(pull / coordinate_sizes(scene)[free]).max()))
+    pull = np.zeros(scene.nv)
+    drive(scene.plan, work, x.copy(), rest.copy(), pull)
+    if len(free):
+        force = np.zeros(scene.nv)
+        residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
+        pull[free] = scipy.linalg.cho_solve((mass_factor(scene, work, x), True), force[free])
+    return float(np.sqrt(np.abs(pull / coordinate_sizes(scene)).max(initial=0.0)))

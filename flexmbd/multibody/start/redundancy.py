@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, row_sizes
@@ -15,11 +13,9 @@ from flexmbd.multibody.start.loop_closing import CLOSED
 
 FloatArray = NDArray[np.float64]
 
-_RANK = 1e-9  # singular values below this share of the largest are round-off
-
 
 def minimum_norm_multipliers(
-    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray
+    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray, *, independent: int
 ) -> FloatArray:
     """Spread the reactions of rows over all rows.
 
@@ -32,18 +28,19 @@ def minimum_norm_multipliers(
         work: scratch, with ``work.time`` of any instant.
         x: (nt, nx) configurations.
         multipliers: (nt, m) any that do it (N or N m), those of independent rows and zeros.
+        independent: how many of the rows are.
 
     Returns:
         (nt, m) N or N m.
     """
-    weight = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD), 1.0 / scene.extent, 1.0)
+    rows = row_sizes(scene)
     spread = np.zeros_like(multipliers)
     for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
-        jacobian = constraint_jacobian(scene, work, place)[:, scene.plan.free]
-        load = jacobian.T @ reaction
-        # weight * nu is to be smallest, so the unknowns are weight * nu
-        share = np.linalg.lstsq((jacobian / weight[:, None]).T, load, rcond=_RANK)[0]
-        spread[k] = share / weight
+        # multipliers by their rows' sizes are all of one unit; what lies in the rows' own space is all that acts
+        found = look(scene, work, place)
+        round_off = max(found.slopes.shape) * np.finfo(float).eps
+        own = found.left[:, : min(independent, int(np.sum(found.sigma > round_off)))]
+        spread[k] = own @ (own.T @ (reaction * rows)) / rows
     return spread
 
 
