@@ -19,7 +19,7 @@ from flexmbd.multibody.interiors.scene_interiors import Kept
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Snapshot
 
-_VERSION = 4
+_VERSION = 5
 
 
 @dataclass(frozen=True, eq=False)

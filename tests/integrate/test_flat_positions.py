@@ -24,7 +24,7 @@ WAYS = {
     "radau-4": ({"integrator": fm.RadauIIA(), "rtol": 1e-4}, 1e-3),
     "radau-6": ({"integrator": fm.RadauIIA(), "rtol": 1e-6}, 1e-5),
     "radau-8": ({"integrator": fm.RadauIIA(), "rtol": 1e-8}, 1e-7),
-    "radau-fixed": ({"integrator": fm.RadauIIA(), "h": 5e-3}, 1e-7),
+    "radau-fixed": ({"integrator": fm.RadauIIA(), "h": 5e-3}, 1e-8),
     "alpha": ({"integrator": fm.GeneralizedAlpha(), "h": 2e-3}, 1e-4),
     "alpha-3": ({"integrator": fm.GeneralizedAlpha(index=3), "h": 2e-3}, 1e-4),
     "alpha-5": ({"integrator": fm.GeneralizedAlpha(), "rtol": 1e-5}, 1e-4),

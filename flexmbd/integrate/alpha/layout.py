@@ -29,9 +29,9 @@ STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, 
 # equations, 2 or 3.
 KNOWN_BEFORE, FILTERS, RENEWALS, PATIENCE, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
-# coordinate's own rate (1/s); the multipliers one and two steps ago; the largest
-# lengths of the rows.
-AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, NU_BEFORE, NU_EARLIER, LENGTH, N_MEMORY = range(9)
+# coordinate's own rate (1/s); the multipliers one, two and three steps ago; the
+# largest lengths of the rows.
+AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, NU_BEFORE, NU_EARLIER, NU_EARLIEST, LENGTH, N_MEMORY = range(10)
 
 
 class Scratch(NamedTuple):

@@ -42,6 +42,7 @@ def accept(state, s):
     for k in range(state.x.shape[0]):
         state.x[k] = s.x[k]
     for i in range(state.multipliers.shape[0]):
+        memory[step.NU_EARLIEST, i] = memory[step.NU_EARLIER, i]
         memory[step.NU_EARLIER, i] = memory[step.NU_BEFORE, i]
         memory[step.NU_BEFORE, i] = state.multipliers[i]
         state.multipliers[i] = s.multipliers[i]

@@ -22,6 +22,7 @@ from flexmbd.integrate.alpha.layout import (
     KNOWN_BEFORE,
     NU_BEFORE,
     NU_EARLIER,
+    NU_EARLIEST,
     PATIENCE,
     RENEWALS,
     STEP_EARLIER,
@@ -207,17 +208,15 @@ def _foretell(state, h, now, before, earlier):
 
 
 @kernel
-def _foretell_as_before(state, k):
-    """Coordinate k's next acceleration after equal steps, by what would have foretold the last one best.
+def _foretell_as_before(now, before, earlier, earliest):
+    """The next value after equal steps, by what would have foretold the last one best.
 
     Where a step does not resolve a vibration that is no change at all, and where it does a line or a parabola.
     """
-    memory = state.memory
-    first = state.a[k] - memory[BEFORE, k]
-    before = memory[BEFORE, k] - memory[EARLIER, k]
-    second = first - before
-    third = second - (before - (memory[EARLIER, k] - memory[EARLIEST, k]))
-    guess = state.a[k]
+    first = now - before
+    second = first - (before - earlier)
+    third = second - (before - 2.0 * earlier + earliest)
+    guess = now
     if abs(second) < abs(first):
         guess += first
         if abs(third) < abs(second):
@@ -227,10 +226,7 @@ def _foretell_as_before(state, k):
 
 @part_of_kernel
 def start_newton(plan, state, s, h, extrapolate):
-    """First guess: accelerations and multipliers as they were, or as their last ones foretell.
-
-    With a fixed step in trees alone: how far it resolves the motion of loops is not known.
-    """
+    """First guess: accelerations and multipliers as they were, or as their last ones foretell."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     known = state.counts[KNOWN_BEFORE]
@@ -242,13 +238,19 @@ def start_newton(plan, state, s, h, extrapolate):
         s.unknown[j] = state.a[k]
         if follows:
             s.unknown[j] = _foretell(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
-        elif extrapolate and known > 2 and fixed and m == 0:
-            s.unknown[j] = _foretell_as_before(state, k)
+        elif extrapolate and known > 2 and fixed:
+            s.unknown[j] = _foretell_as_before(
+                state.a[k], memory[BEFORE, k], memory[EARLIER, k], memory[EARLIEST, k]
+            )
     for i in range(m):
         s.unknown[nu + i] = state.multipliers[i]
         if follows:
             s.unknown[nu + i] = _foretell(
                 state, h, state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i]
+            )
+        elif extrapolate and known > 2 and fixed:
+            s.unknown[nu + i] = _foretell_as_before(
+                state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i], memory[NU_EARLIEST, i]
             )
         s.unknown[nu + m + i] = 0.0
 

@@ -69,6 +69,13 @@ def _hold(s):
 
 
 @kernel
+def _least_pivot(s):
+    """How firmly the rows hold, of unit length: the smallest pivot of C M^-1 C^T that is not round-off."""
+    rank = s.hold_rank[0]
+    return s.hold[rank - 1, rank - 1] if rank > 0 else 1.0
+
+
+@kernel
 def _close(plan, s, what, scale, rows, level):
     """Bring positions or velocities ``what`` (nv,) onto the loops, which ``rows`` (m,) open; the largest share moved.
 
@@ -105,7 +112,7 @@ def _balance(plan, state, s, h):
             s.lacking[r] += s.reach_end[r, j] * s.rhs_final[0, j]
     _hold(s)
     size = 0.0
-    noise = 1.0 / s.hold[s.hold_rank[0] - 1, s.hold_rank[0] - 1] if s.hold_rank[0] > 0 else 1.0
+    noise = 1.0 / _least_pivot(s)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         unbalanced = s.rhs_final[0, j]
@@ -126,8 +133,11 @@ def _balance(plan, state, s, h):
 
 
 @kernel
-def close_end(plan, work, state, s, h, tolerance):
-    """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance."""
+def close_end(plan, work, state, s, h, tolerance, doubts):
+    """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance.
+
+    ``doubts``: a stage that lies farther off the loops than the tolerance fails: the stages' factors were too old.
+    """
     before = 0.0
     moved_before = np.inf
     contraction = np.inf
@@ -141,6 +151,8 @@ def close_end(plan, work, state, s, h, tolerance):
         if moved_before > 0.0:
             moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, kinds.LEVEL_POSITION)
             moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, kinds.LEVEL_VELOCITY))
+            if doubts and moved_before == np.inf and moved > max(tolerance, _ROUND_OFF / _least_pivot(s)):
+                return False
             # round-off of the rows moves what they hardly hold to and fro: then it stays
             moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
         size, noise = _balance(plan, state, s, h)

@@ -102,7 +102,7 @@ def solve_step(plan, work, state, s, h, tolerance):
             if attempt == 0:
                 state.numbers[RENEWALS] = _RENEWALS
             continue
-        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance):
+        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance, attempt == 0):
             continue
         slow = state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
         if slow or attempt >= _EVEN:
