@@ -23,7 +23,6 @@ from matplotlib.figure import Figure
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.reduction import craig_bampton
 
 LENGTH, SIDE, CUBE = 60.0, 12.0**0.5, 4.0
@@ -64,7 +63,7 @@ def pulse(t):
     return PEAK * max(0.0, 1.0 - abs(t - PULSE / 2) / (PULSE / 2))
 
 
-def machine(pieces: int, *, push: TimeFunction = pulse) -> tuple[fm.System, list[fm.FlexibleBody], fm.RigidBody]:
+def machine(pieces: int, *, push: fm.TimeFunction = pulse) -> tuple[fm.System, list[fm.FlexibleBody], fm.RigidBody]:
     """The beam, upright from the ground, and the cube on it, pushed at its centre."""
     record = piece(LENGTH / pieces)
     scene = fm.System(team=MpiTeam(comm))

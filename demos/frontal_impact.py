@@ -20,8 +20,15 @@ from matplotlib.figure import Figure
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ExplicitContinuum, Interface, MpiTeam, RigidPlane, Support, UpdatedLagrangian
-from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum import (
+    ExplicitContinuum,
+    Interface,
+    MpiTeam,
+    RigidPlane,
+    Support,
+    UpdatedLagrangian,
+    node_numbers,
+)
 
 WIDTH, WALL, LENGTH = 0.06, 0.003, 0.12  # m
 VEHICLE, SPEED = 10.0, 35.0  # kg of a quarter, m/s

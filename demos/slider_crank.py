@@ -24,7 +24,6 @@ from scipy.interpolate import CubicSpline, PPoly
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.joint.connection import Connection
 from flexmbd.reduction import craig_bampton
 from flexmbd.visual import StressPicture
 
@@ -91,7 +90,7 @@ class Case:
     run: fm.Trajectory
     angle: PPoly
     omega: float
-    drive: Connection
+    drive: fm.joint.Connection
     conrod: Any  # a RigidBody or a FlexibleBody
     piston: fm.RigidBody
 

@@ -22,9 +22,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import flexmbd as fm
-from flexmbd import forms
+from flexmbd import forms, meshes
 from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
-from flexmbd.continuum.grid.tagged_mesh import from_arrays
 
 WIDTH, HEIGHT, COLUMNS, ROWS = 24.0, 8.0, 12, 4
 FOOT, ARM, RADIUS = 4.0, 12.0, 7.5  # half the foot's width; length of the arm; of the disc
@@ -54,7 +53,7 @@ x, y, z = np.meshgrid(
 points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
 number = np.arange(len(points)).reshape(COLUMNS + 1, 2, ROWS + 1)
 corners = [number[i : COLUMNS + i, j, k : ROWS + k].ravel() for k in (0, 1) for j in (0, 1) for i in (0, 1)]
-mesh = from_arrays(
+mesh = meshes.from_arrays(
     comm,
     points,
     np.stack(corners, axis=1),

@@ -24,8 +24,6 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.beams import DiscreteFrame, discrete_body
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.joint.connection import Connection
 from flexmbd.reduction import KelvinVoigtDamping, craig_bampton
 
 comm = MPI.COMM_WORLD
@@ -95,8 +93,8 @@ class Sprayer:
     """The machine, the ground's joint under its left wheel, and the frame on the boom's left tip."""
 
     scene: fm.System
-    ground: Connection
-    tip: Frame
+    ground: fm.joint.Connection
+    tip: fm.Frame
 
 
 def sprayer(record: fm.ReducedBody, *, ground: float | PPoly = 0.0, gravity: float = -9.81) -> Sprayer:

@@ -4,6 +4,9 @@ Every function returns a `flexmbd.continuum.grid.tagged_mesh.TaggedMesh`, is col
 the part on rank 0, most by gmsh, and raises `flexmbd.errors.MeshError` on all ranks.
 """
 
+from flexmbd.continuum.grid.tagged_mesh import NodeOrder as NodeOrder
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
+from flexmbd.continuum.grid.tagged_mesh import from_arrays as from_arrays
 from flexmbd.meshes.beam import beam as beam
 from flexmbd.meshes.block import block as block
 from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
@@ -18,7 +21,9 @@ from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
 from flexmbd.meshes.round_bar import round_bar as round_bar
 from flexmbd.meshes.sheet import sheet as sheet
 from flexmbd.meshes.step_file import BRACKET as BRACKET
+from flexmbd.meshes.step_file import Cylinder as Cylinder
 from flexmbd.meshes.step_file import StepFace as StepFace
+from flexmbd.meshes.step_file import Tag as Tag
 from flexmbd.meshes.step_file import from_step as from_step
 from flexmbd.meshes.step_file import step_faces as step_faces
 from flexmbd.meshes.tube import tube as tube

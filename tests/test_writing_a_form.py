@@ -42,7 +42,7 @@ def test_the_example_keeps_the_contract_and_its_sheet_is_shown(example, capsys):
 
 def test_the_example_makes_a_body(example):
     """In tension along x, free across: Young's modulus of Lamé's constants, by one cube of unit size."""
-    form = formulation.load(example)
+    form = formulation.load_form(example)
     mu, lam = 3.0e9, 4.5e9
     block = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1))
     model = ContinuumModel(block, form, form.Parameters(mu=mu, lam=lam, rho=1000.0), degree=1)

@@ -130,7 +130,7 @@ def reduce(arguments: argparse.Namespace) -> int:
 
     from flexmbd.command.part_file import list_part, mesh_part
     from flexmbd.continuum import ContinuumModel, parallel
-    from flexmbd.continuum.contract.formulation import load
+    from flexmbd.continuum.contract.formulation import load_form
     from flexmbd.reduction import craig_bampton
     from flexmbd.reduction.truncation import chosen_truncation
 
@@ -144,7 +144,8 @@ def reduce(arguments: argparse.Namespace) -> int:
     parallel.on_root(comm, lambda: check_free(arguments.output, force=arguments.force, source=arguments.mesh))
     material = parallel.on_root(comm, lambda: _material(arguments))
     damping = make_damping(material.damping)
-    form: Any = load(Path(material.form) if material.form.endswith(".py") or "/" in material.form else material.form)
+    is_path = material.form.endswith(".py") or "/" in material.form
+    form: Any = load_form(Path(material.form) if is_path else material.form)
     parameters = make_parameters(form, material.parameters)
     note(f"reading {arguments.mesh}")
     mesh, size = mesh_part(

@@ -1,12 +1,16 @@
 """Reductions: from a continuum model to a `flexmbd.record.reduced_body.ReducedBody`."""
 
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel as PrestressedModel
+from flexmbd.continuum.finite_elements.prestressed import StaticState as StaticState
 from flexmbd.reduction.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.condensation import static_condensation as static_condensation
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton
+from flexmbd.reduction.damping import Damping as Damping
 from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping
 from flexmbd.reduction.damping import ModalDamping as ModalDamping
 from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
 from flexmbd.reduction.eigensolver import BlockMethod as BlockMethod
+from flexmbd.reduction.eigensolver import Eigensolver as Eigensolver
 from flexmbd.reduction.eigensolver import KrylovSchur as KrylovSchur
 from flexmbd.reduction.eigensolver import SpectrumSlicing as SpectrumSlicing
 from flexmbd.reduction.guyan import guyan as guyan
@@ -15,5 +19,7 @@ from flexmbd.reduction.prestress import prestressed as prestressed
 from flexmbd.reduction.truncation import TruncationErrors as TruncationErrors
 from flexmbd.reduction.truncation import truncation_errors as truncation_errors
 from flexmbd.reduction.unit_loads import BodyForce as BodyForce
+from flexmbd.reduction.unit_loads import Load as Load
 from flexmbd.reduction.unit_loads import Pressure as Pressure
 from flexmbd.reduction.unit_loads import Traction as Traction
+from flexmbd.reduction.unit_loads import load_vectors as load_vectors

@@ -95,7 +95,7 @@ TRAPS = {
 @pytest.mark.parametrize("trap", TRAPS)
 def test_the_trap_fails_its_check(tmp_path, trap):
     change, name, told = TRAPS[trap]
-    form = formulation.load(form_file(tmp_path, LINEAR, change))
+    form = formulation.load_form(form_file(tmp_path, LINEAR, change))
     outcome = outcome_of(name, Trial(form, "hexahedron", 1))
     assert verdict(outcome) is Verdict.FAIL
     assert told in "; ".join(str(figure) for figure in outcome if not figure.passed)
@@ -107,7 +107,7 @@ def test_the_trap_of_two_rules_in_one_form(tmp_path, monkeypatch):
     A form file cannot make that one form, so the test does. The matrix is right; the residual, which has a
     coefficient, is not.
     """
-    form = formulation.load(form_file(tmp_path, LINEAR, (ENERGY, SPLIT), (STRAIN, "return (h + h.T) / 2")))
+    form = formulation.load_form(form_file(tmp_path, LINEAR, (ENERGY, SPLIT), (STRAIN, "return (h + h.T) / 2")))
     name = "A(u) u against the residual"
     assert verdict(outcome_of(name, Trial(form, "hexahedron", 1))) is Verdict.PASS
     apart = Trial._forms
@@ -125,7 +125,7 @@ def test_the_trap_of_two_rules_in_one_form(tmp_path, monkeypatch):
 def test_the_trap_of_the_vertex_rule_for_quadratic_cells(tmp_path):
     """It leaves the middles of the edges without mass; linear cells have it for lumping."""
     change = (KINETIC, 'return [(p.rho / 2 * ufl.inner(v, v), Quadrature(1, "vertex"))]')
-    form = formulation.load(form_file(tmp_path, LINEAR, change))
+    form = formulation.load_form(form_file(tmp_path, LINEAR, change))
     (missing, _) = outcome_of("positive mass", Trial(form, "tetrahedron", 2))
     assert missing.value > 0
     for name in ("positive mass", "translational mass"):
@@ -135,14 +135,14 @@ def test_the_trap_of_the_vertex_rule_for_quadratic_cells(tmp_path):
 def test_the_trap_of_locking(tmp_path):
     """Fully integrated, a nearly incompressible solid converges an order slower than it claims."""
     rules = ("(volumetric, Quadrature(2 * n - 1))", "(volumetric, Quadrature(2 * n + 1))")
-    form = formulation.load(form_file(tmp_path, RUBBER, rules))
+    form = formulation.load_form(form_file(tmp_path, RUBBER, rules))
     (short,) = outcome_of("observed order", Trial(form, "hexahedron", 2))
     assert short.value > 0.8
 
 
 def test_the_trap_of_a_linear_energy(tmp_path):
     """Its third derivative, the geometric stiffness, is zero: right for who wants no more, so a note."""
-    form = formulation.load(form_file(tmp_path, LINEAR, (STRAIN, "return (h + h.T) / 2")))
+    form = formulation.load_form(form_file(tmp_path, LINEAR, (STRAIN, "return (h + h.T) / 2")))
     outcome = outcome_of("geometric stiffness", Trial(form, "tetrahedron", 1))
     assert isinstance(outcome, Remark)
     assert outcome.verdict is Verdict.NOTE
@@ -165,7 +165,7 @@ SPECTRAL = """
 def test_the_trap_of_a_spectral_logarithm(tmp_path):
     """It has no value at u = 0, which is where every computation begins."""
     with pytest.raises(FormulationError, match="strain_energy: term 0: the value at u = 0 is not finite"):
-        formulation.load(form_file(tmp_path, LINEAR, ("\n    n, g = _degrees(u)\n    if", f"{SPECTRAL}    if")))
+        formulation.load_form(form_file(tmp_path, LINEAR, ("\n    n, g = _degrees(u)\n    if", f"{SPECTRAL}    if")))
 
 
 def test_what_only_a_mesh_shows_to_have_no_value_ends_the_checks(tmp_path):
@@ -209,7 +209,7 @@ def _no_energy("""
 @pytest.mark.parametrize("module", [micropolar, saddle_point, flat_shell], ids=lambda module: module.__name__)
 def test_forms_of_other_kinds_are_sound(module):
     """Rotations at the points of a solid, a pressure, a surface; each on one cell. No body force is a force too."""
-    trial = Trial(formulation.load(module), module.CELLS[-1], max(formulation.orders(module, module.CELLS[-1])))
+    trial = Trial(formulation.load_form(module), module.CELLS[-1], max(formulation.orders(module, module.CELLS[-1])))
     found = {check.name: attempt(check, trial) for check in CHECKS}
     assert [name for name, outcome in found.items() if verdict(outcome) is Verdict.FAIL] == []
     for name in ("patch test, distorted mesh", "observed order", "rigid motions cost no energy"):
@@ -219,7 +219,7 @@ def test_forms_of_other_kinds_are_sound(module):
 def test_the_trap_of_a_shell_whose_shear_has_four_points(tmp_path):
     """The nine-node quadrilateral then has one motion of the deflection without energy (Hughes 2000, chapter 5)."""
     rules = ("ufl.inner(shear, shear), Quadrature(4)", "ufl.inner(shear, shear), Quadrature(3)")
-    form = formulation.load(form_file(tmp_path, Path(flat_shell.__file__).read_text(), rules))
+    form = formulation.load_form(form_file(tmp_path, Path(flat_shell.__file__).read_text(), rules))
     _, free = outcome_of("rigid motions cost no energy", Trial(form, "quadrilateral", 2))
     assert (free.value, free.remark) == (1.0, "7 in all")
 
@@ -252,7 +252,7 @@ def test_the_trap_of_a_form_that_differs_from_call_to_call(shared_path):
     if comm.rank == 0:
         form_file(shared_path, LINEAR, ("\n\ndef reference(", COUNTER))
     comm.barrier()
-    form = formulation.load(shared_path / "my_form.py")
+    form = formulation.load_form(shared_path / "my_form.py")
     stiffness, mass, _ = same_on_all_ranks(form, "tetrahedron", 1, comm=comm)
     assert not stiffness.passed
     assert mass.passed

@@ -32,7 +32,7 @@ def load_text(tmp_path):
     def load(text):
         path = tmp_path / "my_form.py"
         path.write_text(text)
-        return formulation.load(path)
+        return formulation.load_form(path)
 
     return load
 
@@ -51,8 +51,8 @@ def faults(load_text, *changes):
 
 
 def test_loads_by_name_path_and_module(load_text):
-    assert formulation.load("solid_linear") is solid_linear
-    assert formulation.load(solid_linear) is solid_linear
+    assert formulation.load_form("solid_linear") is solid_linear
+    assert formulation.load_form(solid_linear) is solid_linear
     mine = load_text(GOOD)
     assert mine is not solid_linear
     assert mine.Parameters(E=1.0, nu=0.25, rho=1.0).nu == 0.25
@@ -65,7 +65,7 @@ def test_a_file_is_one_module_until_it_changes(tmp_path):
     def load(text):
         path.write_text(text)
         os.utime(path, (1.7e9, 1.7e9))
-        return formulation.load(path)
+        return formulation.load_form(path)
 
     first = load(GOOD)
     assert load(GOOD) is first
@@ -81,19 +81,19 @@ def test_a_module_is_a_formulation():
 
 def test_a_module_without_a_source_file_is_checked():
     with pytest.raises(FormulationError, match=r"empty breaks .*\(1\d violations\)"):
-        formulation.load(types.ModuleType("empty"))
+        formulation.load_form(types.ModuleType("empty"))
 
 
 def test_unknown_name_lists_the_forms():
     with pytest.raises(FormulationError, match=r"no 'solid_lineer', only .*solid_linear.*Path"):
-        formulation.load("solid_lineer")
+        formulation.load_form("solid_lineer")
 
 
 def test_missing_file_and_bad_python_name_the_file(tmp_path, load_text):
     with pytest.raises(FormulationError, match=r"nowhere\.py: cannot be read: No such file"):
-        formulation.load(tmp_path / "nowhere.py")
+        formulation.load_form(tmp_path / "nowhere.py")
     with pytest.raises(FormulationError, match="cannot be read: Is a directory"):
-        formulation.load(tmp_path)
+        formulation.load_form(tmp_path)
     with pytest.raises(FormulationError, match=r"my_form\.py: cannot be read as Python: invalid.*line 1"):
         load_text("def element(:")
     with pytest.raises(FormulationError, match=r"cannot be read as Python: .*null bytes"):
@@ -103,7 +103,7 @@ def test_missing_file_and_bad_python_name_the_file(tmp_path, load_text):
             load_text(f"import ufl\n{line}")
     (tmp_path / "my_form.txt").write_text(GOOD)
     with pytest.raises(FormulationError, match=r"my_form\.txt breaks(.|\n)*not a Python file \(\.py\)"):
-        formulation.load(tmp_path / "my_form.txt")
+        formulation.load_form(tmp_path / "my_form.txt")
     assert "form_file.my_form" not in sys.modules
 
 

@@ -21,16 +21,16 @@ FORMS = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
 CASES = [
     pytest.param((name, cell, degree), id=f"{name}-{cell}-{degree}")
     for name in FORMS
-    for cell, degree in places(formulation.load(name))
+    for cell, degree in places(formulation.load_form(name))
 ]
 
 
-YIELDING = [name for name in FORMS if keeps_strains(formulation.load(name))]
+YIELDING = [name for name in FORMS if keeps_strains(formulation.load_form(name))]
 
 
 @functools.cache
 def trial(name, cell, degree):
-    return Trial(formulation.load(name), cell, degree)
+    return Trial(formulation.load_form(name), cell, degree)
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
@@ -42,7 +42,7 @@ def test_form(case, check):
 
 @functools.cache
 def yielding(name):
-    form = formulation.load(name)
+    form = formulation.load_form(name)
     return history_trials(form, *history_place(places(form)))
 
 
@@ -62,7 +62,7 @@ def test_form_that_yields(name, check):
 def test_same_matrices_on_all_ranks(case):
     """On one rank the model's own assembly, which may differ in nothing either."""
     name, cell, degree = case
-    figures = same_on_all_ranks(formulation.load(name), cell, degree, comm=MPI.COMM_WORLD)
+    figures = same_on_all_ranks(formulation.load_form(name), cell, degree, comm=MPI.COMM_WORLD)
     assert all(figure.passed for figure in figures), figures
 
 

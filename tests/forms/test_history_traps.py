@@ -81,7 +81,7 @@ def test_the_trap_fails_its_check(tmp_path, trap):
         # one material is enough
         law = "Voce(p.E / 2000, 50.0)" if "ufl.diff" in changes[0][0] else "Linear(p.E / 50)"
         changes = [*changes, (LAWS, f"laws = ({law},)")]
-    form = formulation.load(form_file(tmp_path, text, [*ONE_CELL, *changes]))
+    form = formulation.load_form(form_file(tmp_path, text, [*ONE_CELL, *changes]))
     (check,) = (check for check in HISTORY_CHECKS if check.name == name)
     outcome = attempt(check, history_trials(form, "tetrahedron", 1))
     assert verdict(outcome) is Verdict.FAIL

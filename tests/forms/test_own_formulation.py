@@ -17,7 +17,7 @@ RADIUS, WALL = 0.02, 0.001
 
 @pytest.fixture(scope="module")
 def form():
-    return formulation.load(FILE)
+    return formulation.load_form(FILE)
 
 
 def test_it_has_sixty_lines():

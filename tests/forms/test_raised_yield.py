@@ -12,7 +12,7 @@ import pytest
 
 from flexmbd import forms, meshes
 from flexmbd.continuum import UpdatedLagrangian
-from flexmbd.continuum.contract.formulation import load
+from flexmbd.continuum.contract.formulation import load_form
 from flexmbd.continuum.contract_suite.history_checks import unloading
 from flexmbd.continuum.contract_suite.history_trial import history_trials
 from flexmbd.errors import FormulationError
@@ -78,7 +78,7 @@ def pulled(form, parameters):
 def own_form(tmp_path: Path, text: str) -> ModuleType:
     path = tmp_path / f"renamed_{abs(hash(text))}.py"
     path.write_text(text)
-    return load(path)  # type: ignore[return-value]
+    return load_form(path)  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize(

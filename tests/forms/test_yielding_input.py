@@ -71,7 +71,7 @@ def changed(folder, *changes):
         text = text.replace(old, new)
     path = folder / "my_form.py"
     path.write_text(text)
-    return formulation.load(path)
+    return formulation.load_form(path)
 
 
 @pytest.mark.parametrize(

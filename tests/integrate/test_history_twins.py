@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import InteriorFrame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
 from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum, chain
@@ -69,7 +69,7 @@ def with_points(frame, arms, mass):
         return r @ r * np.eye(3) - np.outer(r, r)
 
     inertia = frame.inertia + frame.mass * spread(frame.com - com) + mass * sum(spread(r - com) for r in arms)
-    return InterfaceFrame(frame.name, frame.p_BI_B, frame.R_BI, total, com, inertia)
+    return InteriorFrame(frame.name, frame.p_BI_B, frame.R_BI, total, com, inertia)
 
 
 @pytest.mark.parametrize("method", [fm.RadauIIA(), fm.ExplicitRungeKutta(), fm.EnergyMomentum()])

@@ -7,7 +7,7 @@ import scipy.linalg
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.bodies.continuum_body import InterfaceFrame, Push
+from flexmbd.multibody.bodies.continuum_body import InteriorFrame, Push
 from flexmbd.multibody.interiors.steady import LinearInterior
 
 
@@ -34,7 +34,7 @@ class Springs:
         self.lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         turns = [np.eye(3)] * 2 if R is None else R
         self.frames = tuple(
-            InterfaceFrame(
+            InteriorFrame(
                 f"end {k}", self.points[np.flatnonzero(self.bonds == k)].mean(axis=0), turns[k], 1.3,
                 np.array(com), np.diag([0.02, 0.03, 0.025]),
             )

@@ -6,7 +6,7 @@ import numpy as np
 from spring_interior import ImplicitSprings, Springs, as_continuum, as_rigid_bodies
 
 import flexmbd as fm
-from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import InteriorFrame
 
 SPIN = np.array([0.0, 3.0, 0.0])
 
@@ -15,7 +15,7 @@ class Nothing(Springs):
     """No interior at all behind its frames: what makes a machine step as those with bodies that have a history do."""
 
     def __init__(self):
-        self.frames = (InterfaceFrame("alone", np.zeros(3), np.eye(3), 1.0, np.zeros(3), np.eye(3)),)
+        self.frames = (InteriorFrame("alone", np.zeros(3), np.eye(3), 1.0, np.zeros(3), np.eye(3)),)
 
     mass = 0.0
 

@@ -9,7 +9,7 @@ from spring_machines import Nothing, pendulum
 
 import flexmbd as fm
 from flexmbd.errors import InterfaceError, SceneError
-from flexmbd.multibody.bodies.continuum_body import InterfaceFrame, Scheme
+from flexmbd.multibody.bodies.continuum_body import InteriorFrame, Scheme
 from flexmbd.rotation import from_quaternion
 
 TURN = from_quaternion(np.array([0.8, 0.0, 0.6, 0.0]))
@@ -17,7 +17,7 @@ TURN = from_quaternion(np.array([0.8, 0.0, 0.6, 0.0]))
 
 def frame(name="a", *, p=(0.0, 0.0, 0.0), R=None, mass=1.0, inertia=(0.1, 0.1, 0.1)):
     turn = np.eye(3) if R is None else R
-    return InterfaceFrame(name, np.array(p), turn, mass, np.zeros(3), np.diag(inertia))
+    return InteriorFrame(name, np.array(p), turn, mass, np.zeros(3), np.diag(inertia))
 
 
 def body_of(*frames):

@@ -67,8 +67,10 @@ def test_wheel_holds_the_licences(distributions: Path) -> None:
 def test_source_distribution_has_real_folders(distributions: Path) -> None:
     (source,) = distributions.glob("*.tar.gz")
     with tarfile.open(source) as archive:
-        names = {name.partition("/")[2] for name in archive.getnames()}
-    assert {"forms/__init__.py", "meshes/__init__.py", "flexmbd/__init__.py"} <= names
+        members = archive.getmembers()
+    files = {member.name.partition("/")[2] for member in members if member.isfile()}
+    assert {"flexmbd/forms/__init__.py", "flexmbd/meshes/__init__.py", "flexmbd/__init__.py"} <= files
+    assert not [member.name for member in members if member.issym() or member.islnk()]
 
 
 def test_installed_wheel_is_imported_without_the_checkout(distributions: Path, tmp_path: Path) -> None:

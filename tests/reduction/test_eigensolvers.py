@@ -35,7 +35,7 @@ def cube(*names, coupling=RIGID, form="solid_linear"):
     """Of three cells along each edge: most of its frequencies are double or threefold."""
     mesh = meshes.block(1.0, 1.0, 1.0, divisions=(3, 3, 3), degree=1)
     interfaces = [Interface(name, coupling=coupling) for name in names]
-    chosen = formulation.load(form)
+    chosen = formulation.load_form(form)
     parameters = STEEL if form == "solid_linear" else chosen.reference().parameters
     return ContinuumModel(mesh, chosen, parameters, degree=2, interfaces=interfaces)
 
@@ -92,7 +92,7 @@ def held_pencil(model):
 @pytest.mark.parametrize("names", [(), ("x_min",), ("x_min", "x_max")], ids=["free", "one", "two"])
 def test_counts_against_dense_eigenvalues(names, coupling, form):
     mesh = meshes.block(1.0, 0.8, 0.7, divisions=(2, 1, 1), cell="tetrahedron", degree=1)
-    chosen = formulation.load(form)
+    chosen = formulation.load_form(form)
     interfaces = [Interface(name, coupling=coupling) for name in names]
     model = ContinuumModel(mesh, chosen, chosen.reference().parameters, degree=2, interfaces=interfaces)
     k, m = held_pencil(model)

@@ -30,9 +30,9 @@ AXES *= np.linalg.det(AXES)
 
 # what has no energy has a history, and is not reduced
 NAMES = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
-FORMS = [name for name in NAMES if hasattr(formulation.load(name), "strain_energy")]
+FORMS = [name for name in NAMES if hasattr(formulation.load_form(name), "strain_energy")]
 CASES = [
-    pytest.param((name, cell), id=f"{name}-{cell}") for name in FORMS for cell in formulation.load(name).CELLS
+    pytest.param((name, cell), id=f"{name}-{cell}") for name in FORMS for cell in formulation.load_form(name).CELLS
 ]
 
 
@@ -71,7 +71,7 @@ class Case:
 def reduced(case, *, alone=False):
     name, cell = case
     comm = MPI.COMM_SELF if alone else MPI.COMM_WORLD
-    form = formulation.load(name)
+    form = formulation.load_form(name)
     parameters = form.reference().parameters
     if getattr(parameters, "nu", 0.0) > 0.49:
         # the closer to 1/2, the more a stiffness with volume terms amplifies its own rounding

@@ -180,7 +180,7 @@ def internal_work(
     return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
 
-def load(source: str | Path | ModuleType) -> Formulation:
+def load_form(source: str | Path | ModuleType) -> Formulation:
     """Find a formulation and check it against the contract; the same on every rank, not collective.
 
     A file that has not changed is the same module at each call, and is looked at once.

@@ -11,7 +11,7 @@ from typing import TypeAlias, cast
 from mpi4py import MPI
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.contract.formulation import Formulation, load, orders
+from flexmbd.continuum.contract.formulation import Formulation, load_form, orders
 from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains
@@ -115,7 +115,7 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     All checks but the last run on rank 0; the last compares the ranks, and needs two.
 
     Args:
-        source: as `flexmbd.continuum.contract.formulation.load` takes it.
+        source: as `flexmbd.continuum.contract.formulation.load_form` takes it.
         comm: the ranks.
 
     Raises:
@@ -124,7 +124,7 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     """
     error: FormulationError | None = None
     try:
-        form = load(source)
+        form = load_form(source)
     except FormulationError as caught:
         error = caught
     parallel.raise_collectively(comm, error)

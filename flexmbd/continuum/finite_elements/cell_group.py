@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.contract.dof_layout import check_element
-from flexmbd.continuum.contract.formulation import Formulation, load, orders, symbols
+from flexmbd.continuum.contract.formulation import Formulation, load_form, orders, symbols
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FlexmbdError, FormulationError, MeshError
 
 Source: TypeAlias = "str | Path | ModuleType"
-"""A formulation as `formulation.load` takes it."""
+"""A formulation as `formulation.load_form` takes it."""
 
 Pairs: TypeAlias = "Mapping[str, tuple[Source, Any]]"
 """A formulation and its parameters, by the name of a cell group."""
@@ -108,7 +108,7 @@ def _loaded(
     mesh: TaggedMesh, formulation: Source | Pairs, parameters: Any
 ) -> dict[str | None, tuple[Formulation, Any]]:
     if not isinstance(formulation, Mapping):
-        return {None: (load(formulation), parameters)}
+        return {None: (load_form(formulation), parameters)}
     if parameters is not None:
         raise FormulationError(
             "several formulations bring their own parameters: leave out the third argument, and "
@@ -132,7 +132,7 @@ def _loaded(
         faults.append("no pair is given")
     if faults:
         raise FormulationError(f"{'; '.join(faults)}. The mesh's cell groups are: {there}")
-    loaded = {source: load(source) for source in dict.fromkeys(source for source, _ in formulation.values())}
+    loaded = {source: load_form(source) for source in dict.fromkeys(source for source, _ in formulation.values())}
     return {name: (loaded[source], values) for name, (source, values) in formulation.items()}
 
 

@@ -81,7 +81,7 @@ def _of_function(source: Any, parameters: Any, F: Expr) -> tuple[str, Any]:
 
 def _of_form(source: Any, parameters: Any, F: Expr, domain: ufl.Mesh) -> tuple[str, Any]:
     """Name and energy of a formulation at the displacement (F - 1) X, whose gradient is F - 1."""
-    form = formulation.load(source)
+    form = formulation.load_form(source)
     name = str(getattr(form, "__name__", source)).rpartition(".")[2]
     if not isinstance(parameters, form.Parameters):
         raise FormulationError(f"{name}: parameters must be its Parameters, got {parameters!r}")

@@ -21,7 +21,7 @@ from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
-from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame
 
 FloatArray = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ class BondedNodes:
             )
         parallel.raise_collectively(self._comm, error)
 
-    def _frames(self, body: UpdatedLagrangian, parts: Mapping[str, RigidBody]) -> tuple[InterfaceFrame, ...]:
+    def _frames(self, body: UpdatedLagrangian, parts: Mapping[str, RigidBody]) -> tuple[InteriorFrame, ...]:
         frames, error = [], None
         for k, found in enumerate(body.interfaces):
             mine = self.own & (self.frame_of == k)

@@ -27,7 +27,7 @@ from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import RigidBody
-from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame, Memory, Scheme
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame, Memory, Scheme
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 
 FloatArray = NDArray[np.float64]
@@ -103,7 +103,7 @@ class ImplicitContinuum:
         self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
         self._averages = FaceAverages(body, bonds)
         self._lend()
-        self.frames: tuple[InterfaceFrame, ...] = self._bonds.frames
+        self.frames: tuple[InteriorFrame, ...] = self._bonds.frames
         self.mass = self._bonds.free_mass
         self._bonded = bonds.nodes[~bonds.averaged]
         dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
-from flexmbd.multibody.bodies.continuum_body import FrameMotion, InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def mass_of_part(part: RigidBody, R: FloatArray) -> FloatArray:
     return _rigid_mass(part.mass, R @ first, R @ second @ R.T)
 
 
-def interface_frame(found: FoundInterface, mass: FloatArray) -> InterfaceFrame:
+def interface_frame(found: FoundInterface, mass: FloatArray) -> InteriorFrame:
     """An interface as a frame with its mass. Not collective.
 
     Args:
@@ -76,7 +76,7 @@ def interface_frame(found: FoundInterface, mass: FloatArray) -> InterfaceFrame:
             f"interface {found.name!r}: its frame has no inertia about an axis; give it a rigid part, take more "
             "nodes, or lump the rotations"
         )
-    return InterfaceFrame(found.name, found.p, R, m, R.T @ com, inertia)
+    return InteriorFrame(found.name, found.p, R, m, R.T @ com, inertia)
 
 
 def path_of_frames(start: FrameMotion, end: FrameMotion, *, h: float, steps: int) -> Iterator[FrameMotion]:

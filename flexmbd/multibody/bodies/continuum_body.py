@@ -29,7 +29,7 @@ Memory = Mapping[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True, eq=False)
-class InterfaceFrame:
+class InteriorFrame:
     """An interface frame I of the undeformed body B, and the constant mass that moves with it.
 
     Attributes:
@@ -122,7 +122,7 @@ class Interior(Protocol):
     """What lies between the frames: its own masses, elasticity, history, and their state at an instant."""
 
     @property
-    def frames(self) -> tuple[InterfaceFrame, ...]:
+    def frames(self) -> tuple[InteriorFrame, ...]:
         """The k interface frames, at least one."""
 
     @property

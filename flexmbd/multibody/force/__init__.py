@@ -1,18 +1,1 @@
-"""Force elements, one a file."""
-
-from flexmbd.multibody.force.bearing_friction import BearingFriction as BearingFriction
-from flexmbd.multibody.force.bushing import Bushing as Bushing
-from flexmbd.multibody.force.distributed_load import DistributedLoad as DistributedLoad
-from flexmbd.multibody.force.frame_force import Axes as Axes
-from flexmbd.multibody.force.frame_force import FrameForce as FrameForce
-from flexmbd.multibody.force.joint_damper import JointDamper as JointDamper
-from flexmbd.multibody.force.joint_force import JointForce as JointForce
-from flexmbd.multibody.force.joint_friction import JointFriction as JointFriction
-from flexmbd.multibody.force.joint_law import JointLaw as JointLaw
-from flexmbd.multibody.force.joint_spring import JointSpring as JointSpring
-from flexmbd.multibody.force.joint_stop import JointStop as JointStop
-from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
-from flexmbd.multibody.force.kane_body import KaneBody as KaneBody
-from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
-from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
-from flexmbd.multibody.force.state_force import StateForce as StateForce
+"""Force elements, one a file.  Users enter by `flexmbd.force`."""

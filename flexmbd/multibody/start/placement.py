@@ -7,7 +7,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
-from flexmbd.multibody.bodies.continuum_body import InterfaceFrame
+from flexmbd.multibody.bodies.continuum_body import InteriorFrame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import ALIGNED
@@ -96,9 +96,9 @@ def _pose_and_step(work: Work, row: int) -> tuple[FloatArray, FloatArray, FloatA
     return body[at.B_P : at.B_P + 3].copy(), R, R @ body[at.B_V : at.B_V + 3], R @ body[at.B_W : at.B_W + 3]
 
 
-def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InterfaceFrame, InterfaceFrame]]:
+def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InteriorFrame, InteriorFrame]]:
     """By rows of flying parts of bodies with history: the row of a part placed before, both interface frames."""
-    found: dict[int, tuple[int, InterfaceFrame, InterfaceFrame]] = {}
+    found: dict[int, tuple[int, InteriorFrame, InteriorFrame]] = {}
     flying = {scene.body_row[id(b.outer.body)] for b in scene.topology.branches if b.connection is None}
     for body in scene.interiors.bodies if scene.interiors is not None else ():
         pairs = zip(body.interior.frames, body.parts, strict=True)
@@ -109,7 +109,7 @@ def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InterfaceFrame,
 
 
 def _state_by_mate(
-    work: Work, row: int, mate: InterfaceFrame, frame: InterfaceFrame
+    work: Work, row: int, mate: InteriorFrame, frame: InteriorFrame
 ) -> tuple[FloatArray, FloatArray]:
     """Coordinates (7,) and velocities (6,) of a flying part that moves with another as one rigid body."""
     body = work.body[row]

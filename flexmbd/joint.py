@@ -1,0 +1,28 @@
+"""Joints and couplings, and the types that connecting bodies gives and takes; docs/joints.md.
+
+A public name: users enter here, and `flexmbd.scene_file`.
+"""
+
+from flexmbd.multibody.joint.connection import Connection as Connection
+from flexmbd.multibody.joint.constant_velocity import ConstantVelocity as ConstantVelocity
+from flexmbd.multibody.joint.coupling import Coupling as Coupling
+from flexmbd.multibody.joint.coupling import Term as Term
+from flexmbd.multibody.joint.cylindrical import Cylindrical as Cylindrical
+from flexmbd.multibody.joint.distance import Distance as Distance
+from flexmbd.multibody.joint.enforcement import Enforcement as Enforcement
+from flexmbd.multibody.joint.fixed import Fixed as Fixed
+from flexmbd.multibody.joint.free import Free as Free
+from flexmbd.multibody.joint.gear import Gear as Gear
+from flexmbd.multibody.joint.planar import Planar as Planar
+from flexmbd.multibody.joint.point_on_line import PointOnLine as PointOnLine
+from flexmbd.multibody.joint.point_on_plane import PointOnPlane as PointOnPlane
+from flexmbd.multibody.joint.prismatic import Prismatic as Prismatic
+from flexmbd.multibody.joint.protocol import Joint as Joint
+from flexmbd.multibody.joint.protocol import Row as Row
+from flexmbd.multibody.joint.protocol import Step as Step
+from flexmbd.multibody.joint.rack_and_pinion import RackAndPinion as RackAndPinion
+from flexmbd.multibody.joint.revolute import Revolute as Revolute
+from flexmbd.multibody.joint.rolling_disc import RollingDisc as RollingDisc
+from flexmbd.multibody.joint.screw import Screw as Screw
+from flexmbd.multibody.joint.spherical import Spherical as Spherical
+from flexmbd.multibody.joint.universal import Universal as Universal

@@ -1,0 +1,11 @@
+"""What is observed of a linearised machine, or given out by a machine's FMU; docs/linearized.md.
+
+A public name: users enter here.
+"""
+
+from flexmbd.multibody.linear.output import Acceleration as Acceleration
+from flexmbd.multibody.linear.output import Observed as Observed
+from flexmbd.multibody.linear.output import Output as Output
+from flexmbd.multibody.linear.output import Position as Position
+from flexmbd.multibody.linear.output import Rotation as Rotation
+from flexmbd.multibody.linear.output import Velocity as Velocity
