@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import flexmbd as fm
-from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.joint.connection import Connection
+
+if TYPE_CHECKING:  # so that benchmarks build these scenes in older checkouts, too
+    from flexmbd.multibody.bodies.body import Frame
+    from flexmbd.multibody.joint.connection import Connection
 
 G = 9.81
 
