@@ -75,7 +75,7 @@ def write(source: str, modes: int, stem: str) -> None:
     from flexmbd.continuum import ContinuumModel, Interface
     from flexmbd.continuum.grid.tagged_mesh import from_arrays
     from flexmbd.forms import solid_linear
-    from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction import Keep, craig_bampton
 
     if source.endswith(".npz"):
         small = 1e-9
@@ -90,7 +90,7 @@ def write(source: str, modes: int, stem: str) -> None:
     interfaces = [Interface("start", origin=(0.0, 0.0, 0.0)), Interface("end", origin=(case.LENGTH, 0.0, 0.0))]
     model = ContinuumModel(mesh, solid_linear, material, degree=2, interfaces=interfaces)
     craig_bampton(model, modes=modes - 6, frame="start").save(f"{stem}_{STIFFENED}.h5")
-    plain = craig_bampton(model, modes=modes - 6, frame="start", geometric_stiffness=False, keep_modes=True)
+    plain = craig_bampton(model, modes=modes - 6, frame="start", geometric_stiffness=False, keep=Keep(modes=True))
     plain.save(f"{stem}_{PLAIN}.h5")
     x, rows = np.array(model.node_x), model.displacement_dofs.reshape(-1, 3)
     nodal = plain.modes

@@ -30,7 +30,7 @@ from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 SIDE, DEPTHS, WAIST, AROUND = 0.02, 12, 4.0, 2.0  # m, and in depths
 TIP, PUSH = 4.0, 5e-3  # kg, s
@@ -119,7 +119,7 @@ def run_cut(mesh: TaggedMesh, speed: float, t_end: float, coupling: fm.Coupling)
             continue
         model = ContinuumModel(piece, forms.solid_linear, STEEL, degree=2, interfaces=[*held, *at_cuts])
         frame = "x_min" if "x_min" in piece.facet_groups else at_cuts[0].name
-        record = craig_bampton(model, modes=MODES, frame=frame, keep_stress=True)
+        record = craig_bampton(model, modes=MODES, frame=frame, keep=Keep(stress=True))
         rests[name] = scene.add(fm.FlexibleBody(record), name=name)
     bodies = {**waist, **rests}
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), bodies["rest 1"].frame("x_min"))  # type: ignore[attr-defined]

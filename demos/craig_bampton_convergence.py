@@ -5,15 +5,16 @@
 # than it must. Three ways to choose, for a steel connecting rod:
 #
 # - by a number, `modes=12`, and then see what became of the frequencies;
-# - by a rule of thumb, `below_hz=1.5 * f`: all modes up to half as much again as the highest frequency of interest;
-# - by a tolerance, `tol=1e-2`: as few as it takes, by an estimate of the error that needs no unreduced solution.
+# - by a rule of thumb, `Truncation(below_hz=1.5 * f)`: all modes up to half as much again as the highest
+#   frequency of interest;
+# - by a tolerance, `Truncation(tol=1e-2)`: as few as it takes, by an estimate of the error that needs no
+#   unreduced solution.
 #
 # `./run python demos/craig_bampton_convergence.py`, or on two processes by `./run mpirun -n 2 python ...`. The picture
 # goes to `out_craig_bampton_convergence`.
 
 import time
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -23,7 +24,7 @@ from matplotlib.figure import Figure
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.reduction import craig_bampton, truncation_errors
+from flexmbd.reduction import Truncation, craig_bampton, truncation_errors
 
 LENGTH = 0.3  # m, between the pins
 WANTED = 6  # frequencies that shall be right
@@ -93,11 +94,11 @@ say(row("of the mesh, at least", mesh_error))
 # it is. So the true frequencies lie between those of the reduced body and those of that softer one.
 
 
-def reduce(**choice: Any) -> tuple[fm.ReducedBody, float]:
+def reduce(modes: int | Truncation) -> tuple[fm.ReducedBody, float]:
     """The reduced rod and how long it took, s."""
     comm.barrier()
     began = time.perf_counter()
-    body = craig_bampton(model, frame="big_end", geometric_stiffness=False, **choice)
+    body = craig_bampton(model, modes=modes, frame="big_end", geometric_stiffness=False)
     return body, comm.bcast(time.perf_counter() - began)
 
 
@@ -107,7 +108,7 @@ def errors(body: fm.ReducedBody) -> np.ndarray:
 
 
 estimate = truncation_errors(model, NUMBERS, frame="big_end", count=WANTED)
-reduced = {n: reduce(modes=n) for n in NUMBERS}
+reduced = {n: reduce(n) for n in NUMBERS}
 true = np.array([errors(body) for body, _ in reduced.values()])
 seconds = np.array([took for _, took in reduced.values()])
 say()
@@ -121,9 +122,9 @@ for n, error, estimated, took in zip(NUMBERS, true, estimate.errors, seconds, st
 # frequency. A tolerance says what it costs to do better. It holds for the free rod and for the rod whose body frame is
 # held, and for all frequencies up to `below_hz` where that is given beside it, else for the lowest six.
 
-rule, rule_took = reduce(below_hz=1.5 * float(exact[-1]))
+rule, rule_took = reduce(Truncation(below_hz=1.5 * float(exact[-1])))
 TOLERANCES = (1e-1, 1e-2, 1e-3)
-chosen = {tol: reduce(tol=tol) for tol in TOLERANCES}
+chosen = {tol: reduce(Truncation(tol=tol)) for tol in TOLERANCES}
 
 
 def count(body: fm.ReducedBody) -> int:

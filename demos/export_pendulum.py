@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 LENGTH = 1.0  # m
 RATE, END = 5.5, 0.8  # rad/s at the start, s
@@ -51,7 +51,7 @@ def say(text: str = "") -> None:
 rubber = forms.solid_linear.Parameters(E=1.3e7, nu=0.3, rho=1100.0)
 mesh = meshes.block(LENGTH, 0.04, 0.06, divisions=(10, 1, 1), comm=comm)
 model = ContinuumModel(mesh, forms.solid_linear, rubber, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
-bar = craig_bampton(model, modes=4, frame="x_min", geometric_stiffness=False, keep_modes=True, keep_surface=True)
+bar = craig_bampton(model, modes=4, frame="x_min", geometric_stiffness=False, keep=Keep(modes=True, surface=True))
 stretched = craig_bampton(model, modes=4, frame="x_min")
 say(f"bar: {model.K.getSize()[0]} degrees of freedom, reduced to {bar.n_modes}; {bar.mass:.3f} kg")
 say(f"     frequencies with its start held: {', '.join(f'{f:.2f}' for f in bar.frequencies(['x_min'])[:4])} Hz")

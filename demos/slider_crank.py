@@ -10,7 +10,7 @@
 # share the mesh. Pictures and a film go to the folder `out_slider_crank`.
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ from scipy.interpolate import CubicSpline, PPoly
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface, MpiTeam
-from flexmbd.reduction import craig_bampton
-from flexmbd.visual import StressPicture
+from flexmbd.reduction import Keep, ModalDamping, craig_bampton
+from flexmbd.visual import plot_stress
 
 CRANK = 0.08  # m
 LENGTH = 0.3  # m, of the rod between the pins
@@ -59,8 +59,8 @@ mesh = meshes.connecting_rod(length=LENGTH, h=7e-3, comm=comm)
 pins = [Interface("big_end", origin=(0.0, 0.0, 0.0)), Interface("small_end", origin=(LENGTH, 0.0, 0.0))]
 model = ContinuumModel(mesh, forms.solid_linear, steel, degree=2, interfaces=pins)
 meshed = time.perf_counter()
-rod = craig_bampton(model, modes=12, frame="big_end", keep_modes=True, keep_surface=True)
-rod = replace(rod, damping=np.diag(2.0 * DAMPING * np.sqrt(rod.stiffness)))
+kept = Keep(modes=True, surface=True)
+rod = craig_bampton(model, modes=12, frame="big_end", damping=ModalDamping(DAMPING), keep=kept)
 reduced = time.perf_counter()
 
 hinged = rod.frequencies({"big_end": ("x", "y", "z", "rx", "ry"), "small_end": ("y", "z", "rx", "ry")})
@@ -217,8 +217,8 @@ def energy_error(case: Case) -> float:
 # ## The stress, and when it is largest
 
 
-def worst_stress(case: Case) -> tuple[float, StressPicture]:
-    """Time (s) and picture of the largest von Mises stress in the last revolution. Collective."""
+def worst_stress(case: Case) -> tuple[float, fm.StressField]:
+    """Time (s) and field of the largest von Mises stress in the last revolution. Collective."""
     times = case.run.t[-1] - case.turn * np.linspace(1.0, 0.0, 49)
     peaks = [case.run.stress(case.conrod, model, t=t).max for t in times]
     worst = float(times[np.argmax(peaks)])
@@ -283,7 +283,8 @@ if root:
     figure.savefig(out / "slider_crank.png", dpi=130)
     worst, picture = stresses[SPEEDS[-1]]
     degrees = float(np.degrees(fast.angle(worst)) % 360.0)
-    picture.plot(out / "stress.png", amplification=10.0, title=f"{SPEEDS[-1]:.0f} rpm, crank at {degrees:.0f} degrees")
+    title = f"{SPEEDS[-1]:.0f} rpm, crank at {degrees:.0f} degrees"
+    plot_stress(picture, out / "stress.png", amplification=10.0, title=title)
 
 fast.run.animate(
     out / "slider_crank.mp4",

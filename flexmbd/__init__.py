@@ -85,6 +85,7 @@ from flexmbd.multibody.results.energy import Energy as Energy
 from flexmbd.multibody.start.consistent_start import Start as Start
 from flexmbd.multibody.team import Team as Team
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
+from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
@@ -92,6 +93,7 @@ from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.reduced_body import ReducedBody as ReducedBody
+from flexmbd.record.stress_field import StressField as StressField
 from flexmbd.rotation import Axis as Axis
 from flexmbd.run.checkpoint import Checkpoint as Checkpoint
 from flexmbd.run.departure import Departure as Departure

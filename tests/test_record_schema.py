@@ -12,6 +12,7 @@ from flexmbd.errors import RecordError
 from flexmbd.record.file import FORMAT, VERSION, read_tree, write_tree
 from flexmbd.record.reduced_body import (
     DistributedLoads,
+    FurtherUnknowns,
     GeometricStiffness,
     InterfaceFrame,
     ModalStretch,
@@ -24,7 +25,7 @@ from flexmbd.record.reduced_body import (
 PAGE = (Path(__file__).parents[1] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
-SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3}
+SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -48,6 +49,7 @@ def full_record():
         provenance={"form": "by hand", "ganz oben": "two\nlines \u00e4"},
         p_MB_M=rng.normal(size=3),
         R_MB=rng.normal(size=(3, 3)),
+        unknowns=FurtherUnknowns(np.arange(SIZE["u"]) ** 2, rng.normal(size=(SIZE["u"], n))),
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
@@ -59,7 +61,7 @@ def full_record():
     )
 
 
-GROUPS = ("modes", "surface", "geometric", "stretch", "loads", "stress")
+GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "loads", "stress")
 
 
 def assert_same(one, other):

@@ -9,6 +9,7 @@ from test_reduced import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_cr
 
 from flexmbd.record.reduced_body import (
     DistributedLoads,
+    FurtherUnknowns,
     GeometricStiffness,
     InterfaceFrame,
     NodalModes,
@@ -194,6 +195,7 @@ def test_rigid_body():
 PHI = np.zeros((3, 3, 2))
 GROUPS = {
     "modes": (NodalModes(np.arange(3), np.zeros((3, 3)), PHI), "3 nodes; "),
+    "unknowns": (FurtherUnknowns(np.arange(4), np.zeros((4, PHI.shape[2]))), "4 dofs; "),
     "surface": (Surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), PHI), "1 triangle on 3 vertices; "),
     "geometric": (
         GeometricStiffness(("angular velocity zz", "B.x"), np.array([np.diag([3e3, -50.0]), np.zeros((2, 2))])),

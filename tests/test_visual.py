@@ -10,7 +10,8 @@ import pytest
 import flexmbd as fm
 from flexmbd.errors import PictureError, SceneError
 from flexmbd.record.reduced_body import InterfaceFrame, Surface
-from flexmbd.visual import StressPicture, camera, film, sketch, stage
+from flexmbd.record.stress_field import StressField
+from flexmbd.visual import camera, film, plot_stress, sketch, stage
 from flexmbd.visual.skin import DisplacementSkin, _rigid_motion, skins
 
 SMALL = {"size": (160, 120), "fps": 10}
@@ -384,12 +385,12 @@ def test_a_solid_without_a_surface_is_drawn_as_sticks():
 class Model:
     """Stress as a continuum model gives it: also at nodes inside, here one."""
 
-    def stress_picture(self, body, q):
+    def stress_field(self, body, q):
         surface = body.surface
         x = np.vstack([[0.5, 0.0, 0.0], surface.x])
         u = np.vstack([np.zeros(3), surface.phi @ q])
         von_mises = np.append(1e9, 1e6 * (1.0 + np.arange(8.0)) * abs(q[0]))
-        return StressPicture(
+        return StressField(
             np.arange(9), x, surface.triangle + 1, u, np.zeros((9, 3, 3)), von_mises, 1e9, x[0]
         )
 
@@ -409,13 +410,13 @@ def test_film_coloured_by_stress(bar, tmp_path):
 
 
 def test_plot_of_a_stress_picture(tmp_path):
-    picture = Model().stress_picture(bar_record(), np.array([0.1]))
-    path = picture.plot(tmp_path / "stress.png", amplification=2.0, size=(160, 120), title="bar")
+    picture = Model().stress_field(bar_record(), np.array([0.1]))
+    path = plot_stress(picture, tmp_path / "stress.png", amplification=2.0, size=(160, 120), title="bar")
     assert path.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(PictureError, match=r"\.png"):
-        picture.plot(tmp_path / "stress.pdf")
+        plot_stress(picture, tmp_path / "stress.pdf")
     with pytest.raises(PictureError, match="nowhere"):
-        picture.plot(tmp_path / "nowhere" / "stress.png")
+        plot_stress(picture, tmp_path / "nowhere" / "stress.png")
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -15,7 +15,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import SceneError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import ModalDamping, craig_bampton
+from flexmbd.reduction import Keep, ModalDamping, craig_bampton
 
 # no lateral contraction: what the rigid ends would hinder
 STEEL = solid_linear.Parameters(E=2.1e11, nu=0.0, rho=7850.0)
@@ -31,7 +31,7 @@ def rod(modes=4, **how):
     # the mesh's origin is not the body frame's
     mesh.mesh.geometry.x[:] += SHIFT
     model = ContinuumModel(mesh, solid_linear, STEEL, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
-    return model, craig_bampton(model, modes=modes, frame="x_min", keep_stress=True, **how)
+    return model, craig_bampton(model, modes=modes, frame="x_min", keep=Keep(modes=True, stress=True), **how)
 
 
 @pytest.fixture(scope="module")
@@ -217,7 +217,7 @@ def test_bad_input(linear, how, message):
 
 
 def test_bad_bodies_and_runs(linear):
-    with pytest.raises(SceneError, match="holds no stress modes; reduce it with keep_stress=True"):
+    with pytest.raises(SceneError, match=r"holds no stress modes; reduce it with keep=Keep\(stress=True\)"):
         fm.YieldMonitor(fm.FlexibleBody(dataclasses.replace(linear[1], stress=None)), yield_stress=1e8)
     with pytest.raises(SceneError, match="watches a FlexibleBody"):
         fm.YieldMonitor(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), yield_stress=1e8)

@@ -14,7 +14,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import SceneError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 STEEL = solid_linear.Parameters(E=2.1e11, nu=0.0, rho=7850.0)
 LENGTH, WIDTH, HEIGHT = 0.6, 0.01, 0.02
@@ -30,7 +30,7 @@ def history():
     axes = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     ends = [Interface("x_min", axes=axes), Interface("x_max")]
     model = ContinuumModel(mesh, solid_linear, STEEL, degree=2, interfaces=ends)
-    record = craig_bampton(model, modes=0, frame="x_min", keep_stress=True, geometric_stiffness=False)
+    record = craig_bampton(model, modes=0, frame="x_min", keep=Keep(stress=True), geometric_stiffness=False)
     scene = fm.System()
     arm = scene.add(fm.FlexibleBody(record), name="arm")
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), arm.frame("x_min"))

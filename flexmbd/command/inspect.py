@@ -15,7 +15,7 @@ from flexmbd.record.file import VERSION
 from flexmbd.record.groups import FRAME_DOFS
 from flexmbd.record.reduced_body import ReducedBody
 
-_GROUPS = ("modes", "surface", "geometric", "stretch", "loads", "stress")
+_GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "loads", "stress")
 _EXAMPLES = """\
 examples:
   flexmbd inspect rod.h5

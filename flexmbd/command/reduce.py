@@ -131,7 +131,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     from flexmbd.command.part_file import list_part, mesh_part
     from flexmbd.continuum import ContinuumModel, parallel
     from flexmbd.continuum.contract.formulation import load_form
-    from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction import Keep, Truncation, craig_bampton
     from flexmbd.reduction.truncation import chosen_truncation
 
     comm = MPI.COMM_WORLD
@@ -140,7 +140,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         return 0
     _require(arguments)
     interfaces = [parse_interface(text) for text in arguments.interface]
-    chosen_truncation(modes=arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol)
+    truncation = chosen_truncation(Truncation(arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol))
     parallel.on_root(comm, lambda: check_free(arguments.output, force=arguments.force, source=arguments.mesh))
     material = parallel.on_root(comm, lambda: _material(arguments))
     damping = make_damping(material.damping)
@@ -164,14 +164,11 @@ def reduce(arguments: argparse.Namespace) -> int:
     note("reducing")
     body = craig_bampton(
         model,
-        modes=arguments.modes,
-        below_hz=arguments.below_hz,
-        tol=arguments.tol,
+        modes=truncation,
         frame=frame,
         geometric_stiffness=not arguments.no_geometric_stiffness,
         damping=damping,
-        keep_modes=arguments.keep_modes,
-        keep_surface=arguments.keep_surface,
+        keep=Keep(modes=arguments.keep_modes, surface=arguments.keep_surface),
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))
     _tell(arguments.output, body, size, as_json=arguments.json)

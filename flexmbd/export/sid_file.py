@@ -126,7 +126,8 @@ def _mesh_nodes(body: ReducedBody, nodes: Sequence[int]) -> list[SidNode]:
         return []
     if body.modes is None:
         raise ExportError(
-            "the record has no modes at the mesh's nodes: reduce the body with keep_modes=True, or leave nodes out"
+            "the record has no modes at the mesh's nodes: reduce the body with keep=Keep(modes=True), "
+            "or leave nodes out"
         )
     unknown = np.setdiff1d(nodes, body.modes.node)
     if len(unknown) > 0:

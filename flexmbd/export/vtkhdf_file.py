@@ -58,7 +58,8 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
         x, cells, phi = body.modes.x, np.arange(len(body.modes.x))[:, None], body.modes.phi
     else:
         raise ExportError(
-            "the record has no surface and no modes at nodes: reduce the body with keep_surface=True or keep_modes=True"
+            "the record has no surface and no modes at nodes: "
+            "reduce the body with keep=Keep(surface=True) or Keep(modes=True)"
         )
 
     def fill(file: h5py.File) -> None:
@@ -97,7 +98,9 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         raise ExportError("t must be instants that ascend, each once")
     skins = [_Skin.of(run, body, instants) for body in run.bodies.values() if _surface(body) is not None]
     if not skins:
-        raise ExportError("no body of this machine has a surface to show: reduce flexible ones with keep_surface=True")
+        raise ExportError(
+            "no body of this machine has a surface to show: reduce flexible ones with keep=Keep(surface=True)"
+        )
     bare = [name for name, body in run.bodies.items() if _surface(body) is None]
     if run.team.is_root:
         _write(path, lambda file: _fill(file, skins, instants))

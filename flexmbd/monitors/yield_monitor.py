@@ -42,7 +42,7 @@ class YieldMonitor:
     the mesh's rather than the part's.
 
     Attributes:
-        body: its record holds stress modes (`keep_stress=True`).
+        body: its record holds stress modes (`keep=Keep(stress=True)`).
         yield_stress: Pa.
         clearance: m; nodes no farther than this from a node of an interface are not watched. By default those on
             interfaces; None: all are.
@@ -164,8 +164,8 @@ class YieldMonitor:
         stress = self.body.record.stress
         if stress is None:
             raise SceneError(
-                f"{self._name}: its record holds no stress modes; reduce it with keep_stress=True, as in "
-                "craig_bampton(model, ..., keep_stress=True)"
+                f"{self._name}: its record holds no stress modes; reduce it with keep=Keep(stress=True), as in "
+                "craig_bampton(model, ..., keep=Keep(stress=True))"
             )
         return stress
 

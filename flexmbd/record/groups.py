@@ -55,6 +55,22 @@ class NodalModes:
 
 
 @dataclass(frozen=True, eq=False)
+class FurtherUnknowns:
+    """Optional group ``unknowns/``: what the modes hold beside displacements, as rotations of sections or pressures.
+
+    For stress and fields from the model, whose form alone knows what they mean; beside ``modes/``.
+
+    Attributes:
+        dof: (m,) numbers of the dofs, ascending (`flexmbd.continuum.finite_elements.nodes.dof_numbers`), so that no
+            partition matters.
+        phi: (m, n) per unit modal coordinate, in the form's units and the mesh's axes.
+    """
+
+    dof: IntArray
+    phi: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Optional group ``surface/``: the boundary triangles, for pictures.
 
@@ -152,11 +168,12 @@ class StressModes:
     sigma: FloatArray
 
 
-Group = NodalModes | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
+Group = NodalModes | FurtherUnknowns | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
 
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
 GROUPS: dict[str, type[Group]] = {
     "modes": NodalModes,
+    "unknowns": FurtherUnknowns,
     "surface": Surface,
     "geometric": GeometricStiffness,
     "stretch": ModalStretch,
@@ -164,7 +181,7 @@ GROUPS: dict[str, type[Group]] = {
     "stress": StressModes,
 }
 
-_WHOLE = ("node", "triangle", "interface")
+_WHOLE = ("node", "dof", "triangle", "interface")
 _NAMES = ("loads", "names")
 
 
@@ -216,6 +233,8 @@ def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
         case NodalModes():
             k = group.node.size
             return {"node": (k,), "x": (k, 3), "phi": (k, 3, n)}
+        case FurtherUnknowns():
+            return {"dof": (group.dof.size,), "phi": (group.dof.size, n)}
         case Surface():
             k, t = len(group.x), len(group.triangle)
             return {"x": (k, 3), "triangle": (t, 3), "phi": (k, 3, n)}

@@ -25,6 +25,7 @@ from flexmbd.record.file import Tree, read_tree, write_tree
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
 from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
+from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
@@ -58,6 +59,7 @@ class ReducedBody:
         p_MB_M: (3,) m, origin of B in the mesh's axes, from the mesh's origin.
         R_MB: (3, 3) rotation from B's axes to the mesh's.
         modes: optional full nodal modes.
+        unknowns: optional further unknowns of the modes, of forms that have such.
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
         stretch: optional membrane strains, by which its modes' rotations stretch the body.
@@ -76,6 +78,7 @@ class ReducedBody:
     p_MB_M: FloatArray = field(default_factory=lambda: np.zeros(3))
     R_MB: FloatArray = field(default_factory=lambda: np.eye(3))
     modes: NodalModes | None = None
+    unknowns: FurtherUnknowns | None = None
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
     stretch: ModalStretch | None = None

@@ -17,6 +17,7 @@ from flexmbd.record.groups import (
     FRAME_DOFS,
     DistributedLoads,
     FloatArray,
+    FurtherUnknowns,
     GeometricStiffness,
     Group,
     InterfaceFrame,
@@ -40,6 +41,7 @@ _PRESTRESS = "prestress"
 
 _PURPOSE = {
     "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
+    "unknowns": "the same of forms with rotations or pressures",
     "surface": "pictures and films without the mesh",
     "geometric": "stiffening and softening by motion and load, in other programs",
     "stretch": "the same in a machine here; without it a spinning slender body is too soft",
@@ -247,6 +249,8 @@ def _group_text(group: Group) -> str:
     match group:
         case NodalModes() | StressModes():
             return _count(len(group.node), "node")
+        case FurtherUnknowns():
+            return _count(len(group.dof), "dof")
         case Surface():
             return f"{_count(len(group.triangle), 'triangle')} on {_count(len(group.x), 'vertex', 'vertices')}"
         case GeometricStiffness():

@@ -15,7 +15,9 @@ from flexmbd.reduction.eigensolver import KrylovSchur as KrylovSchur
 from flexmbd.reduction.eigensolver import SpectrumSlicing as SpectrumSlicing
 from flexmbd.reduction.guyan import guyan as guyan
 from flexmbd.reduction.interior import Solver as Solver
+from flexmbd.reduction.optional_groups import Keep as Keep
 from flexmbd.reduction.prestress import prestressed as prestressed
+from flexmbd.reduction.truncation import Truncation as Truncation
 from flexmbd.reduction.truncation import TruncationErrors as TruncationErrors
 from flexmbd.reduction.truncation import truncation_errors as truncation_errors
 from flexmbd.reduction.unit_loads import BodyForce as BodyForce

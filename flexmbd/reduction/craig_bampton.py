@@ -18,7 +18,7 @@ from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.eigensolver import Eigensolver, chosen_eigensolver
 from flexmbd.reduction.geometric_stiffness import n_inertia_loads
 from flexmbd.reduction.interior import Solver
-from flexmbd.reduction.optional_groups import Contents, Responses, responses
+from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
@@ -30,19 +30,14 @@ from flexmbd.reduction.unit_loads import Load, listed
 def craig_bampton(
     model: ContinuumModel,
     *,
-    modes: int | None = None,
-    below_hz: float | None = None,
-    tol: float | None = None,
-    frame: str | None,
+    modes: int | Truncation,
+    frame: str | None = None,
     geometric_stiffness: bool = True,
     loads: Sequence[Load] = (),
     damping: Damping | None = None,
-    keep_modes: bool = False,
-    keep_surface: bool = False,
-    keep_stress: bool = False,
+    keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
     eigensolver: Eigensolver | None = None,
-    complete: bool = True,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -54,17 +49,9 @@ def craig_bampton(
     interfaces is exact in statics; frequencies converge from above.  Signs follow
     `flexmbd.reduction.signs`.
 
-    How many modes is said by exactly one of `modes`, `below_hz` and `tol`.
-
     Args:
         model: with at least the interface `frame`; about a loaded state if it is one of `prestressed`.
-        modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0
-            gives Guyan's reduction. Here as below a cluster of equal frequencies is kept whole: where that adds
-            modes the record's provenance says so, and a warning.
-        below_hz: Hz; all fixed-interface modes below it. Beside `tol`: the range that this is for.
-        tol: as few modes as bring the relative error of the eigenvalues (2 pi f)^2 down to it, by an
-            estimate that is not below the true error (`flexmbd.reduction.spectrum_error`): those of the
-            free body, and of the body held at its frame, below `below_hz`, by default the lowest six.
+        modes: how many fixed-interface modes: a number, or `Truncation(below_hz=...)`, `Truncation(tol=...)`.
         frame: name of the interface that carries the body frame; None: it floats on the mean axis.
         geometric_stiffness: whether the record says how loads change the stiffness
             (`GeometricStiffness`, `ModalStretch`), without which a spinning body comes out too soft; left
@@ -73,16 +60,11 @@ def craig_bampton(
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.
-        keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
-        keep_surface: whether the record holds the boundary's triangles (`Surface`).
-        keep_stress: whether the record holds the stress at all nodes (`StressModes`).
+        keep: what the record holds of the modes on the mesh; nothing by default.
         solver: by what the stiffness is inverted; None: by a factor, or where that would not fit in the
             memory there is by conjugate gradients.
         eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
             `SpectrumSlicing()`.
-        complete: whether the modes are counted by the signs of the pivots of a second factor, K - sigma M with sigma
-            above them, and looked for again where some are missing. The record's provenance says what was counted;
-            there is no count without a factor.
 
     Returns:
         The record, the same to the bit on every rank.
@@ -102,37 +84,18 @@ def craig_bampton(
         model.comm,
         ReductionError,
         modes=modes,
-        below_hz=below_hz,
-        tol=tol,
         frame=frame,
         geometric_stiffness=geometric_stiffness,
         loads=given,
         damping=damping,
-        keep_modes=keep_modes,
-        keep_surface=keep_surface,
-        keep_stress=keep_stress,
+        keep=keep,
         solver=solver,
         eigensolver=eigensolver,
-        complete=complete,
     )
-    refuse_no_truth(
-        ReductionError,
-        geometric_stiffness=geometric_stiffness,
-        keep_modes=keep_modes,
-        keep_surface=keep_surface,
-        keep_stress=keep_stress,
-        complete=complete,
-    )
+    refuse_no_truth(ReductionError, geometric_stiffness=geometric_stiffness)
     method = chosen_eigensolver(eigensolver)
-    truncation = chosen_truncation(modes=modes, below_hz=below_hz, tol=tol)
-    contents = Contents(
-        geometric_stiffness=geometric_stiffness,
-        loads=given,
-        damping=damping,
-        modes=keep_modes,
-        surface=keep_surface,
-        stress=keep_stress,
-    )
+    truncation = chosen_truncation(modes)
+    contents = Contents(geometric_stiffness=geometric_stiffness, loads=given, damping=damping, keep=keep)
     contents.check(model)
     basis, count, notes = _basis(
         model,
@@ -141,7 +104,6 @@ def craig_bampton(
         contents=contents,
         solver=solver,
         eigensolver=method,
-        complete=complete,
     )
     provenance = {
         "reduction": _name(model, count),
@@ -174,14 +136,13 @@ def _basis(
     contents: Contents,
     solver: Solver | None,
     eigensolver: Eigensolver,
-    complete: bool,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     with body_statics(model, frame=frame, solver=solver) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
-        fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver, complete=complete)
+        fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
         found = responses(statics, contents)
         count = len(fixed.eigenvalues)
         if contents.geometric_stiffness and count > 0:
@@ -247,12 +208,11 @@ def _signed_modes(
     images: FloatArray,
     *,
     eigensolver: Eigensolver,
-    complete: bool,
 ) -> tuple[eigen.Modes, dict[str, str]]:
     """The fixed-interface modes, signs by the rule, on all owned dofs, and their provenance."""
     comm, mask = statics.model.comm, statics.mask
     start = np.asfortranarray(fields[mask])
-    found = fixed_interface_modes(statics, truncation, start=start, eigensolver=eigensolver, complete=complete)
+    found = fixed_interface_modes(statics, truncation, start=start, eigensolver=eigensolver)
     eigenvalues, count = found.modes.eigenvalues, found.count
     projections = inner(comm, found.modes.shapes, images[mask])
     rotation = comm.bcast(determined_rotation(eigenvalues, projections)[:, :count])

@@ -9,19 +9,18 @@ from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.interior import Solver
+from flexmbd.reduction.optional_groups import Keep
 from flexmbd.reduction.unit_loads import Load
 
 
 def guyan(
     model: ContinuumModel,
     *,
-    frame: str | None,
+    frame: str | None = None,
     geometric_stiffness: bool = True,
     loads: Sequence[Load] = (),
     damping: Damping | None = None,
-    keep_modes: bool = False,
-    keep_surface: bool = False,
-    keep_stress: bool = False,
+    keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
@@ -36,9 +35,7 @@ def guyan(
         geometric_stiffness: as for `craig_bampton`, and so are the others.
         loads: distributed loads of unit size.
         damping: of the deformation.
-        keep_modes: whether the record holds the modes at all nodes (`NodalModes`).
-        keep_surface: whether the record holds the boundary's triangles (`Surface`).
-        keep_stress: whether the record holds the stress at all nodes (`StressModes`).
+        keep: what the record holds of the modes on the mesh.
         solver: by what the stiffness is inverted.
 
     Returns:
@@ -56,8 +53,6 @@ def guyan(
         geometric_stiffness=geometric_stiffness,
         loads=loads,
         damping=damping,
-        keep_modes=keep_modes,
-        keep_surface=keep_surface,
-        keep_stress=keep_stress,
+        keep=keep,
         solver=solver,
     )

@@ -20,11 +20,18 @@ import numpy as np
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.finite_elements.nodes import (
+    boundary_triangles,
+    dof_numbers,
+    further_dofs,
+    node_numbers,
+    sorted_triangles,
+)
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
-from flexmbd.record.reduced_body import NodalModes, Surface
+from flexmbd.given import refuse_no_truth
+from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
 from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.loads import loads_group, missing_energy
@@ -36,6 +43,21 @@ _NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the str
 
 
 @dataclass(frozen=True)
+class Keep:
+    """What a record keeps of the modes on the mesh.
+
+    Attributes:
+        modes: the modes at all nodes (`NodalModes`), for stress and pictures from the model, and nodal exports.
+        surface: the boundary's triangles with their modes (`Surface`), for pictures without DOLFINx.
+        stress: the stress at all nodes (`StressModes`), for stress without DOLFINx.
+    """
+
+    modes: bool = False
+    surface: bool = False
+    stress: bool = False
+
+
+@dataclass(frozen=True)
 class Contents:
     """What a record shall hold.
 
@@ -43,30 +65,32 @@ class Contents:
         geometric_stiffness: whether `GeometricStiffness`.
         loads: those of `DistributedLoads`.
         damping: of the deformation, or None.
-        modes: whether `NodalModes`.
-        surface: whether `Surface`.
-        stress: whether `StressModes`.
+        keep: of the modes on the mesh.
     """
 
     geometric_stiffness: bool
     loads: tuple[Load, ...]
     damping: Damping | None
-    modes: bool
-    surface: bool
-    stress: bool
+    keep: Keep
 
     def check(self, model: ContinuumModel) -> None:
         """Refuse what does not fit the model. Collective.
 
         Raises:
-            ReductionError: on all ranks: loads or damping that are not well formed, or stress modes of a
+            ReductionError: on all ranks: loads, damping or `keep` that are not well formed, or stress modes of a
                 prestressed body.
             MeshError: on all ranks: a load's facet group.
         """
-        if self.stress and isinstance(model, PrestressedModel):
+        if not isinstance(self.keep, Keep):
+            raise ReductionError(f"keep must be Keep(modes=..., surface=..., stress=...), got {self.keep!r:.100}")
+        refuse_no_truth(
+            ReductionError,
+            **{f"Keep.{name}": getattr(self.keep, name) for name in ("modes", "surface", "stress")},
+        )
+        if self.keep.stress and isinstance(model, PrestressedModel):
             raise ReductionError(
-                "stress modes have no place for the stress of the loaded state; leave keep_stress out, and have "
-                "stresses from the prestressed model (stress_picture)"
+                "stress modes have no place for the stress of the loaded state; leave Keep(stress=True) out, and have "
+                "stresses from the prestressed model (stress_field)"
             )
         check_loads(model, self.loads)
         check_damping(model, self.damping)
@@ -147,11 +171,12 @@ def optional_parts(
         )
         for load, part in zip(contents.loads, missing, strict=True):
             provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
-    if contents.modes:
+    if contents.keep.modes:
         parts["modes"] = nodal_group(model, modes, p=p, R=R)
-    if contents.surface:
+        parts["unknowns"] = further_unknowns(model, modes)
+    if contents.keep.surface:
         parts["surface"] = surface_group(model, modes, p=p, R=R)
-    if contents.stress:
+    if contents.keep.stress:
         parts["stress"] = stress_group(model, modes, p=p, R=R)
     return parts, provenance
 
@@ -181,6 +206,28 @@ def nodal_group(
         return NodalModes(
             numbers[order], (x[order] - p) @ R, np.einsum("ba,kbn->kan", R, phi[order])
         )
+
+    return parallel.on_root(model.comm, make)
+
+
+def further_unknowns(model: ContinuumModel, modes: FloatArray) -> FurtherUnknowns | None:
+    """What the modes hold beside displacements, by `dof_numbers`, ascending; None where that is nothing. Collective.
+
+    Args:
+        model: the body.
+        modes: (local dofs including ghosts, n), in the mesh's axes.
+    """
+    others = further_dofs(model)
+    if model.comm.allreduce(len(others)) == 0:
+        return None
+    owned = others < model.n_owned
+    numbers = parallel.gather_rows(model.comm, dof_numbers(model, others)[owned])
+    phi = parallel.gather_rows(model.comm, modes[others[owned]])
+
+    def make() -> FurtherUnknowns:
+        assert numbers is not None and phi is not None  # noqa: S101, PT018  (rank 0)
+        order = np.argsort(numbers)
+        return FurtherUnknowns(numbers[order], phi[order])
 
     return parallel.on_root(model.comm, make)
 

@@ -66,8 +66,7 @@ def project(
 ) -> ReducedBody:
     """Project the model on a basis and bring the result to normal form. Collective.
 
-    The record is made on rank 0 and handed to the others bit for bit; the model remembers the modes
-    (`ContinuumModel.bases`).
+    The record is made on rank 0 and handed to the others bit for bit.
 
     Raises:
         ReductionError: on all ranks: the basis has lost its orthonormality, or a damping does not fit.
@@ -102,9 +101,7 @@ def project(
         model, contents, basis.responses, modes=modes, stiffness=parts["stiffness"], p=p, R=R
     )
     parts["provenance"].update(notes)
-    body = ReducedBody(**parts, **more)
-    model.bases[body.fingerprint()] = modes
-    return body
+    return ReducedBody(**parts, **more)
 
 
 # Of a double's digits: what is lost below that shows nowhere, whatever its cause.

@@ -19,7 +19,7 @@ _LINEAR = 1e-9
 
 
 def stress_group(model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> StressModes:
-    """The group, as `ContinuumModel.stress_picture` averages each mode. Collective.
+    """The group, as `ContinuumModel.stress_field` averages each mode. Collective.
 
     Args:
         model: the body.
@@ -43,7 +43,7 @@ def stress_group(model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: 
     if not error <= _LINEAR * abs(sigma).max(initial=0.0):
         raise FormulationError(
             f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
-            "modes; keep the modes (keep_modes=True) and have stresses from the model"
+            "modes; keep the modes (Keep(modes=True)) and have stresses from the model"
         )
     return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node), sigma)
 

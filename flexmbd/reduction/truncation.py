@@ -6,7 +6,7 @@ import math
 import operator
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
 
@@ -19,6 +19,7 @@ from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
+from flexmbd.given import refuse_no_truth
 from flexmbd.reduction.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.signs import asymmetric_fields
 from flexmbd.reduction.slepc_search import slepc_search
@@ -47,17 +48,28 @@ _LIMIT = 10 * MOST + 100
 
 @dataclass(frozen=True)
 class Truncation:
-    """What was asked for: a number, a frequency, or a tolerance, alone or up to a frequency.
+    """How many fixed-interface modes a reduction keeps, by exactly one of `modes`, `below_hz` and `tol`.
+
+    Checked where it is used.  A cluster of equal frequencies is kept whole: where that adds modes the record's
+    provenance says so, and a warning.
 
     Attributes:
-        modes: number of modes.
-        below_hz: Hz, all modes below it; with a tolerance the range that this is for.
-        tol: largest relative error of the body's eigenvalues (2 pi f)^2, about twice that of its frequencies.
+        modes: number of fixed-interface modes, of a body without interfaces of free-free ones; 0 gives Guyan's
+            reduction.
+        below_hz: Hz; all fixed-interface modes below it. Beside `tol`: the range that this is for.
+        tol: as few modes as bring the relative error of the body's eigenvalues (2 pi f)^2, about twice that of its
+            frequencies, down to it, by an estimate that is not below the true error
+            (`flexmbd.reduction.spectrum_error`): those of the free body, and of the body held at its frame, below
+            `below_hz`, by default the lowest six.
+        complete: whether the modes are counted by the signs of the pivots of a second factor, K - sigma M with sigma
+            above them, and looked for again where some are missing. The record's provenance says what was counted;
+            there is no count without a factor.
     """
 
     modes: int | None = None
     below_hz: float | None = None
     tol: float | None = None
+    complete: bool = True
 
     @property
     def range(self) -> str:
@@ -103,12 +115,16 @@ class TruncationErrors:
     errors: FloatArray
 
 
-def chosen_truncation(*, modes: object = None, below_hz: object = None, tol: object = None) -> Truncation:
-    """What was asked for, checked; not collective.
+def chosen_truncation(choice: object) -> Truncation:
+    """What was asked for, a number of modes or a `Truncation`, checked; not collective.
 
     Raises:
-        ReductionError: not exactly one of them, apart from a frequency beside a tolerance; or a value out of range.
+        ReductionError: not exactly one way, apart from a frequency beside a tolerance; or a value out of range.
     """
+    if not isinstance(choice, Truncation):
+        return Truncation(modes=_whole("modes", choice, least=0))
+    modes, below_hz, tol = choice.modes, choice.below_hz, choice.tol
+    refuse_no_truth(ReductionError, complete=choice.complete)
     given = [name for name, value in (("modes", modes), ("below_hz", below_hz), ("tol", tol)) if value is not None]
     if given not in (["modes"], ["below_hz"], ["tol"], ["below_hz", "tol"]):
         raise ReductionError(
@@ -116,7 +132,7 @@ def chosen_truncation(*, modes: object = None, below_hz: object = None, tol: obj
             f"as it takes; below_hz beside it is its range), got {' and '.join(given) or 'none of them'}"
         )
     if modes is not None:
-        return Truncation(modes=_whole("modes", modes, least=0))
+        return replace(choice, modes=_whole("modes", modes, least=0))
     frequency = accuracy = None
     if below_hz is not None:
         frequency = _real(below_hz)
@@ -128,7 +144,7 @@ def chosen_truncation(*, modes: object = None, below_hz: object = None, tol: obj
             raise ReductionError(
                 f"tol must be a relative error between {FLOOR:.0e}, to which modes are computed, and 1, got {tol!r}"
             )
-    return Truncation(below_hz=frequency, tol=accuracy)
+    return replace(choice, below_hz=frequency, tol=accuracy)
 
 
 def fixed_interface_modes(
@@ -137,7 +153,6 @@ def fixed_interface_modes(
     *,
     start: FloatArray,
     eigensolver: Eigensolver,
-    complete: bool,
 ) -> FoundModes:
     """The lowest modes with all interfaces fixed, as many as were asked for, clusters whole. Collective.
 
@@ -146,7 +161,6 @@ def fixed_interface_modes(
         truncation: what was asked for.
         start: (rows of `statics.mask`, b) start block of the eigensolver.
         eigensolver: the method.
-        complete: whether the modes are counted by the inertia of a second factor.
 
     Raises:
         ReductionError: on all ranks: there are fewer modes; no frequency lies in the range; or no number of modes up
@@ -162,7 +176,7 @@ def fixed_interface_modes(
     while True:
         count, provenance = _count(statics, process, truncation)
         whole = _find_whole_clusters(process, count, size=statics.size)
-        if not complete:
+        if not truncation.complete:
             provenance["completeness"] = "not counted"
             break
         before = process.eigenvalues[:whole].copy()

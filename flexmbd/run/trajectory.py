@@ -30,6 +30,7 @@ from flexmbd.multibody.plan.numbering import Slots
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.reaction import coordinate_force, reactions
 from flexmbd.multibody.team import Team
+from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
-    from flexmbd.visual import Drawn, StressModel, StressPicture
+    from flexmbd.visual import Drawn, StressModel
 
 FloatArray = NDArray[np.float64]
 
@@ -327,15 +328,15 @@ class Trajectory:
             progress=progress,
         )
 
-    def stress(self, body: FlexibleBody, model: StressModel, *, t: float) -> StressPicture:
+    def stress(self, body: FlexibleBody, model: StressModel, *, t: float) -> StressField:
         """Stress of a flexible body on its mesh at time ``t`` (s).
 
         Collective over the model's communicator.
 
         Raises:
-            RecordError: neither the record nor ``model`` holds the nodal modes.
+            RecordError: the record holds no nodal modes: reduce the body with ``keep=Keep(modes=True)``.
         """
-        return model.stress_picture(body.record, self.q(body, t=t))
+        return model.stress_field(body.record, self.q(body, t=t))
 
     def _stretches(self) -> Iterator[slice]:
         """Rows whose forces the plan tells: all at once, or row by row what interiors exerted in each."""

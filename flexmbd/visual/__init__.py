@@ -11,4 +11,4 @@ from flexmbd.visual.response import plot_response as plot_response
 from flexmbd.visual.series import Drawn as Drawn
 from flexmbd.visual.series import plot_series as plot_series
 from flexmbd.visual.stress_picture import StressModel as StressModel
-from flexmbd.visual.stress_picture import StressPicture as StressPicture
+from flexmbd.visual.stress_picture import plot_stress as plot_stress

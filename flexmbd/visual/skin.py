@@ -165,7 +165,7 @@ def surface_of(body: Body) -> Surface | None:
 def _stress_skin(
     body: Body, record: ReducedBody, model: StressModel, q: FloatArray, amplification: float
 ) -> StressSkin:
-    pictures = (model.stress_picture(record, row) for row in q)
+    pictures = (model.stress_field(record, row) for row in q)
     first = next(pictures)
     shown, triangle = np.unique(first.triangle, return_inverse=True)
     x = first.x[shown]

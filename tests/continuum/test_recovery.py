@@ -1,6 +1,6 @@
-"""Nodal modes from the memory of the model and from the record."""
+"""Nodal modes from the record, on any number of ranks."""
 
-import dataclasses
+import functools
 
 from mpi4py import MPI
 
@@ -12,10 +12,11 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
+from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
-from flexmbd.forms import solid_linear
+from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)
 AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -35,7 +36,7 @@ def reduced(body_model, **arguments):
 def test_modes_are_those_of_the_matrices():
     """In the mesh's axes and the model's order: phi^T M phi = 1, phi^T K phi = the stiffness."""
     body_model = model()
-    body = reduced(body_model)
+    body = reduced(body_model, keep=Keep(modes=True))
     modes = nodal_modes(body, body_model)
     full = FullModel(body_model)
     rows = (3 * node_numbers(body_model)[:, None] + np.arange(3)).reshape(-1)
@@ -52,10 +53,10 @@ def test_modes_are_those_of_the_matrices():
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("reduced_on", [MPI.COMM_WORLD, MPI.COMM_SELF])
-def test_group_gives_what_the_memory_gives(shared_path, reduced_on):
+def test_other_ranks_find_the_same(shared_path, reduced_on):
     """Also when the body was reduced on another number of ranks, and read from a file."""
     first = model(comm=reduced_on)
-    body = reduced(first, keep_modes=True)
+    body = reduced(first, keep=Keep(modes=True))
     path = shared_path / "body.h5"
     if MPI.COMM_WORLD.rank == 0:
         body.save(path)
@@ -76,29 +77,52 @@ def test_group_gives_what_the_memory_gives(shared_path, reduced_on):
 @pytest.mark.mpi
 def test_no_modes_anywhere(shared_path):
     body = reduced(model())
-    with pytest.raises(RecordError, match=r"keep_modes=True, or reduce it again here"):
+    with pytest.raises(RecordError, match=r"reduce the body with keep=Keep\(modes=True\)"):
         nodal_modes(body, model())
 
 
 @pytest.mark.mpi
 def test_record_of_another_mesh():
-    body = reduced(model(), keep_modes=True)
+    body = reduced(model(), keep=Keep(modes=True))
     with pytest.raises(RecordError, match="of another mesh"):
         nodal_modes(body, model(length=0.7))
 
 
 @pytest.mark.mpi
 def test_record_of_another_degree():
-    body = reduced(model(degree=1), keep_modes=True)
+    body = reduced(model(degree=1), keep=Keep(modes=True))
     with pytest.raises(RecordError, match=r"lack nodes of the model: .*another degree than 2"):
         nodal_modes(body, model(degree=2))
 
 
-def test_another_reduction_of_the_same_model_is_told_apart():
-    body_model = model(comm=MPI.COMM_SELF)
-    few, many = reduced(body_model), craig_bampton(body_model, modes=5, frame="x_max")
-    assert nodal_modes(few, body_model).shape[1] == few.n_modes < many.n_modes
-    assert nodal_modes(many, body_model).shape[1] == many.n_modes
-    stranger = dataclasses.replace(few, damping=np.eye(few.n_modes))
-    with pytest.raises(RecordError, match="holds no nodal modes"):
-        nodal_modes(stranger, body_model)
+@pytest.mark.mpi
+@pytest.mark.parametrize("reduced_on", [MPI.COMM_WORLD, MPI.COMM_SELF])
+def test_pressures_and_rotations_come_back(reduced_on):
+    """Of forms with unknowns beside displacements all are in the record: the modes are orthonormal by K as well."""
+    mixed = solid_mixed.Parameters(E=3.0e9, nu=0.4999, rho=1200.0)
+
+    def rubber(comm):
+        mesh = meshes.block(0.6, 0.1, 0.2, divisions=(4, 1, 1), cell="tetrahedron", comm=comm)
+        return ContinuumModel(mesh, solid_mixed, mixed, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
+
+    body = reduced(rubber(reduced_on), keep=Keep(modes=True))
+    body = MPI.COMM_WORLD.bcast(body)  # signs of equal modes may be a rank's own
+    body_model = rubber(MPI.COMM_WORLD)
+    modes = nodal_modes(body, body_model)
+    assert body.unknowns is not None
+    size = np.sqrt(body.stiffness)
+    own = np.asfortranarray(modes[: body_model.n_owned])
+    off = inner(body_model.comm, own, multiply(body_model.K, own)) / np.outer(size, size) - np.eye(body.n_modes)
+    assert abs(off).max() < 1e-8
+
+
+@pytest.mark.mpi
+def test_reducing_changes_nothing_of_the_model():
+    """Nothing of it is another object afterwards, and nothing new but what is computed once and kept."""
+    body_model = model()
+    before = dict(vars(body_model))
+    reduced(body_model)
+    after = vars(body_model)
+    assert all(after[name] is value for name, value in before.items())
+    kept = {name for name, value in vars(type(body_model)).items() if isinstance(value, functools.cached_property)}
+    assert set(after) - set(before) <= kept

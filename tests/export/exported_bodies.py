@@ -15,13 +15,13 @@ def soft_bar():
     from flexmbd import meshes
     from flexmbd.continuum import ContinuumModel, Interface
     from flexmbd.forms import solid_linear
-    from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction import Keep, craig_bampton
 
     rubber = solid_linear.Parameters(E=4.4e7, nu=0.3, rho=1100.0)
     mesh = meshes.block(1.0, 0.04, 0.06, divisions=(10, 1, 1))
     ends = [Interface("x_min"), Interface("x_max")]
     model = ContinuumModel(mesh, solid_linear, rubber, degree=2, interfaces=ends)
-    return craig_bampton(model, modes=8, frame="x_min", keep_modes=True, keep_surface=True)
+    return craig_bampton(model, modes=8, frame="x_min", keep=Keep(modes=True, surface=True))
 
 
 @cache

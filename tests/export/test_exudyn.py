@@ -60,12 +60,12 @@ def block():
     from flexmbd import meshes
     from flexmbd.continuum import ContinuumModel, Interface
     from flexmbd.forms import solid_linear
-    from flexmbd.reduction import craig_bampton
+    from flexmbd.reduction import Keep, craig_bampton
 
     rubber = solid_linear.Parameters(E=4.4e7, nu=0.3, rho=1100.0)
     mesh = meshes.block(1.0, 0.1, 0.2, divisions=(3, 1, 1))
     model = ContinuumModel(mesh, solid_linear, rubber, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
-    body = craig_bampton(model, modes=4, frame="x_min", geometric_stiffness=False, keep_modes=True)
+    body = craig_bampton(model, modes=4, frame="x_min", geometric_stiffness=False, keep=Keep(modes=True))
     x = np.array(model.node_x)
     order = np.lexsort(np.round(x, 9).T)[np.argsort(np.lexsort(np.round(body.modes.x, 9).T))]
     assert np.abs(x[order] - body.modes.x).max() < 1e-12

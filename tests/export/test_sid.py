@@ -367,7 +367,7 @@ def test_nodes_of_the_mesh(tmp_path):
     assert "the modes at the mesh's nodes" not in fm.export.sid(body, path, nodes=body.modes.node)
     with pytest.raises(ExportError, match=r"no mesh node 5000; its 189"):
         fm.export.sid(body, path, nodes=[5000])
-    with pytest.raises(ExportError, match="keep_modes=True"):
+    with pytest.raises(ExportError, match=r"keep=Keep\(modes=True\)"):
         fm.export.sid(damped_rod(), path, nodes=[1])
 
 

@@ -18,7 +18,7 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import MeshError
 from flexmbd.forms import solid_linear
 from flexmbd.meshes import mesh_file
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 pytestmark = pytest.mark.mpi
 
@@ -91,7 +91,7 @@ def test_the_record_is_the_same(shared_path):
     def reduced(part):
         ends = [Interface("start"), Interface("end", coupling=Coupling.AVERAGED)]
         model = ContinuumModel(part, solid_linear, STEEL, degree=2, interfaces=ends)
-        return craig_bampton(model, modes=4, frame="start", keep_modes=True)
+        return craig_bampton(model, modes=4, frame="start", keep=Keep(modes=True))
 
     body, back = reduced(beam("hexahedron", 2)), reduced(meshes.read(shared_path / "part.h5"))
     alone = reduced(meshes.read(shared_path / "part.h5", comm=MPI.COMM_SELF))

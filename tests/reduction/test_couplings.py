@@ -22,7 +22,7 @@ from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import craig_bampton, guyan
+from flexmbd.reduction import Keep, craig_bampton, guyan
 
 RIGID, AVERAGED = fm.Coupling.RIGID, fm.Coupling.AVERAGED
 
@@ -160,7 +160,7 @@ def test_patch_of_averaged_interfaces():
     """Tension and pure bending of a bar between two averages: stress and displacement are St Venant's, everywhere."""
     _, width, height = BAR
     ends = [Interface(name, coupling=AVERAGED) for name in ("start", "end")]
-    body = guyan(bar(BAR, (3, 2, 2), *ends, distorted=0.02), frame="start", keep_modes=True, keep_stress=True)
+    body = guyan(bar(BAR, (3, 2, 2), *ends, distorted=0.02), frame="start", keep=Keep(modes=True, stress=True))
     E, nu = STEEL.E, STEEL.nu
     x, y, z = body.modes.x.T
     area, about_y, about_z = width * height, width * height**3 / 12, height * width**3 / 12

@@ -23,7 +23,7 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.record.reduced_body import FRAME_DOFS
-from flexmbd.reduction import craig_bampton, guyan, truncation
+from flexmbd.reduction import Keep, craig_bampton, guyan, truncation
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -220,7 +220,7 @@ def parallel_and_alone(**arguments):
 
 @pytest.mark.mpi
 def test_record_does_not_depend_on_the_number_of_ranks():
-    world, alone = parallel_and_alone(modes=6, frame="tip", keep_modes=True, keep_surface=True)
+    world, alone = parallel_and_alone(modes=6, frame="tip", keep=Keep(modes=True, surface=True))
     for clamped in ((), ("tip",), ("root", "pad")):
         assert world.frequencies(clamped) == pytest.approx(alone.frequencies(clamped), rel=1e-10)
     # not much lower: at 1 Hz the inertia of the free body is all, and the inverse loses ten digits of the stiffness
@@ -237,7 +237,7 @@ def test_record_does_not_depend_on_the_number_of_ranks():
 
 @pytest.mark.mpi
 def test_every_rank_has_the_same_bits():
-    body = craig_bampton(bracket(), modes=6, frame="tip", keep_modes=True, keep_surface=True)
+    body = craig_bampton(bracket(), modes=6, frame="tip", keep=Keep(modes=True, surface=True))
     parts = [body.gram, body.stiffness, body.partition, body.modes.phi, body.surface.phi]
     parts += [frame.modes for frame in body.interfaces]
     mine = b"".join(part.tobytes() for part in parts)
@@ -265,7 +265,7 @@ def test_equal_frequencies_are_turned_by_the_rule(cut):
 
 def test_interface_nodes_move_as_their_frame_says(model):
     """Nodal modes at an interface are the rigid motion of its mode rows, all in B's axes."""
-    body = craig_bampton(model, modes=5, frame="tip", keep_modes=True)
+    body = craig_bampton(model, modes=5, frame="tip", keep=Keep(modes=True))
     carrier = model.interface("tip")
     for frame in body.interfaces:
         nodes = model.interface(frame.name).nodes
@@ -279,7 +279,7 @@ def test_interface_nodes_move_as_their_frame_says(model):
 
 
 def test_surface_is_part_of_the_nodal_modes(model):
-    body = craig_bampton(model, modes=2, frame="root", keep_modes=True, keep_surface=True)
+    body = craig_bampton(model, modes=2, frame="root", keep=Keep(modes=True, surface=True))
     for x, phi in zip(body.surface.x, body.surface.phi, strict=True):
         row = np.argmin(np.linalg.norm(body.modes.x - x, axis=1))
         assert np.array_equal(body.modes.phi[row], phi)

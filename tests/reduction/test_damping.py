@@ -11,7 +11,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import KelvinVoigtDamping, ModalDamping, RayleighDamping, craig_bampton, guyan
+from flexmbd.reduction import Keep, KelvinVoigtDamping, ModalDamping, RayleighDamping, craig_bampton, guyan
 
 RUBBER = solid_linear.Parameters(E=5.0e6, nu=0.4, rho=1100.0)
 
@@ -53,7 +53,7 @@ def test_modal_ratios(frame, reduction):
 def test_rayleigh(frame):
     model = bracket("root", "tip", comm=MPI.COMM_SELF, degree=1)
     damping = RayleighDamping(alpha=30.0, beta=2e-5)
-    body = craig_bampton(model, modes=4, frame=frame, damping=damping, keep_modes=True)
+    body = craig_bampton(model, modes=4, frame=frame, damping=damping, keep=Keep(modes=True))
     full, phi = FullModel(model), modes_of(body)
     expected = phi.T @ (30.0 * full.M + 2e-5 * full.K) @ phi
     assert abs(body.damping - expected).max() < 1e-9 * abs(expected).max()
@@ -67,7 +67,7 @@ def test_viscous_layers(frame):
     tau = {"face": 1e-6, "core": 3e-4}
     model = sandwich()
     body = craig_bampton(
-        model, modes=4, frame=frame, damping=KelvinVoigtDamping(tau), keep_modes=True
+        model, modes=4, frame=frame, damping=KelvinVoigtDamping(tau), keep=Keep(modes=True)
     )
     stiff = solid_linear.Parameters(E=2 * RUBBER.E, nu=RUBBER.nu, rho=RUBBER.rho)
     K, more = FullModel(model).K, FullModel(sandwich(stiff)).K

@@ -18,7 +18,7 @@ from flexmbd.continuum.matrices.eigen import BlockLanczos
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, craig_bampton, truncation
+from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton, truncation
 from flexmbd.reduction.krylov_schur import KrylovSchurSearch
 from flexmbd.reduction.statics import body_statics
 from flexmbd.reduction.sturm import count_below
@@ -58,12 +58,14 @@ def test_all_find_the_same(names, method):
 @pytest.mark.parametrize("method", METHODS, ids=["blocks", "Krylov-Schur", "slicing"])
 def test_by_frequency_and_by_tolerance(method):
     model = cube("x_min")
-    plain, ours = (craig_bampton(model, below_hz=2000.0, frame="x_min", eigensolver=one) for one in (None, method))
+    below = Truncation(below_hz=2000.0)
+    plain, ours = (craig_bampton(model, modes=below, frame="x_min", eigensolver=one) for one in (None, method))
     assert ours.stiffness[:6] == pytest.approx(plain.stiffness[:6], rel=1e-9)
     assert ours.provenance["fixed-interface modes"] == plain.provenance["fixed-interface modes"]
     # how many modes a tolerance takes depends on how many are known
     exact = craig_bampton(model, modes=150, frame="x_min", geometric_stiffness=False).frequencies()[:6]
-    found = craig_bampton(model, tol=1e-2, frame="x_min", eigensolver=method, geometric_stiffness=False)
+    close = Truncation(tol=1e-2)
+    found = craig_bampton(model, modes=close, frame="x_min", eigensolver=method, geometric_stiffness=False)
     assert found.n_modes < 100
     assert np.all(found.frequencies()[:6] ** 2 <= 1.01 * exact**2)
 
@@ -146,7 +148,7 @@ def test_a_mode_that_was_left_out_is_found(monkeypatch):
     monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
     assert reduced(model).stiffness == pytest.approx(exact.stiffness, rel=1e-10)
     # nothing else tells
-    wrong = reduced(model, complete=False)
+    wrong = reduced(model, modes=Truncation(14, complete=False))
     assert wrong.provenance["completeness"] == "not counted"
     n = min(len(wrong.stiffness), len(exact.stiffness))  # clusters seem to be others
     assert abs(wrong.stiffness[:n] / exact.stiffness[:n] - 1.0).max() > 0.01

@@ -20,9 +20,12 @@ import flexmbd.forms
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
+
+KEPT = Keep(modes=True)
 
 SIZE = (1.0, 0.3, 0.2)
 AXES = np.linalg.qr(np.array([[1.0, 0.3, -0.2], [-0.4, 1.0, 0.5], [0.1, -0.3, 1.0]]))[0]
@@ -55,16 +58,16 @@ class Case:
     @functools.cache  # noqa: B019  (a case lives as long as the tests)
     def body(self, modes: int = 6) -> ReducedBody:
         # with its geometric stiffness but once
-        return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=modes == 6)
+        return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=modes == 6, keep=KEPT)
 
     @functools.cache  # noqa: B019
     def plain(self, modes: int) -> ReducedBody:
         # no modes but those that were asked for
-        return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=False)
+        return craig_bampton(self.model, modes=modes, frame=self.ends[0], geometric_stiffness=False, keep=KEPT)
 
     @functools.cache  # noqa: B019
     def floating(self) -> ReducedBody:
-        return craig_bampton(self.model, modes=6, frame=None, geometric_stiffness=False)
+        return craig_bampton(self.model, modes=6, frame=None, geometric_stiffness=False, keep=KEPT)
 
 
 @functools.cache
@@ -232,7 +235,7 @@ def by_quadrature(model, body):
     )
     at = places.eval(mesh, cells).reshape(-1, 3)
     by = (measure.eval(mesh, cells).reshape(-1, len(weights)) * weights).reshape(-1)
-    modes = model.bases[body.fingerprint()]
+    modes = nodal_modes(body, model)
     sections, density = material_points(model)
     gram = np.zeros((4 + 3 * body.n_modes,) * 2)
     for offset in sections:

@@ -20,7 +20,7 @@ from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays, node_perm
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import MeshError, ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import BodyForce, Pressure, Traction, craig_bampton, guyan
+from flexmbd.reduction import BodyForce, Keep, Pressure, Traction, craig_bampton, guyan
 from flexmbd.reduction.unit_loads import load_vectors
 
 RADIUS = 0.03
@@ -129,7 +129,7 @@ def test_work_and_resultant_of_a_traction(frame):
     forces, area = pad_forces(model, full, unit)
     assert area == pytest.approx(WIDTH * LENGTH / DIVISIONS[0], rel=1e-12)
     body = craig_bampton(
-        model, modes=6, frame=frame, loads=[Traction("wind", "pad", direction)], keep_modes=True
+        model, modes=6, frame=frame, loads=[Traction("wind", "pad", direction)], keep=Keep(modes=True)
     )
     p, R = body.p_MB_M, body.R_MB
     found = body.loads

@@ -20,6 +20,7 @@ from flexmbd.errors import ConvergenceError, InterfaceError, MeshError, Reductio
 from flexmbd.forms import beam_timoshenko, solid_linear, solid_mixed
 from flexmbd.reduction import (
     BodyForce,
+    Keep,
     KelvinVoigtDamping,
     Pressure,
     Traction,
@@ -307,7 +308,7 @@ def test_any_number_of_ranks():
             forces={"pad": (1e4, 0.0, 2e4, 0.0, 100.0, 0.0)},
             angular_velocity=(100.0, 200.0, 50.0),
         )
-        return craig_bampton(loaded, modes=3, frame="root", damping=KelvinVoigtDamping(1e-5), keep_modes=True)
+        return craig_bampton(loaded, modes=3, frame="root", damping=KelvinVoigtDamping(1e-5), keep=Keep(modes=True))
 
     world, alone = reduced(MPI.COMM_WORLD), reduced(MPI.COMM_SELF)
     assert len(set(MPI.COMM_WORLD.allgather(world.fingerprint()))) == 1
@@ -335,13 +336,13 @@ def test_stress_of_the_loaded_state():
     model = bar(0.5, width=0.1, height=0.1, cells=2, comm=MPI.COMM_SELF)
     force = 1e5
     loaded = prestressed(model, frame="x_min", forces={"x_max": (force, 0, 0, 0, 0, 0)})
-    body = guyan(loaded, frame="x_min")
-    picture = loaded.stress_picture(body, np.zeros(body.n_modes))
+    body = guyan(loaded, frame="x_min", keep=Keep(modes=True))
+    picture = loaded.stress_field(body, np.zeros(body.n_modes))
     assert picture.von_mises == pytest.approx(force / 0.01, rel=1e-3)
     assert not picture.displacement.any()
     stretched = 0.5 * (1.0 + force / 0.01 / MATERIAL.E)
     assert picture.x[:, 0].max() == pytest.approx(stretched, abs=1e-7)
-    assert model.stress_picture(guyan(model, frame="x_min"), np.zeros(6)).max == 0.0
+    assert model.stress_field(guyan(model, frame="x_min", keep=Keep(modes=True)), np.zeros(6)).max == 0.0
 
 
 PUSH = {"forces": {"tip": (1.0, 0, 0, 0, 0, 0)}}
@@ -375,7 +376,7 @@ def test_bad_use_is_refused_on_every_rank():
         with pytest.raises(ReductionError, match="held at 'root'"):
             craig_bampton(loaded, modes=1, frame=frame)
     with pytest.raises(ReductionError, match="stress modes have no place"):
-        guyan(loaded, frame="root", keep_stress=True)
+        guyan(loaded, frame="root", keep=Keep(stress=True))
     with pytest.raises(ReductionError, match="prestressed already"):
         prestressed(loaded, frame="root", **PUSH)
     given = [Interface("root"), Interface("tip", coupling=fm.Coupling.AVERAGED)]

@@ -10,7 +10,7 @@ from bracket import ALUMINIUM, GROUPS, TURN, bracket, turned
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import craig_bampton, guyan
+from flexmbd.reduction import Keep, craig_bampton, guyan
 
 AXES = turned(0.4, 0.7, -0.2)
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -26,7 +26,7 @@ def no_contraction(model, interfaces):
 def test_uniform_tension():
     """F/A along the block, seen from a body frame whose axes are another pair askew."""
     model = no_contraction(bracket(), [Interface("root", axes=AXES), Interface("tip")])
-    body = guyan(model, frame="root", keep_stress=True)
+    body = guyan(model, frame="root", keep=Keep(stress=True))
     force, area = 4e4, 0.06 * 0.1
     along = AXES.T @ TURN[:, 0]
     q = body.interface("tip").modes[:3].T @ (force * along) / body.stiffness
@@ -42,9 +42,9 @@ def test_uniform_tension():
 def test_against_the_model(frame):
     """The model's stress at any modal coordinates, by the same nodes, on any number of ranks."""
     model = bracket("root", "tip", degree=1)
-    body = craig_bampton(model, modes=3, frame=frame, keep_stress=True)
+    body = craig_bampton(model, modes=3, frame=frame, keep=Keep(modes=True, stress=True))
     q = np.cos(3.0 * np.arange(body.n_modes)) / np.sqrt(body.stiffness)
-    picture = model.stress_picture(body, q)
+    picture = model.stress_field(body, q)
     assert np.array_equal(body.stress.node, picture.node)
     assert abs(body.stress.x - picture.x).max() < 1e-15
     expected = np.array([picture.stress[:, a, b] for a, b in SIX]).T
@@ -52,7 +52,7 @@ def test_against_the_model(frame):
     assert abs(found - expected).max() < 1e-10 * abs(expected).max()
     assert len(set(MPI.COMM_WORLD.allgather(body.stress.sigma.tobytes()))) == 1
     alone = craig_bampton(
-        bracket("root", "tip", comm=MPI.COMM_SELF, degree=1), modes=3, frame=frame, keep_stress=True
+        bracket("root", "tip", comm=MPI.COMM_SELF, degree=1), modes=3, frame=frame, keep=Keep(stress=True)
     )
     assert np.array_equal(alone.stress.node, body.stress.node)
     off = alone.stress.sigma - body.stress.sigma
@@ -63,7 +63,7 @@ def test_against_the_model(frame):
 def test_nodes_of_interfaces():
     """Those of the two ends of the block, by their places, and no others."""
     model = bracket("root", "tip", degree=2)
-    body = guyan(model, frame=None, keep_stress=True)
+    body = guyan(model, frame=None, keep=Keep(stress=True))
     in_mesh = body.stress.x @ body.R_MB.T + body.p_MB_M
     for number, name in enumerate(("root", "tip")):
         on_end = GROUPS[name](in_mesh.T)
@@ -75,7 +75,7 @@ def test_nodes_of_interfaces():
 def test_only_where_asked_for(tmp_path):
     model = bracket("root", "tip", comm=MPI.COMM_SELF, degree=1)
     assert guyan(model, frame="root").stress is None
-    body = guyan(model, frame="root", keep_stress=True)
+    body = guyan(model, frame="root", keep=Keep(stress=True))
     body.save(tmp_path / "body.h5")
     again = type(body).load(tmp_path / "body.h5")
     assert np.array_equal(again.stress.sigma, body.stress.sigma)
@@ -91,4 +91,4 @@ def quadratic(u, state, p):
 def test_a_stress_that_is_not_linear_is_refused(monkeypatch):
     monkeypatch.setattr(solid_linear, "stress", quadratic)
     with pytest.raises(FormulationError, match="its stress is not linear in the displacement"):
-        guyan(bracket("root", "tip", degree=1), frame="root", keep_stress=True)
+        guyan(bracket("root", "tip", degree=1), frame="root", keep=Keep(stress=True))

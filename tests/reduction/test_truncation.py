@@ -14,7 +14,7 @@ from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
-from flexmbd.reduction import craig_bampton, guyan, truncation, truncation_errors
+from flexmbd.reduction import Truncation, craig_bampton, guyan, truncation, truncation_errors
 
 # Relative errors of a beam's first frequencies by its number n of fixed-interface modes, Craig-Bampton against the
 # unreduced beam, of Hermite elements after Euler and Bernoulli.
@@ -111,7 +111,7 @@ def exact(model):
 
 @pytest.mark.parametrize("tol", [0.3, 1e-2, 1e-3, 1e-5])
 def test_tolerance_is_kept_with_as_few_modes_as_can_be(model, exact, tol):
-    body = craig_bampton(model, tol=tol, frame="root", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=tol), frame="root", geometric_stiffness=False)
     error = true_errors(model, body, exact[:2], truncation.LOWEST)
     assert error <= tol
     estimate = float(body.provenance["estimated error of eigenvalues"])
@@ -129,12 +129,12 @@ def test_tolerance_is_kept_with_as_few_modes_as_can_be(model, exact, tol):
 def test_tolerance_below_a_frequency(model, exact, range_of):
     """The frequencies below it and no others; of the free and of the held body."""
     below = 0.5 * (exact[0][range_of - 1] + exact[0][range_of])
-    body = craig_bampton(model, tol=1e-3, below_hz=below, frame="root", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=1e-3, below_hz=below), frame="root", geometric_stiffness=False)
     assert body.provenance["tolerance of eigenvalues"] == f"0.001 of the frequencies below {below:g} Hz"
     for clamped, spectrum in zip(((), ["root"]), exact, strict=False):
         inside = spectrum[spectrum < below]
         assert ((body.frequencies(clamped)[: len(inside)] / inside) ** 2 - 1.0).max(initial=0.0) <= 1e-3
-    by_number = craig_bampton(model, tol=1e-3, frame="root", geometric_stiffness=False)
+    by_number = craig_bampton(model, modes=Truncation(tol=1e-3), frame="root", geometric_stiffness=False)
     assert (body.n_modes > by_number.n_modes) == (range_of > truncation.LOWEST)
 
 
@@ -143,7 +143,7 @@ def test_tolerance_where_only_the_held_body_has_frequencies(model, exact):
     below = 0.95 * exact[0][0]
     inside = exact[1][exact[1] < below]
     assert len(inside) == 3
-    body = craig_bampton(model, tol=3e-3, below_hz=below, frame="root", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=3e-3, below_hz=below), frame="root", geometric_stiffness=False)
     error = ((body.frequencies(["root"])[:3] / inside) ** 2 - 1.0).max()
     assert error <= 3e-3
     assert error < float(body.provenance["estimated error of eigenvalues"]) < 1.1 * error
@@ -155,7 +155,7 @@ def test_tolerance_where_only_the_held_body_has_frequencies(model, exact):
 def test_all_modes_below_a_frequency(model, exact, count):
     """As many as the unreduced body has with all interfaces fixed."""
     below = 0.5 * (exact[2][count - 1] + exact[2][count])
-    body = craig_bampton(model, below_hz=below, frame="root", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(below_hz=below), frame="root", geometric_stiffness=False)
     assert body.provenance["fixed-interface modes"] == str(count)
     assert body.provenance["modes below"] == f"{below:g} Hz"
     by_number = craig_bampton(model, modes=count, frame="root", geometric_stiffness=False)
@@ -180,7 +180,7 @@ def test_equal_frequencies_are_all_found(factor):
     below = factor * np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True, subset_by_index=(0, 0))[0]) / (2 * np.pi)
     _, d, _ = scipy.linalg.ldl(k - (2 * np.pi * below) ** 2 * m)
     inertia = int(np.sum(np.linalg.eigvalsh(d) < 0.0))
-    body = craig_bampton(model, below_hz=below, frame="x_min", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(below_hz=below), frame="x_min", geometric_stiffness=False)
     assert body.n_modes == inertia > 1
     assert body.stiffness[0] == pytest.approx(body.stiffness[1], rel=1e-10)
 
@@ -201,7 +201,7 @@ def test_tolerance_of_every_kind_of_body(name):
     """Against the same body with very many modes; the same on any number of ranks."""
     interfaces, frame = BODIES[name]
     model = square_bar(MPI.COMM_WORLD, *interfaces)
-    body = craig_bampton(model, tol=1e-3, frame=frame, geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=1e-3), frame=frame, geometric_stiffness=False)
     fine = craig_bampton(model, modes=150, frame=frame, geometric_stiffness=False)
     reduced, better = body.frequencies()[:6], fine.frequencies()[:6]
     error = ((reduced / better) ** 2 - 1.0).max()
@@ -210,7 +210,8 @@ def test_tolerance_of_every_kind_of_body(name):
     if frame is None:
         # nothing but the free body was estimated; without interfaces nothing is left out
         assert estimate < 2.0 * error + 2e-12
-    alone = craig_bampton(square_bar(MPI.COMM_SELF, *interfaces), tol=1e-3, frame=frame, geometric_stiffness=False)
+    serial = square_bar(MPI.COMM_SELF, *interfaces)
+    alone = craig_bampton(serial, modes=Truncation(tol=1e-3), frame=frame, geometric_stiffness=False)
     assert alone.stiffness == pytest.approx(body.stiffness, rel=1e-10)
 
 
@@ -221,7 +222,7 @@ def test_tolerance_of_an_incompressible_body():
     rubber = solid_mixed.Parameters(E=1e7, nu=0.5, rho=1000.0)
     ends = [Interface("x_min"), Interface("x_max")]
     model = ContinuumModel(mesh, solid_mixed, rubber, degree=2, interfaces=ends)
-    body = craig_bampton(model, tol=1e-2, frame="x_min", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=1e-2), frame="x_min", geometric_stiffness=False)
     fine = craig_bampton(model, modes=120, frame="x_min", geometric_stiffness=False)
     error = ((body.frequencies()[:6] / fine.frequencies()[:6]) ** 2 - 1.0).max()
     assert 0.0 < error <= float(body.provenance["estimated error of eigenvalues"]) <= 1e-2
@@ -248,7 +249,7 @@ def test_tolerance_of_an_incompressible_body():
 def test_what_cannot_be_is_refused_on_all_ranks(arguments, message):
     model = square_bar(MPI.COMM_WORLD, Interface("x_min"), Interface("x_max"))
     with pytest.raises(ReductionError, match=message):
-        craig_bampton(model, **arguments, frame="x_min")
+        craig_bampton(model, modes=Truncation(**arguments), frame="x_min")
     # and the model is as good as before
     assert guyan(model, frame="x_min").n_modes == 6
 
@@ -266,14 +267,14 @@ def test_more_modes_than_one_may_want(monkeypatch, arguments, message):
     monkeypatch.setattr(truncation, "MOST", 40)
     model = square_bar(MPI.COMM_WORLD, Interface("x_min"), Interface("x_max"))
     with pytest.raises(ReductionError, match=message):
-        craig_bampton(model, **arguments, frame="x_min", geometric_stiffness=False)
+        craig_bampton(model, modes=Truncation(**arguments), frame="x_min", geometric_stiffness=False)
 
 
 @pytest.mark.mpi
 def test_all_modes_fulfil_any_tolerance():
     """Of a body so small that nothing is left out."""
     model = square_bar(MPI.COMM_WORLD, Interface("x_min"), Interface("x_max"), divisions=(3, 1, 1))
-    body = craig_bampton(model, tol=1e-9, frame="x_min", geometric_stiffness=False)
+    body = craig_bampton(model, modes=Truncation(tol=1e-9), frame="x_min", geometric_stiffness=False)
     assert int(body.provenance["fixed-interface modes"]) <= 24
     assert float(body.provenance["estimated error of eigenvalues"]) < 1e-9
 

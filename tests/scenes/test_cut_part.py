@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
-from flexmbd.reduction import KelvinVoigtDamping, craig_bampton
+from flexmbd.reduction import Keep, KelvinVoigtDamping, craig_bampton
 
 STEEL = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
 SOFT = solid_linear.Parameters(E=2.1e8, nu=0.3, rho=7850.0)
@@ -35,7 +35,7 @@ def bar(depths, *, fine=1):
 
 def reduced(mesh, material, interfaces, *, modes=8, **how):
     model = ContinuumModel(mesh, solid_linear, material, degree=2, interfaces=interfaces)
-    return craig_bampton(model, modes=modes, frame=interfaces[0].name, keep_stress=True, **how)
+    return craig_bampton(model, modes=modes, frame=interfaces[0].name, keep=Keep(stress=True), **how)
 
 
 def in_pieces(mesh, regions, *, coupling, axis="x", soft=(), **how):

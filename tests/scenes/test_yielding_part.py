@@ -13,7 +13,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
 from flexmbd.forms import hencky_plasticity, j2_plasticity, solid_linear
-from flexmbd.reduction import craig_bampton
+from flexmbd.reduction import Keep, craig_bampton
 
 SIDE, YIELD = 0.02, 2.5e8
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
@@ -79,7 +79,7 @@ def in_pieces(mesh, form, parameters, *, region, coupling, modes=8):
             continue
         model = ContinuumModel(piece, solid_linear, ELASTIC, degree=1, interfaces=[*held, *at_cuts])
         frame = "x_min" if "x_min" in piece.facet_groups else at_cuts[0].name
-        bodies[name] = fm.FlexibleBody(craig_bampton(model, modes=modes, frame=frame, keep_stress=True))
+        bodies[name] = fm.FlexibleBody(craig_bampton(model, modes=modes, frame=frame, keep=Keep(stress=True)))
     scene, tip = clamped(bodies, "rest 1", "rest 2")
     for one in cut.cuts:
         low, high = (bodies[name] for name in one.pieces)

@@ -27,7 +27,7 @@ from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.visual import StressPicture
+from flexmbd.record.stress_field import StressField
 
 FloatArray = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ _SAME_MOTION = 1e-12
 class ContinuumModel:
     """A linear elastic body on a mesh, with named interfaces. Constructing one is collective.
 
-    Nothing is changed after construction but `bases`.
+    Nothing is changed after construction.
 
     Attributes:
         mesh: the mesh and its groups.
@@ -53,8 +53,6 @@ class ContinuumModel:
         interfaces: the frames found on the mesh.
         K: stiffness at rest (N/m, N, N m), over all dofs, PETSc AIJ matrix spread by rows.
         M: consistent mass (kg, kg m, kg m^2), the same layout.
-        bases: for `flexmbd.continuum.finite_elements.recovery`: by the fingerprint of each body reduced from this
-            model, its modes (local dofs including ghosts, n), in the mesh's axes.
     """
 
     def __init__(
@@ -101,7 +99,6 @@ class ContinuumModel:
         parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
         self.interfaces = find_interfaces(interfaces, mesh=mesh, layout=self.layout)
         self.K, self.M = self._matrices()
-        self.bases: dict[str, FloatArray] = {}
 
     @property
     def comm(self) -> MPI.Comm:
@@ -219,7 +216,7 @@ class ContinuumModel:
         at.x.scatter_forward()
         return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
 
-    def stress_picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
+    def stress_field(self, body: ReducedBody, q: ArrayLike) -> StressField:
         """Displacement and stress of a body reduced from this model. Collective.
 
         Args:
@@ -229,7 +226,7 @@ class ContinuumModel:
         Raises:
             RecordError: on all ranks: the modes are not there, or `q` does not fit.
         """
-        return self._stress.picture(body, q)
+        return self._stress.field(body, q)
 
     @cached_property
     def _stress(self) -> StressRecovery:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from mpi4py import MPI
+
 import basix
 import numpy as np
 from dolfinx.mesh import exterior_facet_indices
@@ -77,6 +79,41 @@ def _number_middles(
     # every key is known, so the union is `known` and the inverse the place in it
     _, place = np.unique(np.vstack([known, keys[with_key]]), axis=0, return_inverse=True)
     numbers[with_key] = first + place.reshape(-1)[len(known) :]
+
+
+def further_dofs(model: Discretisation) -> NDArray[np.int64]:
+    """(m,) dofs of this rank, ghosts included, that are no displacements; ascending, and not collective."""
+    others = np.ones(model.layout.n_local, dtype=bool)
+    others[model.layout.displacement_dofs] = False
+    return np.flatnonzero(others)
+
+
+def dof_numbers(model: Discretisation, dofs: NDArray[np.int64]) -> IntArray:
+    """Numbers of dofs that no partition changes. Collective.
+
+    That of the first cell, in the order of the input, that a dof is of, times the dofs of a cell, and its place there.
+
+    Args:
+        model: on several ranks.
+        dofs: (m,) local, ghosts included.
+
+    Returns:
+        (m,).
+    """
+    dofmap, cells = model.space.dofmap, np.asarray(model.mesh.mesh.topology.original_cell_index, dtype=np.int64)
+    size = dofmap.index_map_bs
+    local = (size * dofmap.list[:, :, None].astype(np.int64) + np.arange(size)).reshape(len(dofmap.list), -1)
+    keys = cells[: len(local), None] * local.shape[1] + np.arange(local.shape[1])
+    least = np.full(model.layout.n_local, np.iinfo(np.int64).max)
+    np.minimum.at(least, local, keys)
+    blocks = dofmap.index_map
+    ours = np.arange(blocks.size_local + blocks.num_ghosts, dtype=np.int32)
+    places = (size * blocks.local_to_global(ours)[:, None] + np.arange(size)).reshape(-1)
+    # a rank need not have all cells of its dofs
+    shared = np.full(size * blocks.size_global, np.iinfo(np.int64).max)
+    shared[places] = least
+    model.comm.Allreduce(MPI.IN_PLACE, shared, op=MPI.MIN)
+    return shared[places[dofs]]
 
 
 def boundary_triangles(model: ContinuumModel) -> NDArray[np.int32]:

@@ -56,7 +56,6 @@ class PrestressedModel(ContinuumModel):
         K: the tangent stiffness at the state, for loads that keep their size and direction in the body frame.
         layout: with the nodes at their places in the state.
         interfaces: the frames there.
-        bases: those of bodies reduced from this model.
         state: the static state.
     """
 
@@ -78,7 +77,6 @@ class PrestressedModel(ContinuumModel):
             state.displacement[rest.displacement_dofs],
         )
         self.interfaces = state.interfaces
-        self.bases = {}
 
     def turning_forces(self, interfaces: Sequence[FoundInterface], axes: ArrayLike) -> FloatArray:
         """What the forces inside rigid interfaces add to the stiffness against the turning of their frames. Collective.

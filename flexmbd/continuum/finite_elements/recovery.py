@@ -10,71 +10,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
 from flexmbd.errors import RecordError
-from flexmbd.record.reduced_body import NodalModes, ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.model import ContinuumModel
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 def nodal_modes(body: ReducedBody, model: ContinuumModel) -> FloatArray:
-    """The modes of a reduced body as displacement fields on its mesh. Collective.
-
-    They come from the memory of the model, if the body was reduced from it in this process, and else
-    from the record's group `modes/`.
+    """The modes of a reduced body as fields on its mesh, from the record's groups. Collective.
 
     Args:
-        body: reduced from this mesh with this formulation.
+        body: reduced from this mesh with this formulation, with `Keep(modes=True)`.
         model: the same on any number of ranks.
 
     Returns:
         (local dofs including ghosts, n), in the order of `model.space` and in the mesh's axes: the
-        displacement relative to the body frame per unit of each modal coordinate.
+        displacement relative to the body frame, and what else the unknown holds, per unit of each modal coordinate.
 
     Raises:
         RecordError: on all ranks: the record has no modes, or is of another mesh; it has only the
             displacement of a formulation with further unknowns.
     """
-    kept = model.bases.get(body.fingerprint())
-    if kept is not None:
-        return kept
     if body.modes is None:
         raise RecordError(
-            "the record holds no nodal modes, and the body was not reduced from this model in this "
-            "process: reduce it with keep_modes=True, or reduce it again here"
-        )
-    others = model.layout.n_local > model.displacement_dofs.size
-    if model.comm.allreduce(others, op=MPI.LOR):
-        raise RecordError(
-            f"the record's nodal modes are displacements alone, and {model.form_name} has further "
-            "unknowns: reduce the body again from this model, in this process"
+            "the record holds no nodal modes: reduce the body with keep=Keep(modes=True), of flexmbd.reduction"
         )
     if body.provenance.get("mesh") != model.mesh_fingerprint:
         raise RecordError(
             "the record is of another mesh than the model: its nodal modes do not fit; build the "
             "model on the mesh that the body was reduced from"
         )
-    return _from_group(body, body.modes, model)
-
-
-def _from_group(body: ReducedBody, group: NodalModes, model: ContinuumModel) -> FloatArray:
-    numbers = node_numbers(model)
-    place = np.searchsorted(group.node, numbers)
-    fits = len(group.node) > 0 and np.array_equal(
-        group.node[np.minimum(place, len(group.node) - 1)], numbers
+    modes = _rows(
+        model, node_numbers(model), known=body.modes.node, values=np.einsum("ab,kbn->kan", body.R_MB, body.modes.phi)
     )
+    fields = np.empty((model.layout.n_local, modes.shape[2]), order="F")
+    fields[model.displacement_dofs] = modes
+    others = further_dofs(model)
+    if model.comm.allreduce(len(others), op=MPI.SUM) > 0:
+        if body.unknowns is None:
+            raise RecordError(
+                f"the record's nodal modes are displacements alone, and {model.form_name} has further "
+                "unknowns: reduce the body again with this flexmbd and keep=Keep(modes=True)"
+            )
+        fields[others] = _rows(
+            model, dof_numbers(model, others), known=body.unknowns.dof, values=body.unknowns.phi
+        )
+    return fields
+
+
+def _rows(model: ContinuumModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
+    """The rows of `values`, which have the numbers `known`, ascending, of nodes or dofs. Collective."""
+    place = np.searchsorted(known, numbers)
     error = None
-    if not fits:
+    if not (len(known) > 0 and np.array_equal(known[np.minimum(place, len(known) - 1)], numbers)):
         error = RecordError(
             "the record's nodal modes lack nodes of the model: it was reduced with another degree "
             f"than {model.layout.displacement_degree}; use the same"
         )
     parallel.raise_collectively(model.comm, error)
-    # (nodes, 3, n) in B's axes to the mesh's
-    modes = np.einsum("ab,kbn->kan", body.R_MB, group.phi[place])
-    fields = np.empty((model.layout.n_local, modes.shape[2]), order="F")
-    fields[model.displacement_dofs] = modes
-    return fields
+    return values[place]

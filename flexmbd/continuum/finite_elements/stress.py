@@ -16,7 +16,7 @@ from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_num
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.errors import FormulationError, RecordError
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.visual import StressPicture
+from flexmbd.record.stress_field import StressField
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.model import ContinuumModel
@@ -49,16 +49,17 @@ class StressRecovery:
             (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
         ]
         self._nodes = _WholeMesh(model)
+        self._last: tuple[ReducedBody, FloatArray] | None = None
 
-    def picture(self, body: ReducedBody, q: ArrayLike) -> StressPicture:
+    def field(self, body: ReducedBody, q: ArrayLike) -> StressField:
         """Displacement and stress at modal coordinates. Collective.
 
         Args:
-            body: reduced from this model, or from the same mesh with `keep_modes`.
+            body: reduced from this mesh and formulation, with `Keep(modes=True)`.
             q: (n,) modal coordinates, the same on every rank.
 
         Returns:
-            The picture, in body axes, the same on every rank.
+            The field, in body axes, the same on every rank.
 
         Raises:
             RecordError: on all ranks: q does not fit, or the modes are not there (see
@@ -68,7 +69,7 @@ class StressRecovery:
         if modal.shape != (body.n_modes,):
             raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
         nodes, model = self._nodes, self._model
-        displacement = nodal_modes(body, model) @ modal
+        displacement = self._modes_of(body) @ modal
         self._u.x.array[:] = displacement + self._rest
         sigma = self._stresses()
         largest, at_largest = nodes.largest(_von_mises(sigma))
@@ -76,7 +77,7 @@ class StressRecovery:
         averaged = nodes.average(np.hstack([u, sigma]))
         p, R = body.p_MB_M, body.R_MB
         stress = R.T @ averaged[:, 3:].reshape(-1, 3, 3) @ R
-        return StressPicture(
+        return StressField(
             node=nodes.number,
             x=(nodes.x - p) @ R,
             triangle=nodes.triangle,
@@ -108,6 +109,12 @@ class StressRecovery:
         """
         self._u.x.array[:] = u
         return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
+
+    def _modes_of(self, body: ReducedBody) -> FloatArray:
+        """`nodal_modes`, kept for the body that was asked for last: a film asks for its instants one by one."""
+        if self._last is None or self._last[0] is not body:
+            self._last = body, nodal_modes(body, self._model)
+        return self._last[1]
 
     def _stresses(self) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""

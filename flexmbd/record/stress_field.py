@@ -1,0 +1,35 @@
+"""StressField: stress on the mesh of a body at one instant, as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexmbd.record.groups import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class StressField:
+    """Displacement and stress of a body at its mesh nodes, in body axes; `flexmbd.visual.plot_stress` draws it.
+
+    Stress jumps from cell to cell; the values here are plain averages over the cells that share
+    a node, good to look at.  ``max`` is not averaged: it is the largest value in any cell.
+
+    Attributes:
+        node: (k,) node numbers of the mesh's input, ascending: no partition matters.
+        x: (k, 3) m, undeformed node positions.
+        triangle: (t, 3) the surface as rows of ``x``, oriented outwards.
+        displacement: (k, 3) m, against the body frame.
+        stress: (k, 3, 3) Pa, Cauchy stress.
+        von_mises: (k,) Pa, averages of the cells' von Mises stresses.
+        max: Pa, the largest von Mises stress in any cell.
+        max_x: (3,) m, where that is, undeformed.
+    """
+
+    node: IntArray
+    x: FloatArray
+    triangle: IntArray
+    displacement: FloatArray
+    stress: FloatArray
+    von_mises: FloatArray
+    max: float
+    max_x: FloatArray
