@@ -22,7 +22,6 @@ from flexmbd.errors import FormulationError, MeshError
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.discretisation import Discretisation
-    from flexmbd.continuum.finite_elements.model import ContinuumModel
 
 IntArray = NDArray[np.int64]
 
@@ -116,7 +115,7 @@ def dof_numbers(model: Discretisation, dofs: NDArray[np.int64]) -> IntArray:
     return shared[places[dofs]]
 
 
-def boundary_triangles(model: ContinuumModel) -> NDArray[np.int32]:
+def boundary_triangles(model: Discretisation) -> NDArray[np.int32]:
     """Triangles between displacement nodes that cover the boundary of the part. Collective.
 
     Of degree 1 a facet is one triangle, or two for a quadrilateral; of degree 2 four, or eight. A
@@ -141,7 +140,7 @@ def boundary_triangles(model: ContinuumModel) -> NDArray[np.int32]:
     tables = _facet_triangles(model)
     triangles = np.empty((len(facets), len(tables[0]), 3), dtype=np.int32)
     inside = np.empty((len(facets), 3))
-    x = model.node_x
+    x = model.layout.node_x
     for row, facet in enumerate(facets):
         cell = to_cells.links(facet)[0]
         dofs = model.layout.node_space.dofmap.cell_dofs(cell)
@@ -168,19 +167,19 @@ def sorted_triangles(triangles: IntArray) -> IntArray:
     return turned[np.lexsort(turned.T[::-1])]
 
 
-def _facet_triangles(model: ContinuumModel) -> list[NDArray[np.int64]]:
+def _facet_triangles(model: Discretisation) -> list[NDArray[np.int64]]:
     """For each facet of the reference cell, its triangles (t, 3) as nodes of the cell."""
     topology = basix.topology(basix.CellType[model.mesh.mesh.topology.cell_name()])
     return [_triangles(model, facet) for facet in topology[2]]
 
 
-def _surface_triangles(model: ContinuumModel) -> NDArray[np.int64]:
+def _surface_triangles(model: Discretisation) -> NDArray[np.int64]:
     """The triangles (t, 3) of a cell that is a surface itself, as its nodes."""
     cell = basix.CellType[model.mesh.mesh.topology.cell_name()]
     return _triangles(model, basix.topology(cell)[2][0])
 
 
-def _triangles(model: ContinuumModel, facet: list[int]) -> NDArray[np.int64]:
+def _triangles(model: Discretisation, facet: list[int]) -> NDArray[np.int64]:
     """The triangles of a facet, given by its vertices in the reference cell."""
     topology = basix.topology(basix.CellType[model.mesh.mesh.topology.cell_name()])
     layout = model.layout.node_space.dofmap.dof_layout

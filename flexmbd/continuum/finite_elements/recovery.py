@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from mpi4py import MPI
 
@@ -10,18 +10,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
 from flexmbd.errors import RecordError
 from flexmbd.record.reduced_body import ReducedBody
-
-if TYPE_CHECKING:
-    from flexmbd.continuum.finite_elements.model import ContinuumModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-def nodal_modes(body: ReducedBody, model: ContinuumModel) -> FloatArray:
+class ReductionModel(Discretisation, Protocol):
+    """What fields are recovered on: what bodies are reduced from, as a `ContinuumModel`."""
+
+    @property
+    def form_name(self) -> str:
+        """Names of the formulations' modules."""
+
+    @property
+    def mesh_fingerprint(self) -> str:
+        """`TaggedMesh.fingerprint` of the mesh."""
+
+    @property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+
+    @property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, positions of the displacement nodes in the mesh's axes."""
+
+
+def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
     """The modes of a reduced body as fields on its mesh, from the record's groups. Collective.
 
     Args:
@@ -63,7 +81,7 @@ def nodal_modes(body: ReducedBody, model: ContinuumModel) -> FloatArray:
     return fields
 
 
-def _rows(model: ContinuumModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
+def _rows(model: ReductionModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
     """The rows of `values`, which have the numbers `known`, ascending, of nodes or dofs. Collective."""
     place = np.searchsorted(known, numbers)
     error = None

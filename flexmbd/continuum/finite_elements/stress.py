@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy.sparse
 import ufl
@@ -13,13 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
-from flexmbd.continuum.finite_elements.recovery import nodal_modes
+from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes
 from flexmbd.errors import FormulationError, RecordError
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.stress_field import StressField
-
-if TYPE_CHECKING:
-    from flexmbd.continuum.finite_elements.model import ContinuumModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,7 +28,7 @@ class StressRecovery:
     each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
     """
 
-    def __init__(self, model: ContinuumModel, *, rest: FloatArray | None = None) -> None:
+    def __init__(self, model: ReductionModel, *, rest: FloatArray | None = None) -> None:
         """Compile the stress.
 
         Args:
@@ -152,7 +147,7 @@ class _WholeMesh:
         triangle: (t, 3) the boundary as rows of `x`.
     """
 
-    def __init__(self, model: ContinuumModel) -> None:
+    def __init__(self, model: ReductionModel) -> None:
         self._comm = model.comm
         topology = model.mesh.mesh.topology
         self.n_cells = topology.index_map(topology.dim).size_local
