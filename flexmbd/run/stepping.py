@@ -19,6 +19,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_leaps
 from flexmbd.multibody.start.independent_rows import firmer_rows
+from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
 from flexmbd.run.departure import Departure
@@ -91,8 +92,6 @@ class Integration:
         declared = scene.declared_breaks()
         number = self.state.numbers
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
-        if h is not None and scene.interiors is not None:
-            h = 0.0  # breaks alone divide steps: bodies with history carry theirs over to a much longer one badly
         self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
         self.state.counts[st.KNOT] = 0
         self.state.counts[st.WATCHED] = not start.choice.for_good
@@ -203,7 +202,10 @@ class Integration:
             v = rates_after_jump(scene, self.work, s.x, s.v)
             self._refuse_impulse_on_history(v - s.v)
             s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
-        else:
+        if self._interiors is not None:
+            machine = scene, self._interiors, self.work, s.x, s.v
+            s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
+        elif not is_driven(scene.plan):
             s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
         self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
         self._forget()

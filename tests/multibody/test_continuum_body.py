@@ -147,12 +147,30 @@ def test_the_scheme_is_the_machines():
     run = scene.simulate(2.0, h=h, rtol=1e-12, integrator=alpha)
     x, v = np.ones(1), np.zeros(1)
     a = auxiliary = -(rate**2) * x
-    for _ in range(40):
+    for k in range(40):
         # linear, so that the balance at the end is solved at once
-        per_x, per_v = scheme.slopes(h)
-        move, speed, _ = scheme.end(h, v, a, auxiliary, 0.0 * a)
+        rule = scheme if k > 0 else scheme.begun_anew()
+        per_x, per_v = rule.slopes(h)
+        move, speed, _ = rule.end(h, v, a, auxiliary, 0.0 * a)
         end = -(rate**2 * (x + move) + 0.4 * speed) / (1.0 + rate**2 * per_x + 0.4 * per_v)
-        move, v, auxiliary = scheme.end(h, v, a, auxiliary, end)
+        move, v, auxiliary = rule.end(h, v, a, auxiliary, end)
         x, a = x + move, end
         found.append(x[0])
     np.testing.assert_allclose(run.beta(slide)[1:], found, atol=1e-11)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 1.0])
+def test_a_step_that_begins_anew_is_newmarks(rho):
+    """With A = a + d (a' - a) the method's own formulas give the trapezoidal rule for velocities."""
+    scheme, h = Scheme(*fm.GeneralizedAlpha(rho=rho).coefficients()), 0.1
+    v, a, a_end = np.array([2.0, -1.0]), np.array([0.3, 5.0]), np.array([-0.7, 4.0])
+    fitting = a + scheme.delay * (a_end - a)
+    want = scheme.end(h, v, a, fitting, a_end)
+    for here, there in zip(scheme.begun_anew().end(h, v, a, np.full(2, np.nan), a_end), want, strict=True):
+        np.testing.assert_allclose(here, there, rtol=1e-14)
+    np.testing.assert_allclose(want[1], v + 0.5 * h * (a + a_end), rtol=1e-14)
+    step = 1e-3
+    per_x, per_v = scheme.begun_anew().slopes(h)
+    moved = scheme.begun_anew().end(h, v, a, a, a_end + step)
+    assert (moved[0] - want[0])[0] / step == pytest.approx(per_x, rel=1e-9)
+    assert (moved[1] - want[1])[0] / step == pytest.approx(per_v, rel=1e-9)

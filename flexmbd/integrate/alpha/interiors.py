@@ -3,6 +3,10 @@
 The interiors solve for their own unknowns at the frames' trial motion and hand back wrenches and their derivatives by
 the frames' displacements; with the frames' twists T per unit velocity the iteration matrix gains - T^T (dw/dx) T.
 Each iteration is linearised anew.  A step that is not taken is reverted.
+
+At the start, after a break and after a much shorter step no history tells the auxiliary accelerations, the machine's
+and the interiors': such a step begins anew, see ``Scheme``.  So does a fixed step from an end of a short stretch of
+data, for beyond it they go another way; the steps of error control there are as short as the error asks for.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import memory as memory
+from flexmbd.integrate.alpha import layout, memory
 from flexmbd.integrate.alpha.layout import Scratch
 from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
@@ -97,7 +101,10 @@ class ImplicitInteriors:
             if stored >= min(len(record.t), count[st.ROOM]):
                 return st.OUTPUT
             h, aim = set_out(self._rule, knots, *machine)
-            failure = self._solve(h, aim)
+            k = int(count[st.KNOT])
+            at_knot = k > 0 and knots[k - 1] == number[st.TIME] and count[st.FIXED_STEP] == 1
+            scheme = self._take_scheme(anew=at_knot or count[layout.KNOWN_BEFORE] == 0)
+            failure = self._solve(h, aim, scheme)
             count[st.OUTCOME] = st.DONE if failure is None else failure
             if self._plan.flag[0] != 0:
                 count[st.OUTCOME] = st.CALLBACK_FAILED
@@ -105,6 +112,7 @@ class ImplicitInteriors:
             if count[st.STORED] == stored:
                 self._revert()
             else:
+                self._keep_auxiliary(scheme)
                 for body in self._interiors.bodies:
                     _implicit(body).commit()
                 self._interiors.buffer.append(self._interiors.row(self._plan))
@@ -112,7 +120,23 @@ class ImplicitInteriors:
                 return code
         return st.DONE
 
-    def _solve(self, h: float, aim: float) -> int | None:
+    def _take_scheme(self, *, anew: bool) -> Scheme:
+        """The scheme of the next step, for the machine as well: with true accelerations alone where it begins anew."""
+        number, scheme = self._state.numbers, self._scheme
+        number[layout.ALPHA_M : layout.GAMMA + 1] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        if not anew:
+            return scheme
+        number[layout.ALPHA_M : layout.GAMMA + 1] = 0.0, 0.0, *scheme.newmark()
+        self._state.memory[layout.AUXILIARY] = self._state.a
+        return scheme.begun_anew()
+
+    def _keep_auxiliary(self, scheme: Scheme) -> None:
+        """Give the machine the auxiliary accelerations of a step that began anew, which was taken."""
+        if scheme.anew:
+            a, memory = self._state.a, self._state.memory
+            memory[layout.AUXILIARY] = a + scheme.delay * (a - memory[layout.BEFORE])
+
+    def _solve(self, h: float, aim: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
         plan, work, state, s = self._plan, self._work, self._state, self._scratch
         before = np.inf
@@ -121,7 +145,7 @@ class ImplicitInteriors:
             if plan.flag[0] != 0 or not np.isfinite(self._motions).all():
                 return st.NOT_CONVERGED
             try:
-                self._try_interiors(h)
+                self._try_interiors(h, scheme)
             except SceneError as reason:
                 self._interiors.failure.append(reason)
                 return st.INTERIOR_FAILED
@@ -133,12 +157,12 @@ class ImplicitInteriors:
             before = size
         return st.NOT_CONVERGED
 
-    def _try_interiors(self, h: float) -> None:
+    def _try_interiors(self, h: float, scheme: Scheme) -> None:
         """Let the interiors' wrenches at the frames' trial motion act, and put their slopes into the matrix."""
         plan, s, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
         motions = self._interiors.split_motions(self._motions)
         answers = self._interiors.ask(
-            lambda k, body: _implicit(body).trial(t + h, h, self._scheme, motions[k]),
+            lambda k, body: _implicit(body).trial(t + h, h, scheme, motions[k]),
             doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s",
         )
         self._interiors.put(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))

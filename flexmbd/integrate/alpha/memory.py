@@ -15,10 +15,10 @@ _FAR = 4.0  # times the step before, after one cut short by its end: what that t
 def set_out(plan, work, state, groups, s, h):
     """Carry the history to a step of h, set its scales; what Newton is to reach."""
     rate = state.numbers[st.RATE]
-    if s.added.shape[0] > 0:
-        shift_auxiliary(state, h)
-    elif h > _FAR * state.numbers[st.STEP_BEFORE]:
+    if h > _FAR * state.numbers[st.STEP_BEFORE]:
         state.counts[step.KNOWN_BEFORE] = 0
+    elif s.added.shape[0] > 0:
+        shift_auxiliary(state, h)
     else:
         carry_auxiliary(state, h)
     evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)

@@ -75,7 +75,7 @@ class CentralDifference:
         drive = driver(advance, method, RULE, state, groups)
         interiors = None
         if scene.interiors is not None:
-            interiors = ExplicitInteriors(scene.interiors, method, drive, state, subcycle=self.subcycle)
+            interiors = ExplicitInteriors(scene.interiors, method, RULE, state, groups, subcycle=self.subcycle)
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY

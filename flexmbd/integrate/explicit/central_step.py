@@ -127,7 +127,7 @@ def _accept(state, s):
 
 
 @part_of_kernel
-def _attempt(method, state, groups, h):
+def attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, aw, loops, plain, quaternions, s = method
     rate = state.numbers[st.RATE]
@@ -152,4 +152,4 @@ def advance(method, rule, knots, state, groups, record):
         h = next_step(method.plan, rule, knots, state, groups, record, h)
         if h == 0.0:
             return state.counts[st.OUTCOME]
-        _attempt(method, state, groups, h)
+        attempt(method, state, groups, h)

@@ -8,15 +8,13 @@ of their wrenches takes the place of that of both ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import NO_KNOTS
-from flexmbd.integrate.explicit.central_step import Method, foretell
+from flexmbd.integrate.explicit.central_step import Method, attempt, foretell
 from flexmbd.integrate.explicit.loop_dynamics import accelerate
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
@@ -41,6 +39,23 @@ def foretell_frames(plan, work, plain, quaternions, rows, state, s, h, start, en
 
 
 @entry_kernel
+def set_out(rule, knots, state, groups):
+    """The step to take, by the controller."""
+    return controller.set_out(rule, knots, state, groups)
+
+
+@entry_kernel
+def step_machine(method, rule, state, groups, record, h):
+    """Take and store the step h of the machine with the wrenches that act; there is no other: its code."""
+    attempt(method, state, groups, h)
+    if state.counts[st.OUTCOME] == st.DONE and not state.numbers[st.RATIO] <= 1.0:
+        state.counts[st.OUTCOME] = st.NOT_FINITE
+    if state.counts[st.OUTCOME] != st.DONE:
+        return state.counts[st.OUTCOME]
+    return controller.settle(method.plan, rule, state, groups, record, h)
+
+
+@entry_kernel
 def accelerate_anew(plan, work, aw, loops, state):
     """Accelerations and multipliers at the state, with the wrenches that act now."""
     accelerate(plan, work, aw, loops, state.x, state.v, state.a, state.multipliers)
@@ -49,45 +64,49 @@ def accelerate_anew(plan, work, aw, loops, state):
 class ExplicitInteriors:
     """Steps a machine and its interiors by central differences.
 
+    All steps are fixed ones, which cannot be tried again: of the length given, or of a share of the interiors' stable
+    one, asked for anew now and then.
+
     Args:
         interiors: all of them ``ExplicitInterior``.
         method: what an attempt of the machine works with.
-        drive: ``Stepper.advance`` of the machine alone.
-        state: where it stands.
+        rule: how steps follow each other.
+        state, groups: where it stands.
         subcycle: whether a step longer than an interior's stable one is the interior's affair.
     """
 
     def __init__(
-        self, interiors: Interiors, method: Method, drive: Callable[[st.Record, FloatArray], int], state: st.State,
+        self, interiors: Interiors, method: Method, rule: controller.Rule, state: st.State, groups: st.Groups,
         *, subcycle: bool,
     ) -> None:
         self._interiors = interiors
-        self._method, self._drive, self._state = method, drive, state
+        self._method, self._rule, self._state, self._groups = method, rule, state, groups
         self._plan, self._work = method.plan, method.work
         self._subcycle = subcycle
         self._rows = interiors.rows
         self._motions = np.zeros((2, len(self._rows), N_MOTION))
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
-        """See ``controller.Stepper``; each step is so short that it spans no two knots, for it follows the body's."""
+        """See ``controller.Stepper``."""
         number, count = self._state.numbers, self._state.counts
-        fixed, t_end, room = bool(count[st.FIXED_STEP]), float(number[st.TIME_END]), int(count[st.ROOM])
+        fixed, room = bool(count[st.FIXED_STEP]), int(count[st.ROOM])
         code = st.DONE
+        count[st.FIXED_STEP] = 1
         try:
-            while code == st.DONE and number[st.TIME] < t_end:
+            while code == st.DONE and number[st.TIME] < number[st.TIME_END]:
                 if count[st.STORED] == min(len(record.t), room):
                     code = st.OUTPUT
                 else:
                     if count[st.STEPS] % _RENEWAL == 0:
                         self._choose_step(fixed)
-                    code = self._step(record, t_end)
+                    code = self._step(record, knots)
                     if not fixed:
                         number[st.REST] = 0.0
         except SceneError as reason:
             self._interiors.failure.append(reason)
             return st.INTERIOR_FAILED
         finally:
-            count[st.FIXED_STEP], number[st.TIME_END] = fixed, t_end
+            count[st.FIXED_STEP] = fixed
         return code
 
     def choose_step(self) -> None:
@@ -115,29 +134,23 @@ class ExplicitInteriors:
                 "the step follows the body's), or fm.CentralDifference(subcycle=True)"
             )
 
-    def _step(self, record: st.Record, t_end: float) -> int:
+    def _step(self, record: st.Record, knots: FloatArray) -> int:
         """One step: the interiors towards the positions foretold, then the machine with what they push."""
-        plan, state, interiors = self._plan, self._state, self._interiors
-        number, t = state.numbers, float(state.numbers[st.TIME])
-        h = float(number[st.REST] if number[st.REST] > 0.0 else number[st.STEP])
-        end = t_end if t_end - t <= h * (1.0 + 1e-6) else t + h
-        h_taken = end - t
-        before = interiors.acting(plan)
-        number[st.TIME_END] = end
-        number[st.STEP_END] = end
+        plan, state, groups, interiors = self._plan, self._state, self._groups, self._interiors
         method = self._method
+        before = interiors.acting(plan)
+        h = float(set_out(self._rule, knots, state, groups))
         slots = method.plain, method.quaternions, self._rows
         first, last = self._motions
-        foretell_frames(plan, self._work, *slots, state, method.scratch, h_taken, first, last)
+        foretell_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)
         answers = interiors.ask(
-            lambda k, body: _explicit(body).advance(h_taken, starts[k], ends[k]),
-            doing=f"in the step from t = {t:.6g} s to {end:.6g} s",
+            lambda k, body: _explicit(body).advance(h, starts[k], ends[k]),
+            doing=f"in the step from t = {state.numbers[st.TIME]:.6g} s to {state.numbers[st.STEP_END]:.6g} s",
         )
         push, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
         interiors.put(plan, 2.0 * mean - before if self._subcycle else push)
-        state.counts[st.FIXED_STEP] = 1
-        code = self._drive(record, NO_KNOTS)
+        code = int(step_machine(method, self._rule, state, groups, record, h))
         if code != st.DONE:
             return code
         if self._subcycle:

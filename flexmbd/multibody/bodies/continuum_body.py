@@ -12,7 +12,7 @@ over the team and must leave all ranks with the same numbers or the same error.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -85,15 +85,40 @@ class Scheme:
 
         (1 - alpha_m) A' + alpha_m A = (1 - alpha_f) a' + alpha_f a
         x' = x + h v + h^2 ((1/2 - beta) A + beta A'),    v' = v + h ((1 - gamma) A + gamma A')
+
+    A belongs to an instant d = alpha_m - alpha_f steps later than a.  Where a step begins anew, of which nothing before
+    it tells, that instant lies on the straight line between the true accelerations at both its ends, and what comes of
+    A = a + d (a' - a), A' = a' + d (a' - a) is Newmark's method with gamma = 1/2, beta = (1 + d^2) / 4.
+
+    Attributes:
+        alpha_m, alpha_f, beta, gamma: of the method.
+        anew: whether the step begins anew.
     """
 
     alpha_m: float
     alpha_f: float
     beta: float
     gamma: float
+    anew: bool = False
+
+    @property
+    def delay(self) -> float:
+        """d: how many steps later than the true acceleration the auxiliary one belongs."""
+        return self.alpha_m - self.alpha_f
+
+    def begun_anew(self) -> Scheme:
+        """The scheme of a step that begins anew."""
+        return replace(self, anew=True)
+
+    def newmark(self) -> tuple[float, float]:
+        """beta and gamma of a step that begins anew."""
+        return 0.25 * (1.0 + self.delay**2), 0.5
 
     def slopes(self, h: float) -> tuple[float, float]:
         """Position (s^2) and velocity (s) at the end of a step h per unit of the true acceleration there."""
+        if self.anew:
+            beta, gamma = self.newmark()
+            return beta * h * h, gamma * h
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)
         return self.beta * share * h * h, self.gamma * share * h
 
@@ -101,6 +126,10 @@ class Scheme:
         self, h: float, v: FloatArray, a: FloatArray, auxiliary: FloatArray, a_end: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement within the step, velocity and auxiliary acceleration at its end."""
+        if self.anew:
+            beta, gamma = self.newmark()
+            moved: FloatArray = h * v + h * h * ((0.5 - beta) * a + beta * a_end)
+            return moved, v + h * ((1.0 - gamma) * a + gamma * a_end), a_end + self.delay * (a_end - a)
         mean: FloatArray = (1.0 - self.alpha_f) * a_end + self.alpha_f * a
         last: FloatArray = mean / (1.0 - self.alpha_m) - self.alpha_m / (1.0 - self.alpha_m) * auxiliary
         move: FloatArray = h * v + h * h * ((0.5 - self.beta) * auxiliary + self.beta * last)
@@ -111,11 +140,11 @@ class Scheme:
     ) -> FloatArray:
         """The auxiliary acceleration for a step h after one of ``h_before`` (s) from ``a_before`` to ``a``.
 
-        It belongs to an instant alpha_m - alpha_f steps later than the true one, which a new step moves.
+        A new step moves the instant that it belongs to; a step that begins anew has none of before.
         """
-        if h == h_before:
+        if h == h_before or self.anew:
             return auxiliary
-        return auxiliary + (self.alpha_m - self.alpha_f) * (h - h_before) / h_before * (a - a_before)
+        return auxiliary + self.delay * (h - h_before) / h_before * (a - a_before)
 
 
 class Interior(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion
 from flexmbd.multibody.interiors.scene_interiors import Interiors, Kept
-from flexmbd.multibody.interiors.steady import steady
+from flexmbd.multibody.interiors.steady import SteadyInterior, steady
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -74,6 +74,22 @@ def begin_interiors(
     a, multipliers = accelerations(scene, work, x, v)
     interiors.put(plan, begin(a))
     return a, multipliers
+
+
+def resume_interiors(
+    scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray, v: FloatArray, accelerations: Accelerations
+) -> tuple[FloatArray, FloatArray]:
+    """Accelerations (nv,) and multipliers (m,) just after a jump of what acts, in balance with interiors as they are.
+
+    Those that cannot resume push as they did, which is what they do where no wrench hangs on the frames' accelerations.
+
+    Raises:
+        SceneError: an interior failed.
+    """
+    if not all(isinstance(body.interior, SteadyInterior) for body in interiors.bodies):
+        return accelerations(scene, work, x, v)
+    kept = interiors.snapshot(scene.plan)
+    return begin_interiors(scene, interiors, work, x, v, accelerations, kept=kept)
 
 
 def _refuse_deformed(body: ContinuumBody, motion: FrameMotion, extent: float) -> None:
