@@ -276,7 +276,7 @@ class System:
         x, v = scene.start.copy(), np.zeros(scene.nv)
         held_x, held_v = np.zeros((2, scene.nv), bool)
         for connection in self._connections:
-            slots = scene.joint_slots.get(id(connection))
+            slots = scene.index.joints.get(connection)
             if slots is None:
                 continue
             if connection.position is not None:
@@ -287,11 +287,11 @@ class System:
                 held_v[slots.v] = True
         for body in self._bodies:
             if isinstance(body, PseudoRigidBody) and not body.rigid:
-                slots = scene.modal_slots[id(body)]
+                slots = scene.index.modes[body]
                 x[slots.x], v[slots.v] = body.start()
                 held_x[slots.v] = held_v[slots.v] = True
             if isinstance(body, FlexibleBody):
-                slots = scene.modal_slots[id(body)]
+                slots = scene.index.modes[body]
                 if body.q is not None:
                     x[slots.x], held_x[slots.v] = body.q, True
                 if body.q_rate is not None:

@@ -229,5 +229,5 @@ def test_bad_bodies_and_runs(linear):
     with pytest.raises(SceneError, match=r"modal coordinates, got \(1, 3\)"):
         monitor.utilisation(np.zeros(3))
     other = fm.YieldMonitor(fm.FlexibleBody(linear[1]), yield_stress=1e8)
-    with pytest.raises(SceneError, match="no modal coordinates in this trajectory"):
+    with pytest.raises(SceneError, match="no modal coordinates here"):
         other.over(run)

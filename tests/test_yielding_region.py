@@ -38,7 +38,7 @@ def history():
     force = np.concatenate([record.R_MB.T @ (0.0, 0.0, FORCE), np.zeros(3)])
     q = record.interface("x_max").modes.T @ force / record.stiffness
     x = np.array(run.x)
-    x[:, run.scene.modal_slots[id(arm)].x] = q
+    x[:, run.scene.index.modes[arm].x] = q
     loaded = dataclasses.replace(run, x=x)
     return fm.YieldMonitor(arm, yield_stress=STRESS, clearance=None).over(loaded)
 

@@ -15,9 +15,9 @@ from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.forces import force_elements
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.start.consistent_start import Start
@@ -62,7 +62,7 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
         return _with_history(start.scene.interiors)
     if h is not None:
         return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
-    found = {int(kind) for kind in start.scene.plan.elements[:, at.EL_KIND]}
+    found = {int(kind) for kind in force_elements(start.scene.plan).kind}
     abrupt = [text for kind, text in _ABRUPT.items() if kind in found]
     if abrupt:
         return Choice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")

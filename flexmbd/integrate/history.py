@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ExplicitInterior, ImplicitInterior
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 
@@ -36,7 +38,7 @@ def refuse_implicit_only(scene: CompiledScene, method: str) -> None:
 
 def refuse_passes(scene: CompiledScene, method: str) -> None:
     """Raise SceneError where bodies with history meet an augmented Lagrangian, which repeats a step."""
-    held = [name for name, row in zip(scene.row_names, scene.plan.rows, strict=True) if row[at.ROW_HOLD] > 0]
+    held = [scene.row_names[k] for k in np.flatnonzero(constraint_rows(scene.plan).augmented)]
     if scene.interiors is not None and held:
         raise SceneError(
             f"{method} does not repeat steps of bodies with history, as an augmented Lagrangian asks ({held[0]}); "

@@ -87,9 +87,7 @@ class Moment:
         Raises:
             SceneError: the joint has no coordinate, or takes another number of velocities.
         """
-        slots = self._run.scene.joint_slots.get(id(connection))
-        if slots is None:
-            raise SceneError(f"joint {connection.name!r} closes a loop and has no velocity to set")
+        slots = self._run.scene.index.coordinates(connection)
         values = np.atleast_1d(numbers(rate))
         if values.shape != (slots.v.stop - slots.v.start,) or not np.isfinite(values).all():
             raise SceneError(

@@ -19,16 +19,16 @@ from flexmbd.multibody.interiors.scene_interiors import Row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
+from flexmbd.multibody.kernels.reading.forces import force_elements, keep_forces
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.forces import NO_DRIVE
-from flexmbd.multibody.plan.numbering import Slots
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.reaction import coordinate_force, reactions
+from flexmbd.multibody.scene_index import Slots
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
@@ -198,15 +198,14 @@ class Trajectory:
         is collective over the team where they are Python callables.  Of a joint held by constraints it is what
         its reaction does along its only coordinate.
         """
-        if id(connection) in self.scene.closure_frames and len(connection.joint.angular) == 1:
+        if connection in self.scene.index.closures and len(connection.joint.angular) == 1:
             return coordinate_force(connection.joint, self.reaction(connection))
         slots = self._slots(connection)
         plan = self.scene.plan
-        kind = plan.elements[:, at.EL_KIND]
-        given = (kind == kinds.ON_STATE) & (plan.elements[:, at.EL_COUNT] != NO_DRIVE)
-        passive = plan.elements[(kind != kinds.ON_FUNCTION) & ~given]
-        plan = plan._replace(forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.ascontiguousarray(passive))
-        if not (passive[:, at.EL_TIME] >= 0).any():
+        elements = force_elements(plan)
+        given = (elements.kind == kinds.ON_STATE) & (elements.count != NO_DRIVE)
+        plan = keep_forces(plan, [], (elements.kind != kinds.ON_FUNCTION) & ~given)
+        if not (force_elements(plan).time >= 0).any():
             plan = plan._replace(times=plan.times[:0])
         work, out = new_work(plan), np.zeros_like(self.v)
         self.scene.callbacks.reset()
@@ -367,19 +366,10 @@ class Trajectory:
         return out
 
     def _slots(self, connection: Connection) -> Slots:
-        slots = self.scene.joint_slots.get(id(connection))
-        if slots is None:
-            raise SceneError(
-                f"joint {connection.name!r} has no joint coordinate in this trajectory: it closes "
-                "a loop, or belongs to another scene; ask for the frames' positions instead"
-            )
-        return slots
+        return self.scene.index.coordinates(connection)
 
     def _modal_slots(self, body: Body) -> Slots:
-        slots = self.scene.modal_slots.get(id(body))
-        if slots is None:
-            raise SceneError(f"body {body.name!r} has no modal coordinates in this trajectory")
-        return slots
+        return self.scene.index.modal(body)
 
 
 def _single(values: FloatArray) -> FloatArray:

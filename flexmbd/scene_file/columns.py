@@ -103,13 +103,13 @@ def _times(run: Trajectory, every: float) -> FloatArray:
 
 def _of_joints(built: Built, output: OutputEntry) -> Iterator[Columns]:
     """Coordinates and their rates."""
-    slots = built.system.compile().joint_slots
+    slots = built.system.compile().index.joints
     if output.joints is None:
-        joints = [one for one in built.joints.values() if id(one) in slots]
+        joints = [one for one in built.joints.values() if one in slots]
     else:
         joints = [built.joints[one.name] for one in output.joints]
     for joint in joints:
-        if id(joint) not in slots:
+        if joint not in slots:
             raise SceneError(
                 f"joint {joint.name!r} closes a loop and has no coordinates to tell; ask for frames' positions instead"
             )

@@ -100,7 +100,7 @@ def test_tangent(rubber):
     compiled = scene.compile()
     plan, nv = compiled.plan, compiled.nv
     work, matrix, none = new_work(plan), np.zeros((nv, nv)), np.zeros(0)
-    place = compiled.modal_slots[id(body)]
+    place = compiled.index.modes[body]
     x, v, a = compiled.start.copy(), np.zeros(nv), np.zeros(nv)
     x[place.x] = body.coordinates_of(STRETCH)
     tangent(plan, work, new_tangent_work(plan, nv), x, v, a, none, 1.0, 0.0, 0.0, matrix)

@@ -12,7 +12,7 @@ import scipy.linalg
 from numba import njit
 
 import flexmbd as fm
-from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector, storing_plan
+from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector
 from flexmbd.integrate.discrete_gradient.gradient import EVALUATE, LINEARISE, PLACE, new_scratch
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
 from flexmbd.integrate.discrete_gradient.newton import bind
@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
+from flexmbd.multibody.kernels.reading.forces import storing_plan
 from flexmbd.multibody.plan.scene_matrices import mass_matrix
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))

@@ -190,6 +190,6 @@ def turn_over(way, scene, feet, inertia, lever, t_end=T_END):
         np.testing.assert_allclose(run.beta(foot), exact, rtol=0.0, atol=tolerance * np.ptp(exact))
     # what little the loops still hold beside a flat position tells accelerations in proportion
     fallen = -G * lever / inertia * np.cos(run.beta(feet[0]))
-    error = np.abs(run.a[:, run.scene.joint_slots[id(feet[0])].v][:, 0] - fallen) * np.abs(np.sin(run.beta(feet[0])))
+    error = np.abs(run.a[:, run.scene.index.joints[feet[0]].v][:, 0] - fallen) * np.abs(np.sin(run.beta(feet[0])))
     assert error.max() < 10.0 * max(tolerance, 1e-6) * abs(pull)
     return run

@@ -192,7 +192,7 @@ def test_free_flight_keeps_momentum_and_energy():
     run = scene.simulate(2.0, rtol=1e-7, integrator=fm.GeneralizedAlpha())
     p, R = run.position(body.frame()), run.rotation(body.frame())
     v, w = run.velocity(body.frame()), run.angular_velocity(body.frame())
-    q, qd = run.q(body), run.v[:, run.scene.modal_slots[id(body)].v]
+    q, qd = run.q(body), run.v[:, run.scene.index.modes[body].v]
     local = cloud.x + np.einsum("kai,ti->tka", cloud.phi, q)
     arm = np.einsum("tab,tkb->tka", R, local)
     rate = np.einsum("tab,kbi,ti->tka", R, cloud.phi, qd)

@@ -82,7 +82,7 @@ def test_a_slipping_spring_follows_its_law():
     e = run.beta(slide)
     want = returned(e[1:], 1e4, 30.0, 2e3)
     mass = interior.frames[1].mass
-    inertia = mass * run.a[1:, run.scene.joint_slots[id(slide)].v.start]
+    inertia = mass * run.a[1:, run.scene.index.joints[slide].v.start]
     np.testing.assert_allclose(run.drive(slide)[1:] - inertia, want, atol=1e-6)
     assert np.ptp(want) > 60.0
 

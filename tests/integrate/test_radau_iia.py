@@ -139,7 +139,7 @@ def test_modes_too_stiff_to_follow_cost_no_steps():
     scene, body, _ = flexible_pendulum(1e8)
     run = scene.simulate(2.0, rtol=1e-6, integrator=RADAU)
     assert run.stats.steps < 150, run.stats
-    modal = run.scene.modal_slots[id(body)]
+    modal = run.scene.index.modes[body]
     x, v, a = run.x[-1].copy(), run.v[-1].copy(), run.a[-1].copy()
     x[modal.x] = v[modal.v] = a[modal.v] = 0.0
     load = np.zeros(run.scene.nv)

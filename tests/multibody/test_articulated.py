@@ -183,7 +183,7 @@ def test_massless_links_pass_everything_on():
             light += [] if last else [new]
             body = new
     compiled = scene.compile()
-    compiled.plan.rigid[[compiled.body_row[id(b)] for b in light]] = 0.0
+    compiled.plan.rigid[[compiled.index.bodies[b] for b in light]] = 0.0
     plan = compiled.plan
     x, v, work = somewhere(compiled, 3)
     a, out = np.zeros((2, compiled.nv))

@@ -15,11 +15,12 @@ import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.arrays import new_work, without_forces
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law, element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.forces import without_forces
 from flexmbd.multibody.kernels.sampling.series import energy_series
 from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
 from flexmbd.record.groups import DistributedLoads
@@ -310,7 +311,7 @@ def test_dampers_take_away_the_power_of_their_laws():
 
     h = 1e-3
     rate = (motion(-2 * h) - 8 * motion(-h) + 8 * motion(h) - motion(2 * h)) / (12 * h)
-    slide = v[compiled.joint_slots[id(scene._connections[3])].v][0]
+    slide = v[compiled.index.joints[scene._connections[3]].v][0]
     expected = -rate[:6] @ matrix @ rate[:6] - 3.0 * rate[6] ** 2 - 0.7 * slide**2
     assert element_forces(compiled, x, v) @ v == pytest.approx(expected, rel=1e-8)
 

@@ -40,8 +40,8 @@ def boom():
 
 def place(compiled, records, bodies, links, x):
     """(3,) the point's place: sums of vectors turned by products of rotations, by hand."""
-    joints = [x[compiled.joint_slots[id(link)].x] for link in links]
-    q = [x[compiled.modal_slots[id(body)].x] for body in bodies]
+    joints = [x[compiled.index.joints[link].x] for link in links]
+    q = [x[compiled.index.modes[body].x] for body in bodies]
     ball = Rotation.from_quat(joints[1][[1, 2, 3, 0]])
     hinges = [Rotation.from_rotvec(joints[k][0] * np.eye(3)[axis]) for k, axis in ((0, 0), (3, 2))]
     turns = [hinges[0], ball, Rotation.identity(), hinges[1]]

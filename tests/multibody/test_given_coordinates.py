@@ -74,11 +74,11 @@ def test_a_slider_crank_starts_where_the_guide_says():
     guide.position = slider_position(angle)
     guide.velocity = 0.5
     start = scene.start()
-    found = float(start.x[start.scene.joint_slots[id(main)].x][0])
+    found = float(start.x[start.scene.index.joints[main].x][0])
     assert abs(found) == pytest.approx(angle, abs=1e-9)
     step = 1e-6
     slope = (slider_position(found + step) - slider_position(found - step)) / (2.0 * step)
-    assert start.v[start.scene.joint_slots[id(main)].v][0] == pytest.approx(0.5 / slope, rel=1e-8)
+    assert start.v[start.scene.index.joints[main].v][0] == pytest.approx(0.5 / slope, rel=1e-8)
     state = motion(start)
     np.testing.assert_allclose(state.position(piston.frame()), [slider_position(angle), 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(state.velocity(piston.frame()), [0.5, 0.0, 0.0], atol=1e-12)
@@ -91,7 +91,7 @@ def test_all_that_is_given_stays_where_it_agrees():
     step = 1e-6
     guide.velocity = (slider_position(0.8 + step) - slider_position(0.8 - step)) / step
     start = scene.start()
-    slots = start.scene.joint_slots[id(main)]
+    slots = start.scene.index.joints[main]
     assert start.x[slots.x] == 0.8
     assert start.v[slots.v] == 2.0
 

@@ -162,7 +162,7 @@ def test_kinematics_know_joints_and_modes():
     x, v, _ = moving(compiled, 5)
     kinematics = Kinematics(compiled).move(0.7, x, v)
     hinge, flexible = scene._connections[1], bodies[1]
-    slots, modes = compiled.joint_slots[id(hinge)], compiled.modal_slots[id(flexible)]
+    slots, modes = compiled.index.joints[hinge], compiled.index.modes[flexible]
     assert kinematics.t == 0.7
     np.testing.assert_array_equal(kinematics.beta(hinge), x[slots.x])
     np.testing.assert_array_equal(kinematics.beta_rate(hinge), v[slots.v])

@@ -68,7 +68,7 @@ def particle_positions(compiled, bodies, clouds, x):
         p, R = out[0, :3], out[0, 3:12].reshape(3, 3)
         if id(body) in clouds:
             cloud = clouds[id(body)]
-            local = cloud.x + cloud.phi @ x[compiled.modal_slots[id(body)].x]
+            local = cloud.x + cloud.phi @ x[compiled.index.modes[body].x]
         else:
             local = rigid_cloud(body)[1]
         points.append(p + local @ R.T)
@@ -84,7 +84,7 @@ def test_bodies_frames_are_where_the_joints_put_them():
     retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * 0.4, x)
     _, b, c, *_ = bodies
     free, hinge, ball = (scene._connections[k] for k in range(3))
-    slot = {k: compiled.joint_slots[id(j)].x for k, j in enumerate((free, hinge, ball))}
+    slot = {k: compiled.index.joints[j].x for k, j in enumerate((free, hinge, ball))}
 
     def matrix(q):
         return Rotation.from_quat(q[[1, 2, 3, 0]]).as_matrix()
@@ -97,7 +97,7 @@ def test_bodies_frames_are_where_the_joints_put_them():
     R_b = R_a @ Rotation.from_rotvec(axis * x[slot[1]][0]).as_matrix()
     p_b = p_a + R_a @ [0.3, 0.0, 0.1]
     tip = clouds[id(b)].record.interface("tip")
-    q = x[compiled.modal_slots[id(b)].x]
+    q = x[compiled.index.modes[b].x]
     R_tip = R_b @ Rotation.from_rotvec(tip.modes[3:] @ q).as_matrix() @ tip.R_BI
     p_tip = p_b + R_b @ (tip.p_BI_B + tip.modes[:3] @ q)
     R_c = R_tip @ matrix(x[slot[2]]) @ turn.T
@@ -149,7 +149,7 @@ def test_residual_is_d_alembert_on_particles(seed):
         expected[j] = np.sum(arm / 1e-3 * force)
     for body in bodies:
         if id(body) in clouds:
-            record, slots = clouds[id(body)].record, compiled.modal_slots[id(body)]
+            record, slots = clouds[id(body)].record, compiled.index.modes[body]
             expected[slots.v] += elastic_forces(record, x[slots.x]) + record.damping @ v[slots.v]
     out = np.zeros(compiled.nv)
     residual(plan, new_work(plan), x, v, a, np.zeros(len(plan.rows)), out)
@@ -230,8 +230,8 @@ def test_energies():
     retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * 0.5, x)
     v = rng.standard_normal(compiled.nv)
     matrix = mass_matrix(compiled, new_work(compiled.plan), x)
-    records = {id(body): clouds[id(body)].record for body in bodies if id(body) in clouds}
-    elastic = sum(strain_energy(record, x[compiled.modal_slots[key].x]) for key, record in records.items())
+    records = [(body, clouds[id(body)].record) for body in bodies if id(body) in clouds]
+    elastic = sum(strain_energy(record, x[compiled.index.modes[body].x]) for body, record in records)
     out = np.zeros((1, 3))
     energy_series(compiled.plan, new_work(compiled.plan), x[None], v[None], 0 * v, 0 * v, out)
     assert out[0, 0] == pytest.approx(0.5 * v @ matrix @ v, rel=1e-12)

@@ -47,7 +47,7 @@ def test_rounded_angles_of_parallel_cranks_keep_one_freedom():
         foot.position = -0.5 + 1e-3 * k
     start = scene.start()
     assert len(start.scene.row_names) == 5
-    angles = [start.x[start.scene.joint_slots[id(foot)].x][0] for foot in feet]
+    angles = [start.x[start.scene.index.joints[foot].x][0] for foot in feet]
     assert np.ptp(angles) < 1e-12
     assert angles[0] == pytest.approx(-0.5 + 2e-3, abs=1e-3)
 
@@ -73,7 +73,7 @@ def test_a_singular_start_takes_rates_of_one_of_its_ways():
     """Flat, the cranks may go on parallel; with one crank's rate alone nothing says which way."""
     scene, feet = cranks(3, 0.0, 1.5)
     start = scene.start()
-    rates = [start.v[start.scene.joint_slots[id(foot)].v][0] for foot in feet]
+    rates = [start.v[start.scene.index.joints[foot].v][0] for foot in feet]
     assert rates == [1.5, 1.5, 1.5]
     feet[2].velocity = -1.5
     with pytest.raises(SceneError, match="singular position"):

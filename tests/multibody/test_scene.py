@@ -203,7 +203,7 @@ def test_configuration_interpolates_between_steps():
     fine = scene.simulate(1.0, rtol=1e-9, integrator=fm.GeneralizedAlpha())
     exact = CubicSpline(fine.t, fine.beta(hinge))
     at_steps = np.abs(run.beta(hinge) - exact(run.t)).max()
-    slots = run.scene.joint_slots[id(hinge)]
+    slots = run.scene.index.joints[hinge]
     between = np.abs(run.configuration(middle)[:, slots.x][:, 0] - exact(middle)).max()
     assert between < 1.1 * at_steps < 1e-5
     with pytest.raises(SceneError, match="outside the trajectory"):

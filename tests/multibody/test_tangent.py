@@ -170,8 +170,8 @@ def test_forces_of_users_by_differences():
     expected[:, 0] += 0.7 * 0.3 * v
     expected += 0.7 * np.diag(np.full(len(v), 0.3 * v[0]))
     expected[:, -1] -= 0.7 * 0.4 * v[-1]
-    k = compiled.joint_slots[id(hinge)].v.start
-    beta = x[compiled.joint_slots[id(hinge)].x.start]
+    k = compiled.index.joints[hinge].v.start
+    beta = x[compiled.index.joints[hinge].x.start]
     expected[k, k] += 0.3 * 9.0 * beta**2 + 0.7 * 0.8 * abs(v[k])
     np.testing.assert_allclose(added, expected, atol=1e-8)
 

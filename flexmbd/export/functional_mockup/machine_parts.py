@@ -21,8 +21,8 @@ from flexmbd.integrate.explicit.tableau import Tableau
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
+from flexmbd.multibody.kernels.reading.forces import force_elements, time_kinds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
@@ -92,9 +92,9 @@ def refuse_functions(scene: CompiledScene) -> None:
     if scene.interiors is not None:
         names = ", ".join(body.name for body in scene.interiors.bodies)
         raise ExportError(f"bodies with history cannot leave in an FMU ({names}): where they stay elastic, reduce them")
-    given = plan.times[:, at.TIME_KIND]
+    given = time_kinds(plan)
     users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
-    users += [scene.element_names[k] for k in np.flatnonzero(plan.elements[:, at.EL_ADDRESS])]
+    users += [scene.element_names[k] for k in np.flatnonzero(force_elements(plan).address)]
     if users:
         raise ExportError(
             f"users' functions cannot leave in an FMU ({', '.join(users)}): give numbers, fm.Table or fm.Sine, or make "

@@ -14,15 +14,14 @@ from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.description import Causality, Variable
 from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
-from flexmbd.multibody.bodies.probe import with_probe
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.frame_force import FrameForce
 from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.forces import constant_place, force_elements, joint_force_times, keep_forces
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.linear.output import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -82,10 +81,9 @@ def _constants(force: Given, values: Sequence[Any]) -> tuple[PPoly, ...]:
 
 def drives_of(scene: CompiledScene, force: Given, name: str | None) -> list[Drive]:
     """The inputs that a force of `replaced` has in a scene; ``name`` as the user gave it."""
-    rows = scene.force_rows[id(force)]
-    elements = scene.plan.elements[rows.elements.start : rows.elements.stop, at.EL_TIME]
-    joints = scene.plan.forces[rows.forces.start : rows.forces.stop, at.FORCE_TIME]
-    times = list(dict.fromkeys(int(row) for row in (*joints, *elements)))
+    rows = scene.index.forces[force]
+    own = keep_forces(scene.plan, rows.forces, rows.elements)
+    times = list(dict.fromkeys(int(row) for row in (*joint_force_times(own), *force_elements(own).time)))
     if isinstance(force, FrameForce):
         names = [f"{name or force.frame.label}.{kind}{axis}" for kind in "FM" for axis in "xyz"]
         units = ["N"] * 3 + ["N.m"] * 3
@@ -97,7 +95,7 @@ def drives_of(scene: CompiledScene, force: Given, name: str | None) -> list[Driv
         units = ["N.m" if turns else "N"]
     found = []
     for time, called, unit in zip(times, names, units, strict=True):
-        offset = int(scene.plan.times[time, at.TIME_OFFSET]) + 3  # after the order and two breakpoints
+        offset = constant_place(scene.plan, time)
         value = float(scene.plan.time_data[offset])
         found.append(Drive(Variable(called, Causality.INPUT, unit, scene.time_names[time], start=value), offset))
     return found
@@ -116,7 +114,7 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
         return _observed_frame(scene, output, name or of.label, parts)
     slots = None
     if isinstance(of, Connection | FlexibleBody | PseudoRigidBody) and not isinstance(output, Rotation):
-        slots = (scene.joint_slots if isinstance(of, Connection) else scene.modal_slots).get(id(of))
+        slots = (scene.index.joints.get(of) if isinstance(of, Connection) else scene.index.modes.get(of))
     if slots is None:
         raise ExportError(f"an output {type(output).__name__} of {of!r}: it has no coordinates here; give a frame")
     places, names = slots.v, list(scene.velocity_names[slots.v])
@@ -151,7 +149,7 @@ def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Part
         raise ExportError(f"an output {kind.__name__} of {frame!r}: give a frame")
     call = next((one for one in parts.frames if one.frame is frame), None)
     if call is None:
-        plan, s = with_probe(parts.plan, scene.body_row, frame), parts.state
+        plan, s = scene.index.with_probe(parts.plan, frame), parts.state
         probe, motion = len(plan.frames) - 1, (s.x[None], s.v[None], s.a[None])
         arguments = (plan, new_work(plan), probe, *motion, np.zeros((1, 21)))
         call = FrameCall(frame, Call(frame_series, arguments))

@@ -26,10 +26,9 @@ from flexmbd.export.functional_mockup.machine_ports import (
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.reading.forces import constant_place, is_constant
 from flexmbd.multibody.linear.output import Output
 from flexmbd.system import System
 
@@ -203,11 +202,8 @@ def _calls(parts: Parts, memory: Memory, code: Mapping[str, Kernel]) -> str:
 
 def _follows_time(plan: Plan, drives: Sequence[Drive]) -> bool:
     """Whether anything but the inputs changes with time."""
-    offsets = {drive.offset - 3 for drive in drives}
-    for row in plan.times:
-        offset = int(row[at.TIME_OFFSET])
-        piecewise = row[at.TIME_KIND] == kinds.TIME_PIECEWISE
-        constant = piecewise and row[at.TIME_COUNT] == 1 and plan.time_data[offset] == 1.0
-        if not constant and offset not in offsets:
+    places = {drive.offset for drive in drives}
+    for time in range(len(plan.times)):
+        if not is_constant(plan, time) and constant_place(plan, time) not in places:
             return True
     return False

@@ -37,6 +37,10 @@ from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, mome
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.forces import storing_plan
+from flexmbd.multibody.kernels.reading.motion import joint_turn
+from flexmbd.multibody.kernels.reading.rows import is_driven
+from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
@@ -47,22 +51,6 @@ ORDER = 2
 _RULE = Rule(exponent=1.0 / 3.0, shortest=1.0 / 64.0)
 _SAMPLES = 8  # states that tell which coordinates energy depends on
 _NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
-
-#: Force elements that store what they take.
-_STORING = (
-    kinds.ON_SPRING, kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_ENERGY,
-    kinds.BETWEEN_SPRING, kinds.BETWEEN_BUSHING, kinds.BETWEEN_PENALTY,
-)  # fmt: skip
-#: Where the data of each holds its damper: first entry and how many.
-_DAMPERS = {
-    kinds.ON_SPRING: (2, 1),
-    kinds.ON_CHARACTERISTIC: (1, 1),
-    kinds.ON_STOP: (3, 1),
-    kinds.ON_ENERGY: (0, 0),
-    kinds.BETWEEN_SPRING: (2, 1),
-    kinds.BETWEEN_PENALTY: (1, 1),
-    kinds.BETWEEN_BUSHING: (36, 36),
-}
 
 
 @dataclass(frozen=True)
@@ -146,28 +134,9 @@ class Method(NamedTuple):
     newton: float
 
 
-def is_driven(plan: Plan) -> bool:
-    """Whether a motion is prescribed, on a coordinate, a constraint row or a penalty."""
-    times = np.concatenate([plan.rows[:, at.ROW_TIME], plan.penalties[:, at.ROW_TIME]])
-    return len(plan.driven) > 0 or bool((times >= 0).any())
-
-
 def splits(plan: Plan) -> bool:
     """Whether loads or dampers act, beside what stores energy."""
-    damped = len(plan.flex) > 0 and bool((plan.flex[:, at.MODAL_DAMPING] >= 0).any())
-    return damped or len(plan.forces) > 0 or len(plan.elements) > 0
-
-
-def storing_plan(plan: Plan) -> Plan:
-    """``plan`` without loads and dampers: what remains stores the energy it takes."""
-    flex, data = plan.flex.copy(), plan.data.copy()
-    flex[:, at.MODAL_DAMPING] = -1
-    elements = plan.elements[np.isin(plan.elements[:, at.EL_KIND], _STORING)]
-    for row in elements:
-        first, count = _DAMPERS[int(row[at.EL_KIND])]
-        o = int(row[at.EL_DATA]) + first
-        data[o : o + count] = 0.0
-    return plan._replace(flex=flex, data=data, elements=elements, forces=np.zeros((0, at.N_FORCE), np.int64))
+    return has_modal_damping(plan) or len(plan.forces) > 0 or len(plan.elements) > 0
 
 
 def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
@@ -180,26 +149,20 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
     bodies = len(plan.tree)
     size = scene.group_full[scene.group_of]
     seen = _gradients(scene, stored, size)
-    joints = [k for slots in scene.joint_slots.values() for k in range(slots.v.start, slots.v.stop)]
-    joints += [k for k in range(nv) if k not in joints and not _is_modal(scene, k)]
+    joints = [k for slots in scene.index.joints.values() for k in range(slots.v.start, slots.v.stop)]
+    joints += [k for k in range(nv) if k not in joints and not scene.index.is_modal(k)]
     nothing = _NOTHING * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
     kept = np.zeros((2 * bodies + nv, 9))
     kept[2 * bodies :, 0] = 1.0
-    for i, row in enumerate(plan.tree):
-        kind, o = int(row[at.JOINT]), int(row[at.JOINT_V])
-        if kind in (kinds.REVOLUTE, kinds.PRISMATIC, kinds.SCREW):
-            if np.abs(seen[:, o]).max() * size[o] <= nothing:
-                kept[2 * bodies + o, 0] = 0.0
-        elif kind == kinds.FREE:
-            kept[2 * i] = _along(seen[:, o : o + 3], size[o], nothing)
-            kept[2 * i + 1] = _along(seen[:, o + 3 : o + 6], size[o + 3], nothing)
-        elif kind == kinds.SPHERICAL:
-            kept[2 * i + 1] = _along(seen[:, o : o + 3], size[o], nothing)
+    for joint in tree_joints(plan):
+        o = joint.v.start
+        if joint.spin is not None:
+            kept[2 * joint.row + 1] = _along(seen[:, joint.spin], size[joint.spin.start], nothing)
+        if joint.kind == kinds.FREE:
+            kept[2 * joint.row] = _along(seen[:, joint.plain_v], size[o], nothing)
+        elif joint.plain_v != slice(o, o) and np.abs(seen[:, o]).max() * size[o] <= nothing:
+            kept[2 * bodies + o, 0] = 0.0
     return kept
-
-
-def _is_modal(scene: CompiledScene, k: int) -> bool:
-    return any(slots.v.start <= k < slots.v.stop for slots in scene.modal_slots.values())
 
 
 def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
@@ -216,13 +179,13 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
     where there is no potential one any will do.
     """
     plan, nv = scene.plan, scene.nv
-    modal = np.array([_is_modal(scene, k) for k in range(nv)], bool)
+    modal = np.array([scene.index.is_modal(k) for k in range(nv)], bool)
     none, random = np.zeros(nv), np.random.default_rng(0)
     share = size * np.where(modal, 1e-3, 1.0)
     places = [random.standard_normal(nv) * share for _ in range(_SAMPLES)]
     still = np.array([_gradient(scene, stored, place, none, np.zeros(len(plan.rows))) for place in places])
     potential = float(np.abs(still * share).max(initial=0.0))
-    inertia = float(plan.rigid[:, at.MASS].sum()) * scene.extent**2
+    inertia = float(masses(plan).sum()) * scene.extent**2
     rate = math.sqrt(potential / inertia) if potential > 0.0 and inertia > 0.0 else 1.0
     pull = inertia / scene.extent * rate**2
     return np.array(
@@ -245,11 +208,9 @@ def _gradient(
     retract(plan, scene.start, place, x)
     wrench = np.zeros((len(plan.tree), 6))
     canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
-    for i, row in enumerate(plan.tree):
-        if row[at.JOINT] in (kinds.SPHERICAL, kinds.FREE):
-            o = int(row[at.JOINT_V]) + (3 if row[at.JOINT] == kinds.FREE else 0)
-            turn = work.body[i, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3)
-            gradient[o : o + 3] = turn @ gradient[o : o + 3]
+    for joint in tree_joints(plan):
+        if joint.spin is not None:
+            gradient[joint.spin] = joint_turn(work, joint.row) @ gradient[joint.spin]
     return gradient
 
 

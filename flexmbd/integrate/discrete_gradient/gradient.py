@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit import loop_dynamics
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, write_potential
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -133,7 +132,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray)
     x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((nv, nv))
     wrench, part, energy = zeros((bodies, 6)), zeros(6), zeros(N_ENERGY)
     whole = bool((projector[2 * bodies :, 0] == 1.0).all())
-    turning = np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE))
+    turning = np.array([joint.spin is not None for joint in tree_joints(plan)], bool)
     return Scratch(
         u=zeros(nv),
         half=zeros(nv),

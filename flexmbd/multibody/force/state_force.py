@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.base import kinds
 class StateForce(OnState):
     """Generalised forces on all velocities of the machine.
 
-    Their work is force . v; ``CompiledScene.velocity_names``, ``joint_slots`` and ``modal_slots`` tell what lies
+    Their work is force . v; ``CompiledScene.velocity_names``, ``index.joints`` and ``index.modes`` tell what lies
     where.  Called at every evaluation of the equations, several times a step: compile what is slow.
 
     Attributes:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.equations import Machine
-from flexmbd.multibody.kane.response import Response, without_element
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kane.response import Response
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
+from flexmbd.multibody.kernels.reading.forces import without_function
+from flexmbd.multibody.kernels.reading.tree import joint_frame
 
 FloatArray = NDArray[np.float64]
 
@@ -53,8 +54,8 @@ class Bearings:
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_element(scene.plan, address), scene.extent)
-        slots = [scene.joint_slots[id(b.connection)] for b in self._bearings]
+        self._response = Response(without_function(scene.plan, address), scene.extent)
+        slots = [scene.index.joints[b.connection] for b in self._bearings]
         self._coordinate = np.array([s.v.start for s in slots])
         self._places = [_joint_place(scene, b.connection) for b in self._bearings]
         self._units = np.eye(scene.nv)[self._coordinate]
@@ -115,5 +116,5 @@ def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -
 
 def _joint_place(scene: Machine, connection: Connection) -> tuple[int, int]:
     """The row of ``Plan.tree`` that a joint of one coordinate leads to, and its frame there, z along its axis."""
-    (row,) = scene.coordinate_rows[id(connection)]
-    return row, int(scene.plan.tree[row, at.FRAME_CHILD])
+    (row,) = scene.index.links[connection]
+    return row, joint_frame(scene.plan, row)

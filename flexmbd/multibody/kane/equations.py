@@ -9,7 +9,7 @@ It is a second way to the equations of motion, by definition and not by recursio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.bodies.probe import with_probe
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work, without_forces
+from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
+from flexmbd.multibody.kernels.reading.forces import without_forces
+from flexmbd.multibody.kernels.reading.motion import asked_wrenches
+from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places
+from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Topology
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
@@ -32,18 +34,6 @@ FloatArray = NDArray[np.float64]
 
 #: A force (3,) N at a frame's origin and a torque (3,) N m, both in inertial axes.
 Contribution = tuple[Frame, ArrayLike, ArrayLike]
-
-
-class Slots(Protocol):
-    """Where something lies in the configuration x and the velocity v."""
-
-    @property
-    def x(self) -> slice:
-        """In x."""
-
-    @property
-    def v(self) -> slice:
-        """In v."""
 
 
 class Machine(Protocol):
@@ -67,20 +57,8 @@ class Machine(Protocol):
         """Tree and closures."""
 
     @property
-    def body_row(self) -> Mapping[int, int]:
-        """Body id to row of ``plan.tree``."""
-
-    @property
-    def joint_slots(self) -> Mapping[int, Slots]:
-        """Connection id to its coordinates."""
-
-    @property
-    def coordinate_rows(self) -> Mapping[int, tuple[int, ...]]:
-        """Connection id to the row of ``plan.tree`` of each of its steps."""
-
-    @property
-    def modal_slots(self) -> Mapping[int, Slots]:
-        """Body id to its modal coordinates."""
+    def index(self) -> SceneIndex:
+        """Where bodies, joints and forces stand in the arrays."""
 
     def refuse_failed(self, work: Work) -> None:
         """Raise the error of a user's function that failed in an evaluation, if one did."""
@@ -149,11 +127,11 @@ class Kinematics:
 
     def beta(self, connection: Connection) -> FloatArray:
         """Coordinates (k,) of a joint of the tree."""
-        return self.x[self._slots(connection).x]
+        return self.x[self._scene.index.coordinates(connection).x]
 
     def beta_rate(self, connection: Connection) -> FloatArray:
         """Velocities (k,) of a joint of the tree."""
-        return self.v[self._slots(connection).v]
+        return self.v[self._scene.index.coordinates(connection).v]
 
     def q(self, body: Body) -> FloatArray:
         """(n,) modal coordinates."""
@@ -165,10 +143,7 @@ class Kinematics:
 
     def modal_slots(self, body: Body) -> Slots:
         """Where the body's modal coordinates lie in x and in v."""
-        slots = self._scene.modal_slots.get(id(body))
-        if slots is None:
-            raise SceneError(f"body {body.name!r} has no modal coordinates in this scene")
-        return slots
+        return self._scene.index.modal(body)
 
     def partial_velocities(self, frames: Sequence[Frame]) -> tuple[FloatArray, FloatArray]:
         """v_r (k, 3, nv) of the origins of k frames and w_r (k, 3, nv) of their axes."""
@@ -192,7 +167,7 @@ class Kinematics:
         loads = [_checked(*contribution) for contribution in contributions]
         rows = [self._row(frame) for frame, _, _ in loads]
         out = np.zeros(self._scene.nv)
-        self._work.body[:, at.B_F : at.B_T + 3] = 0.0
+        asked_wrenches(self._work)[:] = 0.0
         for row, (_, force, torque) in zip(rows, loads, strict=True):
             R = np.reshape(frame_motion(self._plan, self._work, row)[1], (3, 3))
             load_frame(self._plan, self._work, row, _triple(R.T @ force), _triple(R.T @ torque), out)
@@ -204,7 +179,7 @@ class Kinematics:
         modes = None if frame.modes is None else frame.modes.tobytes()
         key = id(frame.body), frame.p_BF_B.tobytes(), frame.R_BF.tobytes(), modes
         if key not in self._rows:
-            self._plan = with_probe(self._plan, self._scene.body_row, frame)
+            self._plan = self._scene.index.with_probe(self._plan, frame)
             self._work = new_work(self._plan)
             self._rows[key] = len(self._plan.frames) - 1
             forward(self._plan, self._work, self.x, self.v, self.a)
@@ -215,12 +190,6 @@ class Kinematics:
         p, R, *rates = frame_motion(self._plan, self._work, row)
         turn = np.reshape(R, (3, 3))
         return np.array(p), turn, *(turn @ rate for rate in rates)
-
-    def _slots(self, connection: Connection) -> Slots:
-        slots = self._scene.joint_slots.get(id(connection))
-        if slots is None:
-            raise SceneError(f"joint {connection.name!r} has no joint coordinate in this scene")
-        return slots
 
 
 def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution]) -> FloatArray:
@@ -252,11 +221,9 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
 def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
     """F_r (nv,) of the strain energy and the modal damping of all flexible bodies."""
     out = np.zeros(len(kinematics.v))
-    for row in scene.plan.tree[scene.plan.tree[:, at.FLEX] >= 0]:
-        flex = scene.plan.flex[row[at.FLEX]]
-        n, x, v = flex[at.N_MODES], row[at.MODAL_X], row[at.MODAL_V]
-        q, qd = kinematics.x[x : x + n], kinematics.v[v : v + n]
-        add_elastic_forces(scene.plan, flex, q, qd, np.zeros(n), out[v : v + n])
+    for place in modal_places(scene.plan):
+        q, qd = kinematics.x[place.x], kinematics.v[place.v]
+        add_elastic_forces(scene.plan, flexible_row(scene.plan, place.row), q, qd, np.zeros(len(q)), out[place.v])
     return -out
 
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kane.equations import Contribution, Kinematics, Machine
-from flexmbd.multibody.kane.response import Response, without_element
+from flexmbd.multibody.kane.response import Response
+from flexmbd.multibody.kernels.reading.forces import without_function
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class KaneInertia:
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_element(scene.plan, address), scene.extent)
+        self._response = Response(without_function(scene.plan, address), scene.extent)
         self._kinematics = Kinematics(scene)
 
     def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:

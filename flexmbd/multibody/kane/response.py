@@ -7,14 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
 from flexmbd.multibody.kernels.sampling.series import constraint_matrix
 
 FloatArray = NDArray[np.float64]
@@ -45,8 +44,7 @@ class Response:
 
     def __init__(self, plan: Plan, extent: float) -> None:
         self.plan = plan
-        in_rad = np.isin(plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD)
-        self._sizes = np.where(in_rad, extent, 1.0)  # times a row, all are of one unit
+        self._sizes = np.where(constraint_rows(plan).in_rad, extent, 1.0)  # times a row, all are of one unit
         self.work = new_work(plan)
         self._articulated = new_articulated_work(plan)
         self._nv = len(plan.free) + len(plan.driven)
@@ -73,8 +71,3 @@ class Response:
         return Answer(
             a - multipliers[0] @ yielding, multipliers[0], slopes - multipliers[1:] @ yielding, multipliers[1:]
         )
-
-
-def without_element(plan: Plan, address: int) -> Plan:
-    """``plan`` without the force element that calls the function at ``address``."""
-    return plan._replace(elements=np.ascontiguousarray(plan.elements[plan.elements[:, at.EL_ADDRESS] != address]))

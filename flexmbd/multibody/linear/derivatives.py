@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 
@@ -55,10 +54,8 @@ def turning(plan: Plan, v: FloatArray) -> FloatArray:
     R exp(xi) has the angular velocity w + d xi/dt + w x xi in its own axes.
     """
     A = np.zeros((len(v), len(v)))
-    for row in plan.tree:
-        kind = row[at.JOINT]
-        if kind in (kinds.SPHERICAL, kinds.FREE):
-            o = row[at.JOINT_V] + (3 if kind == kinds.FREE else 0)
-            x, y, z = v[o : o + 3]
-            A[o : o + 3, o : o + 3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    for joint in tree_joints(plan):
+        if joint.spin is not None:
+            x, y, z = v[joint.spin]
+            A[joint.spin, joint.spin] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
     return A

@@ -18,8 +18,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -103,8 +102,8 @@ def eliminate(
         SceneError: the rows are singular here; the message names one that says nothing new.
     """
     free, size, J = coordinates.free, coordinates.size, of.jacobian
-    levels = scene.plan.rows[:, at.ROW_LEVEL]
-    hold, roll = np.flatnonzero(levels == kinds.LEVEL_POSITION), np.flatnonzero(levels == kinds.LEVEL_VELOCITY)
+    holds = constraint_rows(scene.plan).holds_position
+    hold, roll = np.flatnonzero(holds), np.flatnonzero(~holds)
     kept, bound = _split((J * size)[np.ix_(hold, free)], [scene.row_names[k] for k in hold])
     y, bound = free[kept], free[bound]
     Xy = _solution(J[hold], y, bound)

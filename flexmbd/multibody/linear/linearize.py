@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.rows import driven_coordinates
 from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.output import Output, Slopes, observe
@@ -123,8 +123,8 @@ def _second_order(
 def _refuse_driven_unsteadily(point: WorkingPoint, work: Work, rate: float) -> None:
     """Raise SceneError where a prescribed motion has an acceleration that changes what goes on at a rate (1/s)."""
     scene = point.scene
-    for row in scene.plan.driven:
-        k, acceleration = row[at.DRIVEN_V], work.time[row[at.DRIVEN_TIME], 2]
+    driven = driven_coordinates(scene.plan)
+    for k, acceleration in zip(driven.v, work.time[driven.time, 2], strict=True):
         if abs(acceleration) > _STEADY * rate**2 * scene.group_full[scene.group_of[k]]:
             raise SceneError(
                 f"the motion is not steady at t = {point.t:g} s: {scene.velocity_names[k]!r} is prescribed with an "

@@ -16,20 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.reading.tree import MembraneStretch, membrane_stretches
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class _Stretched:
-    """The strains of one body: where its modal coordinates stand, c (s, n) and C (s, n, n)."""
-
-    x: slice
-    v: slice
-    slope: FloatArray
-    second: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +31,7 @@ class MembraneStrains:
         nv: number of the machine's velocities.
     """
 
-    bodies: tuple[_Stretched, ...]
+    bodies: tuple[MembraneStretch, ...]
     nv: int
 
     def at(self, x: FloatArray) -> FloatArray:
@@ -74,17 +64,4 @@ class MembraneStrains:
 
 def membrane_strains(plan: Plan, nv: int) -> MembraneStrains:
     """Those of a machine's plan with nv velocities."""
-    bodies = []
-    for row in plan.tree:
-        if row[at.FLEX] < 0 or plan.flex[row[at.FLEX], at.N_STRETCH] == 0:
-            continue
-        flex = plan.flex[row[at.FLEX]]
-        n, count, first = int(flex[at.N_MODES]), int(flex[at.N_STRETCH]), int(flex[at.STRETCH])
-        triangle = n * (n + 1) // 2
-        stored = plan.modal[first : first + count * (n + triangle)].reshape(count, n + triangle)
-        second = np.zeros((count, n, n))
-        i, j = np.tril_indices(n)
-        second[:, i, j] = second[:, j, i] = stored[:, n:]
-        x, v = int(row[at.MODAL_X]), int(row[at.MODAL_V])
-        bodies.append(_Stretched(slice(x, x + n), slice(v, v + n), stored[:, :n].copy(), second))
-    return MembraneStrains(tuple(bodies), nv)
+    return MembraneStrains(tuple(membrane_stretches(plan)), nv)

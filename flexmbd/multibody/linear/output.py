@@ -13,8 +13,10 @@ from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.forces import without_loads
+from flexmbd.multibody.kernels.reading.rows import three_rows
+from flexmbd.multibody.kernels.reading.tree import with_frame
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
@@ -97,7 +99,7 @@ def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) 
         return Slopes(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
     if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody | PseudoRigidBody):
         raise SceneError(f"an output {type(output).__name__} of {of!r}: there is none; give a frame")
-    slots = (scene.joint_slots if isinstance(of, Connection) else scene.modal_slots).get(id(of))
+    slots = (scene.index.joints.get(of) if isinstance(of, Connection) else scene.index.modes.get(of))
     if slots is None:
         raise SceneError(
             f"an output of {of.name!r}: it has no coordinates in this scene, as a joint held by constraints or one of "
@@ -113,15 +115,9 @@ def _frame_slopes(
     """L and G (3, nv), as those of constraint rows between the frame and one of the ground where it stands now."""
     motion = frame_motion(scene, frame, x, v)
     plan = add_probe(scene, frame)
-    here = np.concatenate([motion[:3], motion[3:12] if turns else np.eye(3).ravel()])
     g = len(plan.frames) - 1
     kind = kinds.ROW_AXIS if turns else kinds.ROW_TRANSLATION
-    rows = np.array([[g + 1, g, kind, k, 0, kinds.LEVEL_POSITION, -1, 0] for k in range(3)], np.int64)
-    plan = plan._replace(
-        frames=np.vstack([plan.frames, here]), frame_of=np.vstack([plan.frame_of, [-1, -1]]), rows=rows
-    )
-    plan = plan._replace(
-        forces=np.zeros((0, at.N_FORCE), np.int64), elements=np.zeros((0, at.N_ELEMENT), np.int64)
-    )
+    plan = with_frame(without_loads(plan), -1, motion[:3], motion[3:12] if turns else np.eye(3))
+    plan = plan._replace(rows=three_rows(g + 1, g, kind))
     found = derive(plan, new_work(plan), x, v, np.zeros(3))
     return found.jacobian, found.rate_slope

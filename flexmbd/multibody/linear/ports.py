@@ -15,9 +15,10 @@ from flexmbd.multibody.force.kane_body import KaneBody
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.forces import force_elements, joint_force_times, keep_forces, without_loads
+from flexmbd.multibody.kernels.reading.rows import constraint_rows, driven_coordinates, penalty_rows
 from flexmbd.multibody.linear.elimination import Prescribed
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -103,26 +104,23 @@ def lay_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inpu
 
 def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tuple[str, FloatArray]]:
     """One for each function of time that scales the force, and one for what acts without."""
-    rows = scene.force_rows[id(force)]
+    rows = scene.index.forces[force]
     what = getattr(force, "what", type(force).__name__)
-    elements = scene.plan.elements[rows.elements.start : rows.elements.stop]
-    plan = scene.plan._replace(forces=scene.plan.forces[rows.forces.start : rows.forces.stop], elements=elements)
-    if not np.isin(elements[:, at.EL_KIND], _GIVEN).all():
+    plan = keep_forces(scene.plan, rows.forces, rows.elements)
+    elements, on_joints = force_elements(plan), joint_force_times(plan)
+    if not np.isin(elements.kind, _GIVEN).all():
         raise SceneError(
             f"{what} follows the machine's state and is no input; give a JointTorque, JointForce, FrameForce or "
             "DistributedLoad, or a joint with a prescribed motion"
         )
-    scales = sorted({int(k) for k in (*plan.forces[:, at.FORCE_TIME], *elements[:, at.EL_TIME]) if k >= 0})
+    scales = sorted({int(k) for k in (*on_joints, *elements.time) if k >= 0})
     found = []
-    several = len(scales) + int((elements[:, at.EL_TIME] < 0).any()) > 1
-    for scale in ([-1] if (elements[:, at.EL_TIME] < 0).any() else []) + scales:
-        acting = plan._replace(
-            forces=plan.forces[plan.forces[:, at.FORCE_TIME] == scale],
-            elements=np.ascontiguousarray(elements[elements[:, at.EL_TIME] == scale]),
-        )
+    constant = bool((elements.time < 0).any())
+    several = len(scales) + constant > 1
+    for scale in ([-1] if constant else []) + scales:
+        acting = keep_forces(plan, on_joints == scale, elements.time == scale)
         unit = np.ones((len(scene.plan.times) + 1, 3))
-        none = acting._replace(forces=acting.forces[:0], elements=acting.elements[:0])
-        column = _asked(none, point, unit) - _asked(acting, point, unit)
+        column = _asked(without_loads(plan), point, unit) - _asked(acting, point, unit)
         found.append((scene.time_names[scale] if several and scale >= 0 else what, column))
     if not any(column.any() for _, column in found):
         raise SceneError(f"{what} as an input does nothing: its size is zero, or it acts where nothing can move")
@@ -140,16 +138,14 @@ def _asked(plan: Plan, point: WorkingPoint, times: FloatArray) -> FloatArray:
 
 def _motion_row(scene: CompiledScene, connection: Connection) -> int:
     """The row of ``Plan.times`` that prescribes a joint."""
-    slots = scene.joint_slots.get(id(connection))
+    slots, frames = scene.index.joints.get(connection), scene.index.closures.get(connection)
     if connection.motion is not None and slots is not None:
-        for row in scene.plan.driven:
-            if row[at.DRIVEN_V] == slots.v.start:
-                return int(row[at.DRIVEN_TIME])
-    frames = scene.closure_frames.get(id(connection))
+        driven = driven_coordinates(scene.plan)
+        return int(driven.time[driven.v == slots.v.start][0])
     if connection.motion is not None and frames is not None:
-        for row in (*scene.plan.rows, *scene.plan.penalties):
-            if row[at.ROW_TIME] >= 0 and (row[at.ROW_F], row[at.ROW_G]) == frames:
-                return int(row[at.ROW_TIME])
+        for rows in (constraint_rows(scene.plan), penalty_rows(scene.plan)):
+            for time in rows.time[rows.between(*frames) & (rows.time >= 0)]:
+                return int(time)
     raise SceneError(
         f"joint {connection.name!r} is no input: its motion is not prescribed in this scene; call "
         "joint.prescribe(0.0) to move it as an input, or give a JointTorque or JointForce on it"
@@ -158,7 +154,7 @@ def _motion_row(scene: CompiledScene, connection: Connection) -> int:
 
 def _penalised(scene: CompiledScene, point: WorkingPoint, times: FloatArray, row: int, order: int) -> FloatArray:
     """(nv,) what the motion does through a penalty, in which it is linear."""
-    if not (scene.plan.penalties[:, at.ROW_TIME] == row).any():
+    if not (penalty_rows(scene.plan).time == row).any():
         return np.zeros(scene.nv)
     step = 1e-3
     moved = times.copy()
@@ -168,12 +164,12 @@ def _penalised(scene: CompiledScene, point: WorkingPoint, times: FloatArray, row
 
 def _prescribed(scene: CompiledScene, motions: Sequence[tuple[int, int]], nu: int) -> Prescribed:
     """Motions of coordinates and of rows."""
-    plan = scene.plan
+    plan, driven = scene.plan, driven_coordinates(scene.plan)
     motion, row, rate = np.zeros((3, scene.nv, nu)), np.zeros((2, len(plan.rows), nu)), np.zeros((nu, nu))
     for first, time in motions:
-        for driven in plan.driven[plan.driven[:, at.DRIVEN_TIME] == time]:
-            motion[np.arange(3), driven[at.DRIVEN_V], first + np.arange(3)] = 1.0
-        for k in np.flatnonzero(plan.rows[:, at.ROW_TIME] == time):
+        for k in driven.v[driven.time == time]:
+            motion[np.arange(3), k, first + np.arange(3)] = 1.0
+        for k in np.flatnonzero(constraint_rows(plan).time == time):
             row[np.arange(2), k, first + np.arange(2)] = 1.0
         rate[[first, first + 1], [first + 1, first + 2]] = 1.0
     return Prescribed(motion, row, rate)
@@ -181,11 +177,8 @@ def _prescribed(scene: CompiledScene, motions: Sequence[tuple[int, int]], nu: in
 
 def leave_out(scene: CompiledScene, forces: Sequence[Force]) -> CompiledScene:
     """The scene without force elements that are there as inputs alone."""
-    rows = [scene.force_rows[id(force)] for force in forces]
+    rows = [scene.index.forces[force] for force in forces]
     kept = [k for k in range(len(scene.plan.forces)) if not any(k in row.forces for row in rows)]
     elements = [k for k in range(len(scene.plan.elements)) if not any(k in row.elements for row in rows)]
-    plan = scene.plan._replace(
-        forces=np.ascontiguousarray(scene.plan.forces[kept]),
-        elements=np.ascontiguousarray(scene.plan.elements[elements]),
-    )
+    plan = keep_forces(scene.plan, kept, elements)
     return replace(scene, plan=plan, element_names=tuple(scene.element_names[k] for k in elements))

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.motion import asked_wrenches
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.tree import frame_owner, masses, modal_places, parents, tree_joints
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -24,8 +25,6 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 FloatArray = NDArray[np.float64]
 
 _ROUND_OFF = 1e-14  # of the sum of all sizes: some tens of units in the last place
-
-_SPEEDS = {kinds.FIXED: 0, kinds.REVOLUTE: 1, kinds.PRISMATIC: 1, kinds.SCREW: 1, kinds.SPHERICAL: 3, kinds.FREE: 6}
 
 
 def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
@@ -35,27 +34,27 @@ def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
     """
     scene, plan = point.scene, point.scene.plan
     residual(plan, work, point.x, point.v, np.zeros(scene.nv), point.multipliers, np.zeros(scene.nv))
-    length, rows = scene.extent, work.body[: len(plan.tree)]
-    passed = length * np.linalg.norm(rows[:, at.B_F : at.B_F + 3], axis=1)
-    passed += np.linalg.norm(rows[:, at.B_T : at.B_T + 3], axis=1)
-    at_play = passed + length * plan.rigid[: len(plan.tree), at.MASS] * np.linalg.norm(plan.gravity)
-    for row, force in zip(plan.rows, point.multipliers, strict=True):
-        lever = 1.0 if row[at.ROW_KIND] in kinds.ROWS_IN_RAD else length
-        for frame in row[[at.ROW_F, at.ROW_G]] if row[at.ROW_KIND] != kinds.ROW_COUPLING else ():
-            if plan.frame_of[frame, at.FRAME_BODY] >= 0:
-                at_play[plan.frame_of[frame, at.FRAME_BODY]] += lever * abs(force)
-    for i, parent in enumerate(plan.tree[:, at.PARENT]):
+    length, wrenches = scene.extent, asked_wrenches(work)[: len(plan.tree)]
+    passed = length * np.linalg.norm(wrenches[:, :3], axis=1)
+    passed += np.linalg.norm(wrenches[:, 3:], axis=1)
+    at_play = passed + length * masses(plan) * np.linalg.norm(plan.gravity)
+    rows = constraint_rows(plan)
+    levers = np.where(rows.in_rad, 1.0, length)
+    for f, g, lever, force in zip(rows.f, rows.g, levers, point.multipliers, strict=True):
+        for frame in (f, g):
+            if frame >= 0 and frame_owner(plan, frame) >= 0:
+                at_play[frame_owner(plan, frame)] += lever * abs(force)
+    for i, parent in enumerate(parents(plan)):
         if parent >= 0:
             at_play[parent] += passed[i]
+    for i, parent in reversed(list(enumerate(parents(plan)))):
+        if parent >= 0:
+            at_play[parent] += at_play[i]
     found = np.zeros(scene.nv)
-    for i in reversed(range(len(plan.tree))):
-        row = plan.tree[i]
-        if row[at.PARENT] >= 0:
-            at_play[row[at.PARENT]] += at_play[i]
-        found[row[at.JOINT_V] : row[at.JOINT_V] + _SPEEDS[int(row[at.JOINT])]] = at_play[i]
-        if row[at.FLEX] >= 0:
-            count = int(plan.flex[row[at.FLEX], at.N_MODES])
-            found[row[at.MODAL_V] : row[at.MODAL_V] + count] = at_play[i]
+    for joint in tree_joints(plan):
+        found[joint.v] = at_play[joint.row]
+    for modes in modal_places(plan):
+        found[modes.v] = at_play[modes.row]
     return found
 
 

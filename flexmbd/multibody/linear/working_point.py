@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
@@ -43,21 +42,12 @@ class WorkingPoint:
 
     def beta(self, connection: Connection) -> FloatArray:
         """Joint coordinates, () where there is one, else (k,); rad or m."""
-        slots = self.scene.joint_slots.get(id(connection))
-        if slots is None:
-            raise SceneError(
-                f"joint {connection.name!r} has no coordinates here: it closes a loop, or belongs to another scene; "
-                "ask for its frames' positions"
-            )
-        values = self.x[slots.x]
+        values = self.x[self.scene.index.coordinates(connection).x]
         return values[0] if len(values) == 1 else values.copy()
 
     def q(self, body: FlexibleBody | PseudoRigidBody) -> FloatArray:
         """(n,) modal coordinates of a body."""
-        slots = self.scene.modal_slots.get(id(body))
-        if slots is None:
-            raise SceneError(f"body {body.name!r} has no modal coordinates here")
-        return self.x[slots.x].copy()
+        return self.x[self.scene.index.modal(body).x].copy()
 
     def position(self, frame: Frame) -> FloatArray:
         """(3,) m, of the frame's origin in inertial axes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.bodies.probe import with_probe
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Callbacks
 from flexmbd.multibody.functions.time_function import TimeRow, as_row
@@ -22,10 +21,11 @@ from flexmbd.multibody.kane.equations import WrenchSource
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
-from flexmbd.multibody.plan.forces import ForceRows, lay_forces
-from flexmbd.multibody.plan.numbering import Numbering, Slots
+from flexmbd.multibody.plan.forces import lay_forces
+from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.rows import lay_penalties, lay_rows
 from flexmbd.multibody.plan.turning import decide_turning
+from flexmbd.multibody.scene_index import SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
 
@@ -40,11 +40,7 @@ class CompiledScene:
     Attributes:
         plan: the flat arrays.
         topology: tree and closures.
-        body_row: body id to row of ``plan.tree``; -1 for the ground.
-        joint_slots: connection id to its coordinates; tree joints only.
-        coordinate_rows: connection id to the row of ``plan.tree`` of each of its steps; tree joints only.
-        closure_frames: connection id to rows of F and G in ``plan.frames``; joints held by constraints only.
-        modal_slots: body id to its modal coordinates.
+        index: where bodies, joints and forces stand in them.
         velocity_names: (nv,) name of each velocity.
         row_names: name of each row of ``plan.rows``.
         row_owners: the joint or coupling of each row.
@@ -59,16 +55,11 @@ class CompiledScene:
         redundant: names of constraint rows left out as redundant.
         interiors: those of bodies with history; None where there are none.
         breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
-        force_rows: id of each force element to its rows of ``plan.forces`` and ``plan.elements``.
     """
 
     plan: Plan
     topology: Topology
-    body_row: Mapping[int, int]
-    joint_slots: Mapping[int, Slots]
-    coordinate_rows: Mapping[int, tuple[int, ...]]
-    closure_frames: Mapping[int, tuple[int, int]]
-    modal_slots: Mapping[int, Slots]
+    index: SceneIndex
     velocity_names: tuple[str, ...]
     row_names: tuple[str, ...]
     row_owners: tuple[Connection | Coupling, ...]
@@ -85,7 +76,6 @@ class CompiledScene:
     wrench_sources: tuple[WrenchSource, ...] = ()
     redundant: tuple[str, ...] = ()
     interiors: Interiors | None = None
-    force_rows: Mapping[int, ForceRows] = field(default_factory=dict)
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -223,11 +213,7 @@ def build(
     scene = CompiledScene(
         plan=plan,
         topology=topology,
-        body_row=b.row_of,
-        joint_slots=b.joint_slots,
-        coordinate_rows=b.coordinate_rows,
-        closure_frames=b.closure_frames,
-        modal_slots=b.modal_slots,
+        index=b.index,
         velocity_names=tuple(b.names),
         row_names=tuple(rows.names),
         row_owners=tuple(rows.owners),
@@ -243,7 +229,6 @@ def build(
         group_floor=np.array([floor for _, _, floor in b.groups], float),
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
-        force_rows=table.rows_of,
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
     )
     table.tell_built(scene)
@@ -270,7 +255,7 @@ def _driven(b: Numbering, topology: Topology) -> list[list[int]]:
         connection = branch.connection
         if connection is not None and connection.motion is not None:
             what = motion_name(connection)
-            slots = b.joint_slots[id(connection)]
+            slots = b.index.joints[connection]
             time = b.add_time(as_row(connection.motion, what, motion=True), what, motion=True)
             rows.append([slots.v.start, slots.x.start, time])
     return rows
@@ -292,4 +277,4 @@ def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
 
 def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
     """Return the plan with one more frame, its last, for asking where ``frame`` is."""
-    return with_probe(scene.plan, scene.body_row, frame)
+    return scene.index.with_probe(scene.plan, frame)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,17 +22,10 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
 #: Count of an element ON_STATE that is no user's force, so that no drive.
 NO_DRIVE = 1
-
-
-@dataclass(frozen=True)
-class ForceRows:
-    """Rows of ``Plan.forces`` and of ``Plan.elements`` that one force element laid out."""
-
-    forces: range
-    elements: range
 
 
 class ForceTable:
@@ -45,7 +37,6 @@ class ForceTable:
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
-        rows_of: id of each force element to its rows; not of those that are solved together.
     """
 
     def __init__(self, numbering: Numbering, ground: Body) -> None:
@@ -54,18 +45,17 @@ class ForceTable:
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[LaidInterior] = []
-        self.rows_of: dict[int, ForceRows] = {}
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
         self._given_bodies: list[GivenBody] = []
-        self._frames: dict[int, tuple[Frame, int]] = {}  # with the frame, so that its id stays its own
+        self._frames: IdentityMap[Frame, int] = IdentityMap()
         self._origin: int | None = None
         self._waiting: list[Callable[[Machine], None]] = []
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate."""
-        slots = self._numbering.find_slots(connection)
+        slots = self._numbering.index.joints.get(connection)
         if slots is None:
             raise SceneError(
                 f"joint {connection.name!r} closes a loop and has no coordinate for a force to act on; "
@@ -75,19 +65,16 @@ class ForceTable:
 
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a flexible body's first mode."""
-        slots = self._numbering.find_modes(body)
+        slots = self._numbering.index.modes.get(body)
         if slots is None:
             raise SceneError(f"body {body.name!r} has no modes in this scene")
         return slots.x.start, slots.v.start
 
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``; a frame that several elements share has one."""
-        if id(frame) not in self._frames:
-            row = self._numbering.find_body(frame.body)
-            if row is None:
-                raise SceneError(f"frame {frame.label} belongs to no body of this scene")
-            self._frames[id(frame)] = frame, self._numbering.add_frame(frame, row, np.eye(3))
-        return self._frames[id(frame)][1]
+        if frame not in self._frames:
+            self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), np.eye(3))
+        return self._frames[frame]
 
     def ground(self) -> int:
         """Row of ``Plan.frames`` of the inertial frame."""
@@ -138,7 +125,7 @@ class ForceTable:
 
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate, or on its frames where constraints hold it."""
-        frames = self._numbering.find_closure(connection)
+        frames = self._numbering.index.closures.get(connection)
         if frames is None:
             _, v = self.coordinate(connection, 0)
             self.forces.append([v, self.time(function, what)])
@@ -219,6 +206,6 @@ def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> F
         first, first_element = len(table.forces), len(table.elements)
         force.lay(table)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
-        table.rows_of[id(force)] = rows
+        numbering.index.forces[force] = rows
     table.finish()
     return table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, TimeRow
-from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import z_onto
@@ -28,14 +28,6 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 _MODAL_SHARE = 1e-3
 
 
-@dataclass(frozen=True)
-class Slots:
-    """Where something lies in the configuration x and the velocity v."""
-
-    x: slice
-    v: slice
-
-
 def step_turn(step: Step, reverse: bool) -> FloatArray:
     """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
     return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
@@ -46,15 +38,12 @@ class Numbering:
 
     def __init__(self, ground: Body, extent: float, callbacks: Callbacks) -> None:
         self.extent = extent
-        self.row_of: dict[int, int] = {id(ground): -1}
+        self.index = SceneIndex()
+        self.index.bodies[ground] = -1
         self.tree: list[list[int]] = []
         self.rigid: list[list[float]] = []
         self.start: list[float] = []
         self.names: list[str] = []
-        self.joint_slots: dict[int, Slots] = {}
-        self.coordinate_rows: dict[int, tuple[int, ...]] = {}
-        self.closure_frames: dict[int, tuple[int, int]] = {}
-        self.modal_slots: dict[int, Slots] = {}
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
         self.group_of: list[int] = []
         self.frames: list[FloatArray] = []
@@ -78,7 +67,7 @@ class Numbering:
         order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
         turns = [step_turn(step, branch.reversed) for step in joint.steps]
         rows: dict[int, int] = {}
-        inner_row = self.row_of[id(branch.inner.body)]
+        inner_row = self.index.bodies[branch.inner.body]
         f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])
         for k, after in zip(order, [*order[1:], None], strict=True):
             row = rows[k] = len(self.tree)
@@ -94,10 +83,10 @@ class Numbering:
             inner_row = row
             if after is not None:
                 f = self.lay_frame(row, np.zeros(3), turns[after])
-        self.row_of[id(body)] = inner_row
+        self.index.bodies[body] = inner_row
         if connection is not None:
-            self.joint_slots[id(connection)] = slots
-            self.coordinate_rows[id(connection)] = tuple(rows[k] for k in sorted(rows))
+            self.index.joints[connection] = slots
+            self.index.links[connection] = tuple(rows[k] for k in sorted(rows))
         first, second = body.moments()
         self.rigid[-1] = [body.mass, *first, *second[np.triu_indices(3)]]
         record = body.reduced()
@@ -126,17 +115,13 @@ class Numbering:
         """Number the modal coordinates; return the body's flex row, x and v offsets."""
         n = record.n_modes
         x, v = len(self.start), len(self.names)
-        self.modal_slots[id(body)] = Slots(slice(x, x + n), slice(v, v + n))
+        self.index.modes[body] = Slots(slice(x, x + n), slice(v, v + n))
         self.start.extend([0.0] * n)
         self.names.extend(f"{body.name}.q[{k}]" for k in range(n))
         full = self.extent * float(np.sqrt(record.mass))
         self.groups.append((kinds.GROUP_MODAL, full, _MODAL_SHARE * full))
         self.group_of.extend([len(self.groups) - 1] * n)
         return [self.add_flex(record), x, v]
-
-    def find_slots(self, connection: Connection) -> Slots | None:
-        """Where a joint's coordinates lie; None if it has none in the tree."""
-        return self.joint_slots.get(id(connection))
 
     def add_law(self, law: Law, what: str) -> int:
         """Address of a Python law on a coordinate."""
@@ -150,18 +135,6 @@ class Numbering:
     def add_state_function(self, function: StateFunction, what: str) -> int:
         """Address of a Python force of the whole state."""
         return self.callbacks.of_state(function, what)
-
-    def find_modes(self, body: Body) -> Slots | None:
-        """Where a body's modal coordinates lie; None if it has none."""
-        return self.modal_slots.get(id(body))
-
-    def find_closure(self, connection: Connection) -> tuple[int, int] | None:
-        """Rows of F and G of a joint held by constraints; None for others."""
-        return self.closure_frames.get(id(connection))
-
-    def find_body(self, body: Body) -> int | None:
-        """The body's row, -1 for the ground; None if it is not in the scene."""
-        return self.row_of.get(id(body))
 
     def add_data(self, values: FloatArray) -> int:
         """Append parameters of joints, rows or elements; return their offset."""

@@ -54,7 +54,7 @@ def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) ->
     for coupling in couplings:
         values = [float(len(coupling.terms)), 0.0]  # the sum is set at the start
         for term in coupling.terms:
-            found = b.coordinate_rows.get(id(term.connection))
+            found = b.index.links.get(term.connection)
             if found is None:
                 raise SceneError(
                     f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
@@ -71,9 +71,9 @@ def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) ->
 def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
     """Append the rows of a joint held by constraints, and that of its prescribed motion."""
     joint = closure.joint
-    f = b.add_frame(closure.parent, b.row_of[id(closure.parent.body)], joint.turn)
-    g = b.add_frame(closure.child, b.row_of[id(closure.child.body)], joint.turn)
-    b.closure_frames[id(closure)] = (f, g)
+    f = b.add_frame(closure.parent, b.index.bodies[closure.parent.body], joint.turn)
+    g = b.add_frame(closure.child, b.index.bodies[closure.child.body], joint.turn)
+    b.index.closures[closure] = (f, g)
     held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
     if closure.motion is not None:
         what = motion_name(closure)

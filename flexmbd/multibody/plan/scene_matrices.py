@@ -7,12 +7,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
-from flexmbd.multibody.kernels.base.arrays import Work, without_forces
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.forces import without_forces
+from flexmbd.multibody.kernels.reading.rows import constraint_rows, coupling_rows, coupling_terms
 from flexmbd.multibody.kernels.sampling.series import constraint_matrix
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -46,13 +46,11 @@ def coordinate_sizes(scene: CompiledScene) -> FloatArray:
 
 def row_sizes(scene: CompiledScene) -> FloatArray:
     """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
-    sizes = np.where(np.isin(scene.plan.rows[:, at.ROW_KIND], kinds.ROWS_IN_RAD), 1.0, scene.extent)
-    full, data = coordinate_sizes(scene), scene.plan.data
-    for k in np.flatnonzero(scene.plan.rows[:, at.ROW_KIND] == kinds.ROW_COUPLING):
-        o = int(scene.plan.rows[k, at.ROW_DATA])
-        terms = data[o + 2 : o + 2 + 2 * int(data[o])].reshape(-1, 2)
-        columns = scene.plan.tree[terms[:, 0].astype(int), at.JOINT_V]
-        sizes[k] = np.abs(terms[:, 1] * full[columns]).max()
+    sizes = np.where(constraint_rows(scene.plan).in_rad, 1.0, scene.extent)
+    full = coordinate_sizes(scene)
+    for k in coupling_rows(scene.plan):
+        columns, factors = coupling_terms(scene.plan, k)
+        sizes[k] = np.abs(factors * full[columns]).max()
     return sizes
 
 
@@ -63,7 +61,7 @@ def modal_stiffness(scene: CompiledScene) -> FloatArray:
         body = branch.outer.body
         record = body.reduced()
         if record is not None:
-            stiffness[scene.modal_slots[id(body)].v] = record.stiffness
+            stiffness[scene.index.modes[body].v] = record.stiffness
     return stiffness
 
 

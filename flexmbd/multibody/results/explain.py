@@ -11,7 +11,9 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Penalty
 from flexmbd.multibody.joint.fixed import Fixed
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.reading.forces import force_elements
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.tree import has_modal_damping, turning
 from flexmbd.multibody.start.consistent_start import Start
 
 _KINDS = {
@@ -145,7 +147,7 @@ def _closures(start: Start) -> list[str]:
         lines.append(f"  {owner.name}: {kind}, {count} of {whole} rows{why}")
     if scene.redundant:
         lines.append("  redundant, left out: " + "; ".join(scene.redundant))
-    rolling = int(np.sum(scene.plan.rows[:, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY))
+    rolling = int(np.sum(~constraint_rows(scene.plan).holds_position))
     if rolling:
         lines.append(f"  {rolling} of the rows hold velocities alone (nonholonomic)")
     return lines
@@ -163,10 +165,11 @@ def _elements(start: Start) -> list[str]:
     """One line a force element; of those that call a user's function, at what cost."""
     scene = start.scene
     lines: dict[str, None] = {}
-    for name, row in zip(scene.element_names, scene.plan.elements, strict=True):
+    elements = force_elements(scene.plan)
+    for name, kind, address in zip(scene.element_names, elements.kind, elements.address, strict=True):
         cost = ""
-        if row[at.EL_KIND] in (kinds.ON_FUNCTION, kinds.ON_STATE):
-            python = row[at.EL_ADDRESS] in scene.callbacks.addresses
+        if kind in (kinds.ON_FUNCTION, kinds.ON_STATE):
+            python = address in scene.callbacks.addresses
             cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
         lines[name + cost] = None
     return list(lines)
@@ -179,7 +182,7 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("constraint rows, multipliers and position shifts (a tree)")
     if len(plan.flex) == 0:
         skipped.append("modal terms and the stiff filter of the error estimate (all rigid)")
-    elif (plan.flex[:, at.MODAL_DAMPING] < 0).all():
+    elif not has_modal_damping(plan):
         skipped.append("modal damping (zero)")
     reduced = [b.outer.body for b in start.scene.topology.branches if not isinstance(b.outer.body, PseudoRigidBody)]
     records = [record for body in reduced if (record := body.reduced()) is not None]
@@ -201,7 +204,7 @@ def _unneeded_gyroscopics(start: Start) -> list[str]:
     bodies = [branch.outer.body for branch in scene.topology.branches]
     groups: dict[str, list[str]] = {}
     for body in bodies:
-        kind = scene.plan.tree[scene.body_row[id(body)], at.TURNING]
+        kind = turning(scene.plan, scene.index.bodies[body])
         what = _UNNEEDED_FLEXIBLE.get(kind) if body.reduced() is not None else _UNNEEDED_RIGID.get(kind)
         if what is not None:
             groups.setdefault(what, []).append(body.name)

@@ -11,9 +11,9 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kane.equations import Kinematics
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
+from flexmbd.multibody.kernels.reading.tree import joint_frame, outboard
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.numbering import step_turn
 
@@ -40,21 +40,20 @@ def reactions(
     scene.callbacks.reset()
     series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
     work = new_work(scene.plan)
-    rows = scene.coordinate_rows.get(id(connection))
+    rows = scene.index.links.get(connection)
     turn = connection.joint.turn
     if rows is not None:
         branch = next(b for b in scene.topology.branches if b.connection is connection)
-        outer = scene.body_row[id(branch.outer.body)]
+        outer = scene.index.bodies[branch.outer.body]
         # the last step ends on the child's frame, or begins there where the branch is reversed
         step = len(rows) - 1
-        tree = scene.plan.tree[rows[step]]
-        f = int(tree[at.FRAME_PARENT if branch.reversed else at.FRAME_CHILD])
+        f = joint_frame(scene.plan, rows[step], on_parent=branch.reversed)
         tree_reactions(scene.plan, work, outer, f, *series)
         turn = turn @ step_turn(connection.joint.steps[step], branch.reversed)
         sign = -1.0 if branch.reversed else 1.0
         out *= sign
-    elif id(connection) in scene.closure_frames:
-        f, g = scene.closure_frames[id(connection)]
+    elif connection in scene.index.closures:
+        f, g = scene.index.closures[connection]
         row_reactions(scene.plan, work, f, g, *series)
     else:
         raise SceneError(f"joint {connection.name!r} has no reaction in this trajectory; it is of another scene")
@@ -72,10 +71,7 @@ def _given_wrenches(
 
     The plan knows them as generalised forces, of which no joint can tell what it passes on.
     """
-    outboard = {root}
-    for i, parent in enumerate(scene.plan.tree[:, at.PARENT]):
-        if parent in outboard:
-            outboard.add(i)
+    carried = outboard(scene.plan, root)
     kinematics = Kinematics(scene)
     sums: FloatArray = np.zeros((len(t), 6))
     for k in range(len(t)):
@@ -83,7 +79,7 @@ def _given_wrenches(
         R = kinematics.rotation(frame)
         for source in scene.wrench_sources:
             for place, force, torque in source.wrenches(float(t[k]), x[k], v[k]):
-                if scene.body_row[id(place.body)] in outboard:
+                if scene.index.bodies[place.body] in carried:
                     push: FloatArray = np.asarray(force, dtype=np.float64)
                     arm: FloatArray = kinematics.position(place) - kinematics.position(frame)
                     moment = np.asarray(torque, dtype=np.float64) + np.cross(arm, push)

@@ -24,7 +24,7 @@ class StretchWatch:
     def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
         found = [body for body in bodies if isinstance(body, PseudoRigidBody) and not body.rigid]
         self.fault: tuple[int, str] | None = None
-        self._watched = [(body, scene.modal_slots[id(body)].x) for body in found]
+        self._watched = [(body, scene.index.modes[body].x) for body in found]
         self._blocks = 0
         self._rows = 0
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import Kept
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.kernels.reading.rows import coupling_rows, with_coupling_sums
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,
@@ -171,18 +170,14 @@ def _set_couplings(
     scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given
 ) -> CompiledScene:
     """Give the couplings the sums that they have where all other constraints are fulfilled."""
-    kind = scene.plan.rows[:, at.ROW_KIND]
-    coupling = np.flatnonzero(kind == kinds.ROW_COUPLING)
+    coupling = coupling_rows(scene.plan)
     if len(coupling) == 0:
         return scene
-    others = scene.keep_rows([int(k) for k in np.flatnonzero(kind != kinds.ROW_COUPLING)])
+    others = scene.keep_rows(np.setdiff1d(np.arange(len(scene.plan.rows)), coupling))
     closed = close_loops(others, work, x, held, given).x
-    data = scene.plan.data.copy()
-    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = 0.0
-    bare = replace(scene, plan=scene.plan._replace(data=data))
+    bare = replace(scene, plan=with_coupling_sums(scene.plan, coupling, np.zeros(len(coupling))))
     sums = constraint_values(bare, work, closed, np.zeros(scene.nv))[0]
-    data[scene.plan.rows[coupling, at.ROW_DATA] + 1] = sums[coupling]
-    return bare
+    return replace(scene, plan=with_coupling_sums(scene.plan, coupling, sums[coupling]))
 
 
 def match_motion(

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.least_change import least_change
@@ -45,10 +45,10 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
     led[scene.plan.free] = False
     led |= held
     design = _joined(scene, scene.start.copy(), x, ~led)
-    for slots in scene.modal_slots.values():
+    for slots in scene.index.modes.values():
         led[slots.v], design[slots.x] = False, x[slots.x]
     way = np.where(led, coordinate_values(scene, x) - coordinate_values(scene, design), 0.0)
-    hinges = scene.plan.tree[scene.plan.tree[:, at.JOINT] == kinds.REVOLUTE, at.JOINT_V].astype(int)
+    hinges = [joint.v.start for joint in tree_joints(scene.plan) if joint.kind == kinds.REVOLUTE]
     way[hinges] -= 2.0 * np.pi * np.round(way[hinges] / (2.0 * np.pi))  # whole turns of a hinge are none
     place_flying(scene, work, design, np.zeros(scene.nv))
     if not way.any():
@@ -110,9 +110,7 @@ def _open(scene: CompiledScene, work: Work, x: FloatArray) -> float:
 def _joined(scene: CompiledScene, x: FloatArray, other: FloatArray, mask: Mask) -> FloatArray:
     """x, but the other's coordinates of the joints that ``mask`` (nv,) names."""
     joined = x.copy()
-    for row in scene.plan.tree:
-        i, k = int(row[at.JOINT_X]), int(row[at.JOINT_V])
-        n = {kinds.FREE: 7, kinds.SPHERICAL: 4, kinds.FIXED: 0}.get(int(row[at.JOINT]), 1)
-        if n and mask[k]:
-            joined[i : i + n] = other[i : i + n]
+    for joint in tree_joints(scene.plan):
+        if mask[joint.v].any():
+            joined[joint.x] = other[joint.x]
     return joined

@@ -133,7 +133,7 @@ def _relative(
     scene: CompiledScene, work: Work, connection: Connection
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """p_FG_F, R_FG, and velocity and angular velocity of G against F in F's axes, of the turned frames."""
-    p, R, rate, spin, _, _ = relative_motion(scene.plan, work, *scene.closure_frames[id(connection)])
+    p, R, rate, spin, _, _ = relative_motion(scene.plan, work, *scene.index.closures[connection])
     return np.array(p), np.reshape(R, (3, 3)), np.array(rate), np.array(spin)
 
 

@@ -7,9 +7,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
+from flexmbd.multibody.kernels.reading.rows import driven_coordinates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,
@@ -36,8 +36,8 @@ def refuse_leaps(scene: CompiledScene, work: Work, x: FloatArray, *, rtol: float
     """
     rest, moved = np.zeros(scene.nv), x.copy()
     drive(scene.plan, work, moved, rest.copy(), rest.copy())
-    driven = scene.plan.driven
-    places, slots = driven[:, at.DRIVEN_X], driven[:, at.DRIVEN_V]
+    driven = driven_coordinates(scene.plan)
+    places, slots = driven.x, driven.v
     leaps = np.concatenate([(moved - x)[places], constraint_values(scene, work, x, rest)[0]])
     sizes = np.concatenate([coordinate_sizes(scene)[slots], row_sizes(scene)])
     shares = np.abs(leaps) / sizes

@@ -153,7 +153,7 @@ def _beside(scene: CompiledScene, work: Work, x: FloatArray) -> list[Place]:
     generator = np.random.default_rng(0)
     size = np.zeros(scene.nv)
     size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
-    for slots in scene.modal_slots.values():
+    for slots in scene.index.modes.values():
         size[slots.v] = 0.0
     found: list[Place] = []
     for trial in range(_TRIALS):

@@ -72,7 +72,7 @@ def _rigid(scene: CompiledScene) -> Mask:
     """(nv,) free coordinates of joints."""
     rigid = np.zeros(scene.nv, bool)
     rigid[scene.plan.free] = True
-    for slots in scene.modal_slots.values():
+    for slots in scene.index.modes.values():
         rigid[slots.v] = False
     return rigid
 

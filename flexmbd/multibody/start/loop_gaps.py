@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, row_sizes
 
@@ -37,7 +37,7 @@ def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
 def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """(m, nv) rates of ``loop_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
     slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
-    slopes[scene.plan.rows[:, at.ROW_LEVEL] != kinds.LEVEL_POSITION] = 0.0
+    slopes[~constraint_rows(scene.plan).holds_position] = 0.0
     forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for rows, frames, _, per_spin in list(_far_turned(scene, work)):
         slopes[rows] = per_spin @ _spins(scene, work, x, *frames)
@@ -52,13 +52,13 @@ def _far_turned(
     Its rows (k,), frames F and G, what is open (k,) (rad) and (k, 3) its rates per unit of G's angular velocity
     against F in F's axes.
     """
-    table = scene.plan.rows
-    kind, index = table[:, at.ROW_KIND], table[:, at.ROW_INDEX]
-    unturned = kind == kinds.ROW_AXIS
-    aligned = (kind == kinds.ROW_DIRECTION) & np.isin(index, _ALIGNING)
-    for frames in {(int(row[at.ROW_F]), int(row[at.ROW_G])): None for row in table[unturned | aligned]}:
+    table = constraint_rows(scene.plan)
+    index = table.index
+    unturned = table.kind == kinds.ROW_AXIS
+    aligned = (table.kind == kinds.ROW_DIRECTION) & np.isin(index, _ALIGNING)
+    for frames in {(int(table.f[k]), int(table.g[k])): None for k in np.flatnonzero(unturned | aligned)}:
         R = np.reshape(relative_motion(scene.plan, work, *frames)[1], (3, 3))
-        own = (table[:, at.ROW_F] == frames[0]) & (table[:, at.ROW_G] == frames[1])
+        own = table.between(*frames)
         rows = np.flatnonzero(own & unturned)
         if len(rows) and np.trace(R) < 1.0:
             theta = np.array(rotation_vector(tuple(R.ravel())))

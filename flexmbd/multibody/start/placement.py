@@ -12,9 +12,11 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import ALIGNED
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.reading.motion import body_motion, frame_in_body, world_motion
+from flexmbd.multibody.kernels.reading.rows import constraint_rows, penalty_rows
+from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.rotation import to_quaternion
 
@@ -31,10 +33,10 @@ def placing_joints(scene: CompiledScene) -> dict[int, Connection]:
     for branch in scene.topology.branches:
         if branch.connection is not None:
             continue
-        row = scene.body_row[id(branch.outer.body)]
+        row = scene.index.bodies[branch.outer.body]
         candidates: list[tuple[int, int, Connection]] = []
         for c in scene.topology.closures:
-            ends = (scene.body_row[id(c.parent.body)], scene.body_row[id(c.child.body)])
+            ends = (scene.index.bodies[c.parent.body], scene.index.bodies[c.child.body])
             if row in ends and min(ends) < row == max(ends):
                 unset = c.position is None and c.velocity is None and c.motion is None
                 candidates.append((2 * unset + (not c.joint.steps), len(candidates), c))
@@ -53,13 +55,13 @@ def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray)
     mates = _placing_mates(scene)
     for row in sorted({*joints, *mates}):
         forward(plan, work, x, v, zero)
-        ox, ov = int(plan.tree[row, at.JOINT_X]), int(plan.tree[row, at.JOINT_V])
+        flight = tree_joint(plan, row)
         if row in mates:
-            x[ox : ox + 7], v[ov : ov + 6] = _state_by_mate(work, *mates[row])
+            x[flight.x], v[flight.v] = _state_by_mate(work, *mates[row])
             continue
         connection = joints[row]
-        flies = scene.body_row[id(connection.child.body)] == row
-        x[ox : ox + 7], v[ov : ov + 6] = _state_by_joint(scene, work, connection, flies=flies)
+        flies = scene.index.bodies[connection.child.body] == row
+        x[flight.x], v[flight.v] = _state_by_joint(scene, work, connection, flies=flies)
 
 
 def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, moved: FloatArray) -> None:
@@ -78,31 +80,23 @@ def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArr
     mates = _placing_mates(scene)
     for row in sorted(mates):
         forward(plan, work, x, step, zero)
-        p, R, shift, turn = _pose_and_step(work, mates[row][0])
-        p_own, R_own, shift_own, turn_own = _pose_and_step(work, row)
+        p, R, shift, turn = body_motion(work, mates[row][0])
+        p_own, R_own, shift_own, turn_own = body_motion(work, row)
         forward(plan, work, moved, zero, zero)
-        p_moved, R_moved, *_ = _pose_and_step(work, mates[row][0])
+        p_moved, R_moved, *_ = body_motion(work, mates[row][0])
         arm, swing = p_own - p, R_moved @ R.T
         bent = scipy.linalg.expm(np.cross(np.eye(3), turn_own - turn))
-        ox = int(plan.tree[row, at.JOINT_X])
-        moved[ox : ox + 3] = p_moved + swing @ (arm + shift_own - shift - np.cross(turn, arm))
-        moved[ox + 3 : ox + 7] = to_quaternion(swing @ bent @ R_own)
-
-
-def _pose_and_step(work: Work, row: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Position, axes, velocity and angular velocity of a part, all in inertial axes."""
-    body = work.body[row]
-    R = body[at.B_R : at.B_R + 9].reshape(3, 3).copy()
-    return body[at.B_P : at.B_P + 3].copy(), R, R @ body[at.B_V : at.B_V + 3], R @ body[at.B_W : at.B_W + 3]
+        place = p_moved + swing @ (arm + shift_own - shift - np.cross(turn, arm))
+        moved[tree_joint(plan, row).x] = np.concatenate([place, to_quaternion(swing @ bent @ R_own)])
 
 
 def _placing_mates(scene: CompiledScene) -> dict[int, tuple[int, InteriorFrame, InteriorFrame]]:
     """By rows of flying parts of bodies with history: the row of a part placed before, both interface frames."""
     found: dict[int, tuple[int, InteriorFrame, InteriorFrame]] = {}
-    flying = {scene.body_row[id(b.outer.body)] for b in scene.topology.branches if b.connection is None}
+    flying = {scene.index.bodies[b.outer.body] for b in scene.topology.branches if b.connection is None}
     for body in scene.interiors.bodies if scene.interiors is not None else ():
         pairs = zip(body.interior.frames, body.parts, strict=True)
-        placed = ((scene.body_row[id(part)], frame) for frame, part in pairs)
+        placed = ((scene.index.bodies[part], frame) for frame, part in pairs)
         (first, mate), *others = sorted(placed, key=lambda one: one[0])
         found.update({row: (first, mate, frame) for row, frame in others if row in flying})
     return found
@@ -112,15 +106,11 @@ def _state_by_mate(
     work: Work, row: int, mate: InteriorFrame, frame: InteriorFrame
 ) -> tuple[FloatArray, FloatArray]:
     """Coordinates (7,) and velocities (6,) of a flying part that moves with another as one rigid body."""
-    body = work.body[row]
-    R_WI = body[at.B_R : at.B_R + 9].reshape(3, 3)
+    p, R_WI, v, spin = body_motion(work, row)
     R_WB = R_WI @ mate.R_BI.T
     arm = R_WB @ (frame.p_BI_B - mate.p_BI_B)
-    spin = R_WI @ body[at.B_W : at.B_W + 3]
     R = R_WB @ frame.R_BI
-    x = np.concatenate([body[at.B_P : at.B_P + 3] + arm, to_quaternion(R)])
-    velocity = R_WI @ body[at.B_V : at.B_V + 3] + np.cross(spin, arm)
-    return x, np.concatenate([velocity, R.T @ spin])
+    return np.concatenate([p + arm, to_quaternion(R)]), np.concatenate([v + np.cross(spin, arm), R.T @ spin])
 
 
 def _state_by_joint(
@@ -133,13 +123,13 @@ def _state_by_joint(
     joint = connection.joint
     position = np.array(joint.start) if connection.position is None else connection.position
     velocity = np.zeros(len(joint.velocity_names)) if connection.velocity is None else connection.velocity
-    f, g = scene.closure_frames[id(connection)]
+    f, g = scene.index.closures[connection]
     if connection.motion is not None:
-        held = np.vstack([scene.plan.rows, scene.plan.penalties])
-        of_joint = (held[:, at.ROW_F] == f) & (held[:, at.ROW_G] == g) & (held[:, at.ROW_TIME] >= 0)
-        position, velocity = np.split(work.time[held[of_joint, at.ROW_TIME][0], :2], 2)
+        held = (constraint_rows(scene.plan), penalty_rows(scene.plan))
+        times = np.concatenate([rows.time[rows.between(f, g) & (rows.time >= 0)] for rows in held])
+        position, velocity = np.split(work.time[times[0], :2], 2)
     p, R, rate, spin = joint_state(joint, position, velocity)
-    p_held, R_held, v_held, w_held = _world_motion(scene, work, f if flies else g)
+    p_held, R_held, v_held, w_held = world_motion(scene.plan, work, f if flies else g)
     R_WF = R_held if flies else R_held @ R.T
     p, rate, spin = R_WF @ p, R_WF @ rate, R_WF @ spin
     if flies:
@@ -148,18 +138,11 @@ def _state_by_joint(
     else:
         R_W, p_W, w = R_WF, p_held - p, w_held - spin
         v = v_held - np.cross(w, p) - rate
-    frame = work.frame[g if flies else f]
-    R_WB = R_W @ frame[at.F_R : at.F_R + 9].reshape(3, 3).T
-    arm = R_WB @ frame[at.F_P : at.F_P + 3]
+    p_BF, R_BF = frame_in_body(work, g if flies else f)
+    R_WB = R_W @ R_BF.T
+    arm = R_WB @ p_BF
     x = np.concatenate([p_W - arm, to_quaternion(R_WB)])
     return x, np.concatenate([v - np.cross(w, arm), R_WB.T @ w])
-
-
-def _world_motion(scene: CompiledScene, work: Work, f: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """p_WF_W, R_WF, velocity and angular velocity of frame row f in world axes."""
-    p, R, v, w, *_ = frame_motion(scene.plan, work, f)
-    matrix = np.array(R).reshape(3, 3)
-    return np.array(p), matrix, matrix @ v, matrix @ w
 
 
 def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
@@ -167,8 +150,8 @@ def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
     forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for connection in scene.topology.closures:
         rows = connection.joint.rows
-        f, g = scene.closure_frames[id(connection)]
-        R_FG = _world_motion(scene, work, f)[1].T @ _world_motion(scene, work, g)[1]
+        f, g = scene.index.closures[connection]
+        R_FG = world_motion(scene.plan, work, f).R.T @ world_motion(scene.plan, work, g).R
         opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
             any(row.kind == kinds.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
         )

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
 from flexmbd.multibody.start.loop_closing import CLOSED
@@ -66,11 +65,11 @@ def tell_strain(
     load = np.zeros(scene.nv)
     residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), load)
     work_of_loads = np.abs(load) * coordinate_sizes(scene)
-    for slots in scene.modal_slots.values():
+    for slots in scene.index.modes.values():
         work_of_loads[slots.v] = 0.0
     kinetic = 0.5 * float(v @ mass_matrix(scene, work, x) @ v)
     bodies = [b.outer.body for b in scene.topology.branches if b.outer.body.reduced() is not None]
-    bent = tuple(body.name for body in bodies if share[scene.modal_slots[id(body)].v].sum() > _SMALL * energy)
+    bent = tuple(body.name for body in bodies if share[scene.index.modes[body].v].sum() > _SMALL * energy)
     return Strain(energy, left_open * scene.extent, kinetic + float(work_of_loads.sum()), bent)
 
 
@@ -93,16 +92,10 @@ def tell_moved(
 def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:
     """(nv,) coordinates, of balls and free bodies rotation vectors (rad)."""
     values = np.zeros(scene.nv)
-    for row in scene.plan.tree:
-        i, k = int(row[at.JOINT_X]), int(row[at.JOINT_V])
-        kind = int(row[at.JOINT])
-        if kind == kinds.FREE:
-            values[k : k + 3] = x[i : i + 3]
-            i, k = i + 3, k + 3
-        if kind in (kinds.FREE, kinds.SPHERICAL):
-            values[k : k + 3] = Rotation.from_quat(np.roll(x[i : i + 4], -1)).as_rotvec()
-        elif kind != kinds.FIXED:
-            values[k] = x[i]
-    for slots in scene.modal_slots.values():
+    for joint in tree_joints(scene.plan):
+        values[joint.plain_v] = x[joint.plain_x]
+        if joint.quaternion is not None:
+            values[joint.spin] = Rotation.from_quat(np.roll(x[joint.quaternion], -1)).as_rotvec()
+    for slots in scene.index.modes.values():
         values[slots.v] = x[slots.x]
     return values

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 
 FloatArray = NDArray[np.float64]
@@ -65,13 +64,4 @@ def new_work(plan: Plan) -> Work:
         np.zeros((len(plan.frames), at.N_FRAME_WORK)),
         np.zeros((len(plan.times) + 1, 3)),
         np.zeros(len(plan.free) + len(plan.driven)),
-    )
-
-
-def without_forces(plan: Plan) -> Plan:
-    """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
-    return plan._replace(
-        gravity=np.zeros(3),
-        forces=np.zeros((0, at.N_FORCE), np.int64),
-        elements=np.ascontiguousarray(plan.elements[plan.elements[:, at.EL_KIND] == kinds.ON_ENERGY]),
     )

@@ -1,0 +1,60 @@
+"""What the scratch of an evaluation says of a machine's motion, once ``recursion.forward`` has run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+
+FloatArray = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """Place and motion of a body or a frame, all in inertial axes.
+
+    Attributes:
+        p: (3,) m, its origin.
+        R: (3, 3) rotation from its axes.
+        v, w: (3,) velocity of its origin (m/s) and angular velocity (rad/s).
+    """
+
+    p: FloatArray
+    R: FloatArray
+    v: FloatArray
+    w: FloatArray
+
+
+def body_motion(work: Work, row: int) -> Motion:
+    """Of the link in ``row``."""
+    body = work.body[row]
+    R = body[at.B_R : at.B_R + 9].reshape(3, 3).copy()
+    v, w = (R @ body[o : o + 3] for o in (at.B_V, at.B_W))
+    return Motion(body[at.B_P : at.B_P + 3].copy(), R, v, w)
+
+
+def world_motion(plan: Plan, work: Work, frame: int) -> Motion:
+    """Of the frame in row ``frame`` of ``plan.frames``."""
+    p, R, v, w, *_ = frame_motion(plan, work, frame)
+    turn = np.array(R).reshape(3, 3)
+    return Motion(np.array(p), turn, turn @ v, turn @ w)
+
+
+def frame_in_body(work: Work, frame: int) -> tuple[FloatArray, FloatArray]:
+    """p_BF_B (3,) and R_BF (3, 3) of a frame in its deformed body."""
+    row = work.frame[frame]
+    return row[at.F_P : at.F_P + 3].copy(), row[at.F_R : at.F_R + 9].reshape(3, 3).copy()
+
+
+def joint_turn(work: Work, row: int) -> FloatArray:
+    """(3, 3) R_FG of the inboard joint of a link."""
+    return work.body[row, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3).copy()
+
+
+def asked_wrenches(work: Work) -> FloatArray:
+    """(links, 6) force and moment about each link's origin, in its axes, that the motion asks for; a view to change."""
+    return work.body[:, at.B_F : at.B_T + 3]

@@ -1,0 +1,143 @@
+"""Where the bodies, joints and forces of a scene stand in its arrays, asked by the objects themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.reading.tree import with_frame
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class IdentityMap(MutableMapping[K, V], Generic[K, V]):
+    """A dictionary whose keys are these very objects, whatever they equal.
+
+    It keeps them alive, and knows them again where it was pickled or deep-copied together with them.
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[int, tuple[K, V]] = {}
+
+    def __getitem__(self, key: K) -> V:
+        """The value of an object; KeyError if it has none."""
+        return self._found[id(key)][1]
+
+    def __setitem__(self, key: K, value: V) -> None:
+        """Enter an object."""
+        self._found[id(key)] = key, value
+
+    def __delitem__(self, key: K) -> None:
+        """Take an object out."""
+        del self._found[id(key)]
+
+    def __contains__(self, key: object) -> bool:
+        """Whether this very object is in."""
+        return id(key) in self._found
+
+    def __iter__(self) -> Iterator[K]:
+        """The objects, in the order in which they were entered."""
+        return (key for key, _ in self._found.values())
+
+    def __len__(self) -> int:
+        """How many objects."""
+        return len(self._found)
+
+    def __getstate__(self) -> dict[str, list[tuple[K, V]]]:
+        """The pairs: ids are of one process."""
+        return {"pairs": list(self._found.values())}
+
+    def __setstate__(self, state: dict[str, list[tuple[K, V]]]) -> None:
+        """Enter the objects as they are now."""
+        self._found = {id(key): (key, value) for key, value in state["pairs"]}
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Where something lies in the configuration x and the velocity v."""
+
+    x: slice
+    v: slice
+
+
+@dataclass(frozen=True)
+class ForceRows:
+    """Rows of ``Plan.forces`` and of ``Plan.elements`` that one force element laid out."""
+
+    forces: range
+    elements: range
+
+
+@dataclass(frozen=True, eq=False)
+class SceneIndex:
+    """Where the objects of a scene stand in its compiled arrays.
+
+    Attributes:
+        bodies: row of ``Plan.tree``; -1 for the ground.
+        joints: coordinates of the joints of the tree.
+        links: of the same, the row of ``Plan.tree`` of each of their steps.
+        closures: rows of F and G in ``Plan.frames`` of joints held by constraints.
+        modes: modal coordinates of flexible bodies.
+        forces: rows of force elements; not of those that are solved together.
+    """
+
+    bodies: IdentityMap[Body, int] = field(default_factory=IdentityMap)
+    joints: IdentityMap[Connection, Slots] = field(default_factory=IdentityMap)
+    links: IdentityMap[Connection, tuple[int, ...]] = field(default_factory=IdentityMap)
+    closures: IdentityMap[Connection, tuple[int, int]] = field(default_factory=IdentityMap)
+    modes: IdentityMap[Body, Slots] = field(default_factory=IdentityMap)
+    forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
+
+    def row_of(self, frame: Frame) -> int:
+        """Row of ``Plan.tree`` of a frame's body; -1 for the ground.
+
+        Raises:
+            SceneError: the body is not in the scene.
+        """
+        row = self.bodies.get(frame.body)
+        if row is None:
+            raise SceneError(f"frame {frame.label} belongs to no body of this scene")
+        return row
+
+    def with_probe(self, plan: Plan, frame: Frame) -> Plan:
+        """``plan`` with one more frame, its last, for asking where ``frame`` is.
+
+        Raises:
+            SceneError: the frame's body is not in the scene.
+        """
+        return with_frame(plan, self.row_of(frame), frame.p_BF_B, frame.R_BF, frame.modes)
+
+    def coordinates(self, connection: Connection) -> Slots:
+        """Where the coordinates of a joint lie.
+
+        Raises:
+            SceneError: it has none.
+        """
+        slots = self.joints.get(connection)
+        if slots is None:
+            raise SceneError(
+                f"joint {connection.name!r} has no joint coordinate here: it closes a loop, or belongs to another "
+                "scene; ask for its frames' positions"
+            )
+        return slots
+
+    def modal(self, body: Body) -> Slots:
+        """Where the modal coordinates of a body lie.
+
+        Raises:
+            SceneError: it has none.
+        """
+        slots = self.modes.get(body)
+        if slots is None:
+            raise SceneError(f"body {body.name!r} has no modal coordinates here: it is rigid, or of another scene")
+        return slots
+
+    def is_modal(self, k: int) -> bool:
+        """Whether velocity k is the rate of a modal coordinate."""
+        return any(slots.v.start <= k < slots.v.stop for slots in self.modes.values())
