@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.reading.columns import modes_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -78,7 +78,7 @@ class State(NamedTuple):
 class Groups(NamedTuple):
     """Scales of the error norm: a group of coordinates shares one scale.
 
-    of: (nv,) group of each velocity.  kind: (ng,) layout.GROUP_*.
+    of: (nv,) group of each velocity.  kind: (ng,) kinds.GROUP_*.
     full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
     floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
     position, velocity, acceleration: (ng,) the largest magnitudes met so far.
@@ -190,12 +190,11 @@ def latest(numbers, t):
 def store(plan, state, groups, record, h):
     """Advance TIME to STEP_END by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        if row[at.FLEX] >= 0:
-            for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
-                g = groups.of[row[at.MODAL_V] + k]
-                size = abs(state.x[row[at.MODAL_X] + k])
-                groups.position[g] = max(groups.position[g], size)
+        n, qx, qv = modes_of(plan.tree[i], plan.flex)
+        for k in range(n):
+            g = groups.of[qv + k]
+            size = abs(state.x[qx + k])
+            groups.position[g] = max(groups.position[g], size)
     state.numbers[TIME] = state.numbers[STEP_END]
     state.numbers[STEP_BEFORE] = h
     state.counts[STEPS] += 1

@@ -9,11 +9,16 @@ Integrators that know of no passes solve for the reaction itself, which leaves p
 from __future__ import annotations
 
 from flexmbd.integrate.alpha.step import solve_step
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.reading.columns import (
+    augmented_gap,
+    augmented_stiffness,
+    augmented_tolerance,
+    holds_position,
+    is_augmented,
+)
 
 _PASSES = 100
 _LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
@@ -25,11 +30,10 @@ def _is_open(plan, work, s):
     forward(plan, work, s.x, s.v, s.a)
     constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
     for i in range(plan.rows.shape[0]):
-        o = plan.rows[i, at.ROW_HOLD]
-        if o > 0:
-            velocity = plan.rows[i, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY
-            gap = s.phi_rate[i] if velocity else s.phi[i]
-            if not abs(gap) <= plan.data[o + at.HOLD_OPEN]:
+        row = plan.rows[i]
+        if is_augmented(row):
+            gap = s.phi[i] if holds_position(row) else s.phi_rate[i]
+            if not abs(gap) <= augmented_gap(plan.data, row):
                 return True
     return False
 
@@ -44,12 +48,10 @@ def _next_pass(plan, s, factor, first):
     along = 0.0
     size = 0.0
     for i in range(plan.rows.shape[0]):
-        o = plan.rows[i, at.ROW_HOLD]
-        if o > 0:
-            velocity = plan.rows[i, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY
-            lacks = plan.data[o + at.HOLD_STIFFNESS] * s.phi[i]
-            if velocity:
-                lacks = plan.data[o + at.HOLD_DAMPING] * s.phi_rate[i]
+        row = plan.rows[i]
+        if is_augmented(row):
+            k, c = augmented_stiffness(plan.data, row)
+            lacks = k * s.phi[i] if holds_position(row) else c * s.phi_rate[i]
             change = lacks - s.lacking[i]
             along += s.lacking[i] * change
             size += change * change
@@ -57,7 +59,7 @@ def _next_pass(plan, s, factor, first):
     if not first and size > 0.0:
         factor = min(max(-factor * along / size, _LEAST), _MOST)
     for i in range(plan.rows.shape[0]):
-        if plan.rows[i, at.ROW_HOLD] > 0:
+        if is_augmented(plan.rows[i]):
             s.known[i] += factor * s.lacking[i]
     return factor
 
@@ -70,11 +72,11 @@ def solve_passes(plan, work, state, s, h, tolerance):
     """
     augmented = False
     for i in range(plan.rows.shape[0]):
-        o = plan.rows[i, at.ROW_HOLD]
-        if o > 0:
+        row = plan.rows[i]
+        if is_augmented(row):
             augmented = True
             s.known[i] = state.multipliers[i]
-            tolerance = min(tolerance, 0.1 * plan.data[o + at.HOLD_TOL])
+            tolerance = min(tolerance, 0.1 * augmented_tolerance(plan.data, row))
     factor = 1.0
     for k in range(_PASSES):
         if not solve_step(plan, work, state, s, h, tolerance):

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.separate import address_of
+from flexmbd.multibody.kernels.reading.columns import holds_position, is_augmented
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, pays
@@ -146,12 +145,12 @@ def coefficients(number, h):
 @kernel
 def holds_position_alone(plan, state, i):
     """Whether row i is held at the level of positions and no other (index 3)."""
-    holonomic = plan.rows[i, at.ROW_LEVEL] != kinds.LEVEL_VELOCITY and plan.rows[i, at.ROW_HOLD] == 0
-    return holonomic and state.counts[INDEX] == 3
+    row = plan.rows[i]
+    return state.counts[INDEX] == 3 and holds_position(row) and not is_augmented(row)
 
 
 @kernel
 def is_unshifted(plan, state, i):
     """Whether row i has no position to be shifted: it holds one level alone, or yields."""
     row = plan.rows[i]
-    return state.counts[INDEX] == 3 or row[at.ROW_LEVEL] == kinds.LEVEL_VELOCITY or row[at.ROW_HOLD] > 0
+    return state.counts[INDEX] == 3 or is_augmented(row) or not holds_position(row)

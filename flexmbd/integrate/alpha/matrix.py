@@ -15,10 +15,10 @@ from flexmbd.integrate.alpha.layout import (
 )
 from flexmbd.integrate.explicit.loop_dynamics import factor_rows
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.reading.columns import augmented_stiffness, is_augmented
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 
@@ -91,9 +91,8 @@ def _put_shifts(plan, state, s, per_x, per_v):
     for i in range(m):
         unshifted = is_unshifted(plan, state, i)
         # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
-        o = plan.rows[i, at.ROW_HOLD]
-        k_x = plan.data[o + at.HOLD_STIFFNESS] if o > 0 else 0.0
-        k_v = plan.data[o + at.HOLD_DAMPING] if o > 0 else 1.0
+        augmented = is_augmented(plan.rows[i])
+        k_x, k_v = augmented_stiffness(plan.data, plan.rows[i]) if augmented else (0.0, 1.0)
         if holds_position_alone(plan, state, i):
             k_x, k_v = 1.0, 0.0
         total = k_x * per_x + k_v * per_v
@@ -111,7 +110,7 @@ def _put_shifts(plan, state, s, per_x, per_v):
                 r += (k_x * per_x * x + k_v * s.rate_stiffness[i, j]) * s.direction[k, j]
             own = 1.0 if i == k else 0.0
             s.matrix[nu + i, nu + k] = 0.0
-            s.matrix[nu + m + i, nu + k] = -own / total if o > 0 else 0.0
+            s.matrix[nu + m + i, nu + k] = -own / total if augmented else 0.0
             s.matrix[nu + i, nu + m + k] = own if unshifted else t
             s.matrix[nu + m + i, nu + m + k] = r / total
 

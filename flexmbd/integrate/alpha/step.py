@@ -32,11 +32,11 @@ from flexmbd.integrate.alpha.layout import (
     is_unshifted,
 )
 from flexmbd.integrate.alpha.matrix import linearise, solve_factored
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.columns import augmented_stiffness, is_augmented
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
@@ -100,10 +100,9 @@ def trial(plan, work, state, s, h, unknown, equation):
             equation[nu + m + i] = s.phi_rate[i] / per_v
             if holds_position_alone(plan, state, i):
                 equation[nu + m + i] = s.phi[i] / per_x
-            o = plan.rows[i, at.ROW_HOLD]
-            if o > 0:  # the reaction is what stiffness and damping give, beyond that of the pass before
-                k = plan.data[o + at.HOLD_STIFFNESS]
-                c = plan.data[o + at.HOLD_DAMPING]
+            if is_augmented(plan.rows[i]):
+                # the reaction is what stiffness and damping give, beyond that of the pass before
+                k, c = augmented_stiffness(plan.data, plan.rows[i])
                 gap = s.known[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
                 equation[nu + m + i] = gap / (k * per_x + c * per_v)
 

@@ -29,7 +29,6 @@ from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
@@ -37,6 +36,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, mome
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.columns import driven_time, spin_of, time_of_row
 from flexmbd.multibody.kernels.reading.forces import storing_plan
 from flexmbd.multibody.kernels.reading.motion import joint_turn
 from flexmbd.multibody.kernels.reading.rows import is_driven
@@ -257,9 +257,8 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
         s.error_v[k] = v_end[k] - state.v[k] - h * mean
         s.own[k] = curve
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        if row[at.JOINT] == kinds.SPHERICAL or row[at.JOINT] == kinds.FREE:
-            o = row[at.JOINT_V] + (3 if row[at.JOINT] == kinds.FREE else 0)
+        o = spin_of(plan.tree[i])
+        if o >= 0:
             _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
     for j in range(plan.free.shape[0]):
         s.error_x[j] = s.error_x[plan.free[j]]
@@ -297,12 +296,13 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
         evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
         for i in range(plan.rows.shape[0]):
-            if plan.rows[i, at.ROW_TIME] >= 0:
-                s.row_end[i, 0] = work.time[plan.rows[i, at.ROW_TIME], 0]
-                s.row_end[i, 1] = work.time[plan.rows[i, at.ROW_TIME], 1]
+            f = time_of_row(plan.rows[i])
+            if f >= 0:
+                s.row_end[i, 0] = work.time[f, 0]
+                s.row_end[i, 1] = work.time[f, 1]
         for i in range(plan.driven.shape[0]):
             for k in range(3):
-                s.driven[i, k] = work.time[plan.driven[i, at.DRIVEN_TIME], k]
+                s.driven[i, k] = work.time[driven_time(plan.driven[i]), k]
     evaluate_times(plan, t + 0.5 * h, work.time)
     st.set_scales(state, groups, s, rate, newton)
     return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)

@@ -22,10 +22,17 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
+from flexmbd.multibody.kernels.reading.columns import (
+    driven_place,
+    flexible_of,
+    joint_of,
+    membrane_strains_of,
+    modes_of,
+    spin_of,
+)
 
 
 @kernel
@@ -64,10 +71,8 @@ def place(plan, x, s, h):
         s.half[k] = 0.5 * s.u[k]
         s.move[k] = h * s.u[k]
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        kind = row[at.JOINT]
-        ox = row[at.JOINT_X]
-        ov = row[at.JOINT_V]
+        link = plan.tree[i]
+        kind, ox, ov = joint_of(link)
         if has_one_coordinate(kind):
             s.x_mid[ox] = x[ox] + 0.5 * s.move[ov]
             s.x_end[ox] = x[ox] + s.move[ov]
@@ -84,14 +89,12 @@ def place(plan, x, s, h):
             for k in range(3):
                 s.x_mid[ox + k] = x[ox + k] + 0.5 * shift[k]
                 s.x_end[ox + k] = x[ox + k] + shift[k]
-        if row[at.FLEX] >= 0:
-            qx = row[at.MODAL_X]
-            qv = row[at.MODAL_V]
-            for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
-                s.x_mid[qx + k] = x[qx + k] + 0.5 * s.move[qv + k]
-                s.x_end[qx + k] = x[qx + k] + s.move[qv + k]
+        n, qx, qv = modes_of(link, plan.flex)
+        for k in range(n):
+            s.x_mid[qx + k] = x[qx + k] + 0.5 * s.move[qv + k]
+            s.x_end[qx + k] = x[qx + k] + s.move[qv + k]
     for i in range(plan.driven.shape[0]):
-        s.x_end[plan.driven[i, at.DRIVEN_X]] = s.driven[i, 0]
+        s.x_end[driven_place(plan.driven[i])[0]] = s.driven[i, 0]
 
 
 @kernel
@@ -120,18 +123,17 @@ def balance_momenta(plan, p, s, h):
         s.balance[k] = (s.p_end[k] - p[k]) / h + s.force[k]
         work += s.u[k] * (s.p_end[k] - p[k])
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        kind = row[at.JOINT]
-        if kind != kinds.SPHERICAL and kind != kinds.FREE:
+        kind, ox, _ = joint_of(plan.tree[i])
+        o = spin_of(plan.tree[i])
+        if o < 0:
             continue
-        o = row[at.JOINT_V] + (3 if kind == kinds.FREE else 0)
         turn = load3(s.move, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.force, o)
         if kind == kinds.FREE:
             shift = o - 3
-            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
             start = rotate_back(R, load3(p, shift))
             own = rotate(E, start)
             own_end = sub3(scale3(2.0, rotate_back(R, load3(s.p_mid, shift))), own)
@@ -160,9 +162,7 @@ def settle_momenta(plan, p, s, h):
     for k in range(p.shape[0]):
         s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        kind = row[at.JOINT]
-        shift = row[at.JOINT_V]
+        kind, ox, shift = joint_of(plan.tree[i])
         if has_one_coordinate(kind) or kind == kinds.FREE:
             for k in range(shift, shift + (3 if kind == kinds.FREE else 1)):
                 s.p_end[k] = p[k] - h * s.force[k]
@@ -174,7 +174,7 @@ def settle_momenta(plan, p, s, h):
         E = quaternion_matrix(half)
         torque = load3(s.force, o)
         if kind == kinds.FREE:
-            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
             mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
             torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
         spin = sub3(rotate_back(E, load3(p, o)), scale3(h, torque))
@@ -182,11 +182,9 @@ def settle_momenta(plan, p, s, h):
 
 
 @kernel
-def _strain_gradient(plan, flex, o, q, out):
+def _strain_gradient(modal, o, q, out):
     """out = C q, the derivatives of the strain q^T C q / 2 whose triangle begins at o."""
-    modal = plan.modal
-    n = flex[at.N_MODES]
-    for i in range(n):
+    for i in range(q.shape[0]):
         t = modal[o + i] * q[i]
         for j in range(i):
             t += modal[o + j] * q[j]
@@ -203,17 +201,15 @@ def average_strain(plan, s, h):
     step's motion.  With the mean strain the forces are a discrete gradient of the strain energy as they stand.
     """
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        if row[at.FLEX] < 0:
+        link = plan.tree[i]
+        n, qx, qv = modes_of(link, plan.flex)
+        if n == 0:
             continue
-        flex = plan.flex[row[at.FLEX]]
-        n = flex[at.N_MODES]
-        qx = row[at.MODAL_X]
-        qv = row[at.MODAL_V]
-        for r in range(flex[at.N_STRETCH]):
+        flex = plan.flex[flexible_of(link)]
+        for r in range(membrane_strains_of(flex)):
             c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
             force = more * h * h
-            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.bend[0, :n])
             for j in range(n):
                 s.bend[0, j] += plan.modal[c + j]
                 s.force[qv + j] += force * s.bend[0, j]
@@ -224,18 +220,16 @@ def average_strain(plan, s, h):
 def vary_average_strain(plan, s, h):
     """Add to ``s.full`` h / 2 times the derivative by u of what ``average_strain`` adds."""
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        if row[at.FLEX] < 0:
+        link = plan.tree[i]
+        n, qx, qv = modes_of(link, plan.flex)
+        if n == 0:
             continue
-        flex = plan.flex[row[at.FLEX]]
-        n = flex[at.N_MODES]
-        qx = row[at.MODAL_X]
-        qv = row[at.MODAL_V]
-        for r in range(flex[at.N_STRETCH]):
+        flex = plan.flex[flexible_of(link)]
+        for r in range(membrane_strains_of(flex)):
             c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
             stiffness = 0.25 * h * h
-            _strain_gradient(plan, flex, o, s.x_mid[qx : qx + n], s.bend[0, :n])
-            _strain_gradient(plan, flex, o, s.half[qv : qv + n], s.bend[1, :n])
+            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            _strain_gradient(plan.modal, o, s.half[qv : qv + n], s.bend[1, :n])
             for a in range(n):
                 s.bend[0, a] += plan.modal[c + a]
             for a in range(n):
@@ -271,14 +265,12 @@ def drop_symmetries(plan, s, out):
     for k in range(out.shape[0]):
         out[k] *= s.projector[2 * bodies + k, 0]
     for i in range(bodies):
-        row = plan.tree[i]
-        kind = row[at.JOINT]
-        o = row[at.JOINT_V]
+        kind, ox, o = joint_of(plan.tree[i])
         if kind == kinds.FREE:
             unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
             store3(out, o, _projected(s.projector, 2 * i, unturned, load3(out, o)))
-            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X] + 3))
+            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
             store3(out, o + 3, _projected(s.projector, 2 * i + 1, R, load3(out, o + 3)))
         elif kind == kinds.SPHERICAL:
-            R = quaternion_matrix(_load4(s.x_mid, row[at.JOINT_X]))
+            R = quaternion_matrix(_load4(s.x_mid, ox))
             store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))

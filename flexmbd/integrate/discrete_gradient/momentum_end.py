@@ -11,10 +11,10 @@ import numpy as np
 from flexmbd.integrate.discrete_gradient.gradient import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite, solve_semidefinite
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.reading.columns import driven_place
 
 
 @kernel
@@ -83,12 +83,12 @@ def close_velocities(plan, loops, s):
     """
     p = s.p_end
     for i in range(plan.driven.shape[0]):
-        s.v_end[plan.driven[i, at.DRIVEN_V]] = s.driven[i, 1]
+        s.v_end[driven_place(plan.driven[i])[1]] = s.driven[i, 1]
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         s.right[0, j] = p[k]
         for i in range(plan.driven.shape[0]):
-            s.right[0, j] -= s.full[k, plan.driven[i, at.DRIVEN_V]] * s.driven[i, 1]
+            s.right[0, j] -= s.full[k, driven_place(plan.driven[i])[1]] * s.driven[i, 1]
     solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.right)
     for j in range(plan.free.shape[0]):
         s.v_end[plan.free[j]] = s.right[0, j]
@@ -117,7 +117,7 @@ def accelerate_end(plan, work, loops, s):
     for k in range(s.a_end.shape[0]):
         s.a_end[k] = 0.0
     for i in range(plan.driven.shape[0]):
-        s.a_end[plan.driven[i, at.DRIVEN_V]] = s.driven[i, 2]
+        s.a_end[driven_place(plan.driven[i])[1]] = s.driven[i, 2]
     call_separate(s.kernels[RESIDUAL], (plan, work, s.x_end, s.v_end, s.a_end, none, s.out))
     for j in range(plan.free.shape[0]):
         s.right[0, j] = -s.out[plan.free[j]]

@@ -38,12 +38,11 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import place, settle_m
 from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, weigh_end
 from flexmbd.integrate.discrete_gradient.step import evaluate
 from flexmbd.integrate.explicit.loop_dynamics import Loops
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
+from flexmbd.multibody.kernels.reading.columns import driven_place, holds_position, modes_of
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 
 _MAX_ITERATIONS = 20
@@ -92,7 +91,7 @@ def _put_matrix(plan, work, s, h):
     if m > 0:
         turn_columns(plan, s.move, tw.jacobian)
     for k in range(m):
-        if plan.rows[k, at.ROW_LEVEL] == kinds.LEVEL_POSITION:
+        if holds_position(plan.rows[k]):
             for j in range(n):
                 s.matrix[n + k, j] = tw.jacobian[k, free[j]]
 
@@ -119,10 +118,9 @@ def _stiff_forces(plan, groups, s, h):
         s.bend[0, k] = 4.0 / (h * h) * abs(s.matrix[j, j] - s.full[k, k])
         s.bend[1, k] = groups.full[groups.of[k]]
     for i in range(plan.tree.shape[0]):
-        row = plan.tree[i]
-        if row[at.FLEX] >= 0:
-            for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
-                s.bend[1, row[at.MODAL_V] + k] = abs(s.x_mid[row[at.MODAL_X] + k])
+        n, qx, qv = modes_of(plan.tree[i], plan.flex)
+        for k in range(n):
+            s.bend[1, qv + k] = abs(s.x_mid[qx + k])
     for k in range(s.none.shape[0]):
         s.bend[0, k] *= s.bend[1, k]
 
@@ -320,8 +318,8 @@ def _guess(plan, state, s, h, start):
             nu = 3.0 * (memory[REACTION, i] - memory[REACTION + 1, i]) + memory[REACTION + 2, i]
         s.unknown[free + i] = 0.5 * h * nu
     for i in range(plan.driven.shape[0]):
-        row = plan.driven[i]
-        s.u[row[at.DRIVEN_V]] = (s.driven[i, 0] - state.x[row[at.DRIVEN_X]]) / h
+        in_x, in_v = driven_place(plan.driven[i])
+        s.u[in_v] = (s.driven[i, 0] - state.x[in_x]) / h
     for k in range(s.v_end.shape[0]):
         s.v_end[k] = state.v[k]
     for j in range(free):

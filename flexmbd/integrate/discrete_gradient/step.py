@@ -27,11 +27,10 @@ from flexmbd.integrate.discrete_gradient.gradient import (
     WEIGH,
 )
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, drop_symmetries
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.reading.columns import holds_position, time_of_row
 
 _EPSILON = 2.0**-52
 _DEAD = 32.0 * _EPSILON  # of all energy: what sums of it do not resolve
@@ -93,10 +92,11 @@ def _rows(plan, work, s, h):
     call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.rate, s.rate2))
     for i in range(s.nu.shape[0]):
         row = plan.rows[i]
-        if row[at.ROW_LEVEL] == kinds.LEVEL_POSITION:
+        if holds_position(row):
             value = s.phi[i]
-            if row[at.ROW_TIME] >= 0:
-                value += work.time[row[at.ROW_TIME], 0] - s.row_end[i, 0]
+            f = time_of_row(row)
+            if f >= 0:
+                value += work.time[f, 0] - s.row_end[i, 0]
             s.equation[free + i] = value / h
 
 

@@ -14,12 +14,11 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import LENGTH, evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.columns import holds_position
 
 _LAST = STAGES - 1
 _MAX_ITERATIONS = 10
@@ -76,14 +75,15 @@ def _least_pivot(s):
 
 
 @kernel
-def _close(plan, s, what, scale, rows, level):
+def _close(plan, s, what, scale, rows, velocities):
     """Bring positions or velocities ``what`` (nv,) onto the loops, which ``rows`` (m,) open; the largest share moved.
 
+    Positions are held by some of the rows, ``velocities`` by all.
     The stages' iteration, with slopes of another place, closes slowly what rows hardly hold.
     """
     m = plan.rows.shape[0]
     for r in range(m):
-        s.lacking[r] = rows[r] if plan.rows[r, at.ROW_LEVEL] <= level else 0.0
+        s.lacking[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
     _hold(s)
     size = 0.0
     for j in range(plan.free.shape[0]):
@@ -149,8 +149,8 @@ def close_end(plan, work, state, s, h, tolerance, doubts):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 return False
         if moved_before > 0.0:
-            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, kinds.LEVEL_POSITION)
-            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, kinds.LEVEL_VELOCITY))
+            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, False)
+            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, True))
             if doubts and moved_before == np.inf and moved > max(tolerance, _ROUND_OFF / _least_pivot(s)):
                 return False
             # round-off of the rows moves what they hardly hold to and fro: then it stays

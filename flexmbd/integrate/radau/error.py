@@ -9,10 +9,9 @@ from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, REAL
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.integrate.radau.stages import NEWTON, RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
+from flexmbd.multibody.kernels.reading.columns import holds_position
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the most seen, on tops
 # Roughness over that of the steps before: what still is a smooth motion; what a step that was none leaves at most.
@@ -57,7 +56,7 @@ def _estimate(plan, state, groups, s, h):
         for j in range(nu):
             opening -= s.reach[r, j] * s.error_x[j]
             swing -= s.turn[r, j] * s.error_x[j]
-        holds = plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_POSITION
+        holds = holds_position(plan.rows[r])
         s.rhs_real[0, nu + r] = opening / step if holds else 0.0
         s.rhs_real[0, nu + m + r] = swing
     solve(plan.lapack, s.real, s.pivot_real, s.sizes, s.rhs_real)

@@ -7,11 +7,10 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
 from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.reading.columns import holds_position
 
 
 @kernel
@@ -91,7 +90,7 @@ def _fill(plan, s, step, matrix):
             matrix[nu + m + r, nu + q] = 0.0
             matrix[nu + r, nu + m + q] = gain
             matrix[nu + m + r, nu + m + q] = step * swing
-        if plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY:  # no position to shift: kappa = 0
+        if not holds_position(plan.rows[r]):  # no position to shift: kappa = 0
             for j in range(nu):
                 matrix[nu + r, j] = 0.0
             for q in range(m):
@@ -113,7 +112,7 @@ def _aim_shifts(plan, s, h):
         return False
     solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.aim)
     for r in range(plan.rows.shape[0]):
-        holds = plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_POSITION
+        holds = holds_position(plan.rows[r])
         for j in range(nu):
             s.direction[r, j] = s.aim[r, j] if holds else 0.0
         for q in range(plan.rows.shape[0]):
@@ -168,7 +167,7 @@ def correct_stages(plan, s, h):
             factor_real *= REAL / h
             factor_complex *= COMPLEX / h
         elif j >= nu:
-            if plan.rows[j - nu, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY:
+            if not holds_position(plan.rows[j - nu]):
                 for i in range(STAGES):
                     equation[i, j] = s.shift[i, j - nu]
             else:

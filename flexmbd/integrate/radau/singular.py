@@ -15,10 +15,9 @@ import numpy as np
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.reading.columns import holds_position
 
 _UNEVEN = math.log(2.0)  # rows whose volumes differ by more than this factor from stage to stage are worth evening out
 
@@ -48,7 +47,7 @@ def _factor_gain(plan, work, s, i):
 def choose_place(plan, work, state, s):
     """The stage whose rows hold best where the stages are; -1 if they hold everywhere alike, or velocities alone."""
     for r in range(plan.rows.shape[0]):
-        if plan.rows[r, at.ROW_LEVEL] == kinds.LEVEL_VELOCITY:
+        if not holds_position(plan.rows[r]):
             return -1
     best = -np.inf
     least = np.inf
