@@ -55,7 +55,7 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
         return x
     assembly, _ = close_rigidly(scene, work, design, led)
     left = _open(scene, work, assembly)
-    if left > (_BENT if scene.modal_slots else CLOSED):
+    if left > (_BENT if scene.index.modes else CLOSED):
         return x
     # what rigid motions cannot close in the drawing, they cannot elsewhere
     reached = _follow(scene, work, assembly, way, led, bound=2.0 * max(CLOSED, left))
@@ -95,7 +95,7 @@ def _rates(scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led
     slopes = loop_slopes(scene, work, x)
     size, rigid = coordinate_sizes(scene), ~led
     rigid[np.setdiff1d(np.arange(scene.nv), scene.plan.free)] = False
-    for slots in scene.modal_slots.values():
+    for slots in scene.index.modes.values():
         rigid[slots.v] = False
     rest = np.zeros(scene.nv)
     return way + least_change(
