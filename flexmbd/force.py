@@ -22,9 +22,9 @@ from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce
 from flexmbd.multibody.functions.callback import Law as Law
 from flexmbd.multibody.functions.callback import StateFunction as StateFunction
-from flexmbd.multibody.kane.equations import Contribution as Contribution
 from flexmbd.multibody.kane.equations import Kinematics as Kinematics
 from flexmbd.multibody.kane.equations import active_forces as active_forces
 from flexmbd.multibody.kane.equations import elastic_forces as elastic_forces
 from flexmbd.multibody.kane.equations import inertia_forces as inertia_forces
 from flexmbd.multibody.kane.inertia import InertiaAndForces as InertiaAndForces
+from flexmbd.multibody.motion.machine import Contribution as Contribution

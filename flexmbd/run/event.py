@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_no_truth
-from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
-from flexmbd.run.trajectory import NOTHING_SPENT, Trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -28,56 +27,21 @@ class Direction(enum.Enum):
     FALLING = -1
 
 
-class Moment:
-    """The machine at one instant, asked as a trajectory is, one row deep.
-
-    An event's action may also change joint velocities, with ``set_rate``.
-    """
+class Moment(Instant):
+    """The machine at one instant of a simulation; an event's action may change joint velocities, with ``set_rate``."""
 
     def __init__(
         self,
         scene: CompiledScene,
-        row: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
-        bodies: Mapping[str, Body],
-        team: Team,
+        t: float,
+        x: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        multipliers: FloatArray | None = None,
     ) -> None:
-        t, x, v, a, multipliers = row
-        self._run = Trajectory(scene, t, x, v, a, multipliers, NOTHING_SPENT, bodies, team)
+        super().__init__(scene, t, x, v, a, multipliers)
         self.changed: NDArray[np.bool_] = np.zeros(scene.nv, bool)
-        self.new_rates = self._run.v[0].copy()
-
-    @property
-    def t(self) -> float:
-        """Time (s)."""
-        return float(self._run.t[0])
-
-    def position(self, frame: Frame) -> FloatArray:
-        """(3,) m, position of the frame's origin in the inertial frame."""
-        return self._run.position(frame)[0]
-
-    def rotation(self, frame: Frame) -> FloatArray:
-        """(3, 3) rotation from the frame's axes to inertial ones."""
-        return self._run.rotation(frame)[0]
-
-    def velocity(self, frame: Frame) -> FloatArray:
-        """(3,) m/s, velocity of the frame's origin, in inertial axes."""
-        return self._run.velocity(frame)[0]
-
-    def angular_velocity(self, frame: Frame) -> FloatArray:
-        """(3,) rad/s, angular velocity of the frame, in inertial axes."""
-        return self._run.angular_velocity(frame)[0]
-
-    def beta(self, connection: Connection) -> FloatArray:
-        """Joint coordinates: a number where there is one, else (k,)."""
-        return self._run.beta(connection)[0]
-
-    def beta_rate(self, connection: Connection) -> FloatArray:
-        """Joint velocities: a number where there is one, else (k,)."""
-        return self._run.beta_rate(connection)[0]
-
-    def q(self, body: Body) -> FloatArray:
-        """(n,) modal coordinates."""
-        return self._run.q(body)[0]
+        self.new_rates = self.v.copy()
 
     def set_rate(self, connection: Connection, rate: ArrayLike) -> None:
         """Give a joint of the tree other velocities (rad/s or m/s) from this moment on.
@@ -87,7 +51,7 @@ class Moment:
         Raises:
             SceneError: the joint has no coordinate, or takes another number of velocities.
         """
-        slots = self._run.scene.index.coordinates(connection)
+        slots = self.scene.index.coordinates(connection)
         values = np.atleast_1d(numbers(rate))
         if values.shape != (slots.v.stop - slots.v.start,) or not np.isfinite(values).all():
             raise SceneError(

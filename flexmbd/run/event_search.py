@@ -237,18 +237,14 @@ class EventSearch:
 
     def _moment(self) -> Moment:
         s = self._integration.state
-        time = np.array([self._integration.t])
-        x, v, a, multipliers = (part[None].copy() for part in (s.x, s.v, s.a, s.multipliers))
-        row = (time, x, v, a, multipliers)
-        return Moment(self._integration.scene, row, self._bodies, self._team)
+        now = (part.copy() for part in (s.x, s.v, s.a, s.multipliers))
+        return Moment(self._integration.scene, self._integration.t, *now)
 
     def _signs_now(self) -> np.ndarray:
         return np.sign(self._values_now())
 
     def _values_at(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        multipliers = self._integration.state.multipliers
-        row = (np.array([t]), x[None], v[None], a[None], multipliers[None].copy())
-        moment = Moment(self._integration.scene, row, self._bodies, self._team)
+        moment = Moment(self._integration.scene, t, x, v, a)
         return np.array([event.value(moment, self._team) for event in self._events])
 
     def _values_now(self) -> NDArray[np.float64]:

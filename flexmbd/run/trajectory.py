@@ -24,10 +24,11 @@ from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
 from flexmbd.multibody.kernels.reading.forces import force_elements, keep_forces
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
+from flexmbd.multibody.motion.instant import Instant
+from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.results.energy import Energy
-from flexmbd.multibody.results.reaction import coordinate_force, reactions
 from flexmbd.multibody.scene_index import Slots
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
@@ -168,6 +169,17 @@ class Trajectory:
     def deformation_gradient(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3, 3) F = R U, from the undeformed body's axes to inertial ones; or at times ``t`` (k,)."""
         return self.rotation(body.frame(body.solid.com), t=t) @ self.stretch(body, t=t)
+
+    def at(self, t: float) -> Instant:
+        """The machine at a time (s), which answers what its joints pass on at the ends of steps alone.
+
+        Raises:
+            SceneError: a time outside the trajectory.
+        """
+        x, v, a = self.motion(t)
+        rows = np.flatnonzero(self.t == t)
+        known = self.multipliers[rows[0]] if len(rows) and self.scene.interiors is None else None
+        return Instant(self.scene, float(t), x[0], v[0], a[0], known)
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""

@@ -15,8 +15,8 @@ from flexmbd.multibody.kane.equations import Kinematics, active_forces, elastic_
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.motion.reaction import reactions as reactions_of
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian
-from flexmbd.multibody.results.reaction import reactions as reactions_of
 from flexmbd.run.stopped import SimulationError
 
 

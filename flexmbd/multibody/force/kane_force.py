@@ -9,8 +9,9 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import OnState, Table
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
-from flexmbd.multibody.kane.equations import Contribution, Kinematics, Machine
+from flexmbd.multibody.kane.equations import Kinematics
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.motion.machine import Contribution, Machine
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
-from flexmbd.multibody.kane.equations import Machine, WrenchSource
 from flexmbd.multibody.kane.inertia import GivenBody
+from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 
 class Table(Protocol):

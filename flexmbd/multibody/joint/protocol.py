@@ -50,6 +50,15 @@ class Step:
     pitch: float = 0.0
 
 
+#: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def step_turn(step: Step, reverse: bool) -> FloatArray:
+    """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
+    return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
+
+
 @runtime_checkable
 class Joint(Protocol):
     """A joint between a frame F on the parent and a frame G on the child.

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kane.equations import Machine
 from flexmbd.multibody.kane.response import Response
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
 from flexmbd.multibody.kernels.reading.forces import without_function
 from flexmbd.multibody.kernels.reading.tree import joint_frame
+from flexmbd.multibody.motion.machine import Machine
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ It is a second way to the equations of motion, by definition and not by recursio
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,142 +17,54 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
-from flexmbd.multibody.kernels.reading.forces import without_forces
 from flexmbd.multibody.kernels.reading.motion import asked_wrenches
 from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places
-from flexmbd.multibody.scene_index import SceneIndex, Slots
-from flexmbd.multibody.topology import Topology
+from flexmbd.multibody.motion.instant import Instant
+from flexmbd.multibody.motion.machine import Contribution, Machine
+from flexmbd.multibody.scene_index import Slots
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
 
-#: A force (3,) N at a frame's origin and a torque (3,) N m, both in inertial axes.
-Contribution = tuple[Frame, ArrayLike, ArrayLike]
+class Kinematics(Instant):
+    """A machine's motion, which ``move`` brings to other instants, with its partial velocities."""
 
-
-class Machine(Protocol):
-    """What is asked of a compiled scene."""
-
-    @property
-    def plan(self) -> Plan:
-        """The flat arrays."""
-
-    @property
-    def extent(self) -> float:
-        """The machine's size (m)."""
-        ...
-
-    @property
-    def nv(self) -> int:
-        """Number of generalised speeds."""
-
-    @property
-    def topology(self) -> Topology:
-        """Tree and closures."""
-
-    @property
-    def index(self) -> SceneIndex:
-        """Where bodies, joints and forces stand in the arrays."""
-
-    def refuse_failed(self, work: Work) -> None:
-        """Raise the error of a user's function that failed in an evaluation, if one did."""
-
-
-class WrenchSource(Protocol):
-    """What acts on frames by wrenches that only its generalised forces tell the equations of."""
-
-    def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> Iterable[Contribution]:
-        """Force and torque on each frame that it acts on, at a time (s) and state x (nx,), v (nv,)."""
-
-
-class Kinematics:
-    """A machine's motion at an instant, asked frame by frame; vectors in inertial axes.
-
-    Attributes:
-        t: time (s).
-        x, v, a: (nx,), (nv,), (nv,) configuration, generalised speeds, their rates.
-    """
+    multipliers: None = None
 
     def __init__(self, scene: Machine) -> None:
-        self._scene = scene
-        self._plan = without_forces(scene.plan)
-        self._work = new_work(self._plan)
-        self._rows: dict[tuple[object, ...], int] = {}
-        self.t = 0.0
-        self.x: FloatArray = np.zeros(0)
-        self.v: FloatArray = np.zeros(scene.nv)
-        self.a: FloatArray = np.zeros(scene.nv)
+        super().__init__(scene, 0.0, scene.start, np.zeros(scene.nv), np.zeros(scene.nv))
 
     def move(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray | None = None) -> Kinematics:
         """Bring it to another instant; without ``a`` accelerations are those of constant speeds."""
         self.t, self.x, self.v = t, np.ascontiguousarray(x), np.ascontiguousarray(v)
-        self.a = np.zeros(self._scene.nv) if a is None else np.ascontiguousarray(a)
-        forward(self._plan, self._work, self.x, self.v, self.a)
+        self.a = np.zeros(self.scene.nv) if a is None else np.ascontiguousarray(a)
+        self._frames.move(self.x, self.v, self.a)
         return self
 
     @property
     def bodies(self) -> tuple[Body, ...]:
         """All bodies but the ground."""
-        return tuple(branch.outer.body for branch in self._scene.topology.branches)
-
-    def position(self, frame: Frame) -> FloatArray:
-        """(3,) m, of the frame's origin."""
-        return self._motion(frame)[0]
-
-    def rotation(self, frame: Frame) -> FloatArray:
-        """(3, 3) rotation from the frame's axes to inertial ones."""
-        return self._motion(frame)[1]
-
-    def velocity(self, frame: Frame) -> FloatArray:
-        """(3,) m/s, of the frame's origin."""
-        return self._motion(frame)[2]
-
-    def angular_velocity(self, frame: Frame) -> FloatArray:
-        """(3,) rad/s."""
-        return self._motion(frame)[3]
-
-    def acceleration(self, frame: Frame) -> FloatArray:
-        """(3,) m/s^2, of the frame's origin."""
-        return self._motion(frame)[4]
-
-    def angular_acceleration(self, frame: Frame) -> FloatArray:
-        """(3,) rad/s^2."""
-        return self._motion(frame)[5]
-
-    def beta(self, connection: Connection) -> FloatArray:
-        """Coordinates (k,) of a joint of the tree."""
-        return self.x[self._scene.index.coordinates(connection).x]
-
-    def beta_rate(self, connection: Connection) -> FloatArray:
-        """Velocities (k,) of a joint of the tree."""
-        return self.v[self._scene.index.coordinates(connection).v]
-
-    def q(self, body: Body) -> FloatArray:
-        """(n,) modal coordinates."""
-        return self.x[self.modal_slots(body).x]
-
-    def q_rate(self, body: Body) -> FloatArray:
-        """(n,) rates of the modal coordinates."""
-        return self.v[self.modal_slots(body).v]
+        return tuple(branch.outer.body for branch in self.scene.topology.branches)
 
     def modal_slots(self, body: Body) -> Slots:
         """Where the body's modal coordinates lie in x and in v."""
-        return self._scene.index.modal(body)
+        return self.scene.index.modal(body)
 
     def partial_velocities(self, frames: Sequence[Frame]) -> tuple[FloatArray, FloatArray]:
         """v_r (k, 3, nv) of the origins of k frames and w_r (k, 3, nv) of their axes."""
-        rows = [self._row(frame) for frame in frames]
-        work, rest = new_work(self._plan), np.zeros(self._scene.nv)
-        linear, angular = np.zeros((2, len(rows), 3, self._scene.nv))
-        for r, unit in enumerate(np.eye(self._scene.nv)):
-            forward(self._plan, work, self.x, unit, rest)
+        rows = [self._frames.row(frame) for frame in frames]
+        plan, _ = self._frames.evaluated()
+        nv = self.scene.nv
+        work, rest = new_work(plan), np.zeros(nv)
+        linear, angular = np.zeros((2, len(rows), 3, nv))
+        for r, unit in enumerate(np.eye(nv)):
+            forward(plan, work, self.x, unit, rest)
             for k, row in enumerate(rows):
-                _, R, velocity, spin, _, _ = frame_motion(self._plan, work, row)
+                _, R, velocity, spin, _, _ = frame_motion(plan, work, row)
                 linear[k, :, r] = np.reshape(R, (3, 3)) @ velocity
                 angular[k, :, r] = np.reshape(R, (3, 3)) @ spin
         return linear, angular
@@ -165,31 +76,15 @@ class Kinematics:
             SceneError: a frame of another scene, or a force or torque that is not three finite numbers.
         """
         loads = [_checked(*contribution) for contribution in contributions]
-        rows = [self._row(frame) for frame, _, _ in loads]
-        out = np.zeros(self._scene.nv)
-        asked_wrenches(self._work)[:] = 0.0
+        rows = [self._frames.row(frame) for frame, _, _ in loads]
+        plan, work = self._frames.evaluated()
+        out = np.zeros(self.scene.nv)
+        asked_wrenches(work)[:] = 0.0
         for row, (_, force, torque) in zip(rows, loads, strict=True):
-            R = np.reshape(frame_motion(self._plan, self._work, row)[1], (3, 3))
-            load_frame(self._plan, self._work, row, _triple(R.T @ force), _triple(R.T @ torque), out)
-        backward(self._plan, self._work, out)
+            R = np.reshape(frame_motion(plan, work, row)[1], (3, 3))
+            load_frame(plan, work, row, _triple(R.T @ force), _triple(R.T @ torque), out)
+        backward(plan, work, out)
         return out
-
-    def _row(self, frame: Frame) -> int:
-        # by its place, for functions make the same frame anew at each call
-        modes = None if frame.modes is None else frame.modes.tobytes()
-        key = id(frame.body), frame.p_BF_B.tobytes(), frame.R_BF.tobytes(), modes
-        if key not in self._rows:
-            self._plan = self._scene.index.with_probe(self._plan, frame)
-            self._work = new_work(self._plan)
-            self._rows[key] = len(self._plan.frames) - 1
-            forward(self._plan, self._work, self.x, self.v, self.a)
-        return self._rows[key]
-
-    def _motion(self, frame: Frame) -> tuple[FloatArray, ...]:
-        row = self._row(frame)
-        p, R, *rates = frame_motion(self._plan, self._work, row)
-        turn = np.reshape(R, (3, 3))
-        return np.array(p), turn, *(turn @ rate for rate in rates)
 
 
 def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution]) -> FloatArray:

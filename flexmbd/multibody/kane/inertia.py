@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.kane.equations import Contribution, Kinematics, Machine
+from flexmbd.multibody.kane.equations import Kinematics
 from flexmbd.multibody.kane.response import Response
 from flexmbd.multibody.kernels.reading.forces import without_function
+from flexmbd.multibody.motion.machine import Contribution, Machine
 
 FloatArray = NDArray[np.float64]
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.bodies.body import FlexibleBody, Frame
-from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
-from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import frame_series
+from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class WorkingPoint:
+class WorkingPoint(Instant):
     """A state of a machine whose accelerations are to be zero.
 
     Attributes:
@@ -40,22 +40,10 @@ class WorkingPoint:
     interiors: Kept = NOTHING_KEPT
     unstable: int | None = None
 
-    def beta(self, connection: Connection) -> FloatArray:
-        """Joint coordinates, () where there is one, else (k,); rad or m."""
-        values = self.x[self.scene.index.coordinates(connection).x]
-        return values[0] if len(values) == 1 else values.copy()
-
-    def q(self, body: FlexibleBody | PseudoRigidBody) -> FloatArray:
-        """(n,) modal coordinates of a body."""
-        return self.x[self.scene.index.modal(body).x].copy()
-
-    def position(self, frame: Frame) -> FloatArray:
-        """(3,) m, of the frame's origin in inertial axes."""
-        return frame_motion(self.scene, frame, self.x, self.v)[:3]
-
-    def rotation(self, frame: Frame) -> FloatArray:
-        """(3, 3) rotation from the frame's axes to inertial ones."""
-        return frame_motion(self.scene, frame, self.x, self.v)[3:12].reshape(3, 3)
+    @cached_property
+    def a(self) -> FloatArray:  # type: ignore[override]
+        """(nv,) zeros."""
+        return np.zeros_like(self.v)
 
 
 def frame_motion(scene: CompiledScene, frame: Frame, x: FloatArray, v: FloatArray) -> FloatArray:

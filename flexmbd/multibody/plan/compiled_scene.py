@@ -17,10 +17,10 @@ from flexmbd.multibody.functions.time_function import TimeRow, as_row
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coupling import Coupling
-from flexmbd.multibody.kane.equations import WrenchSource
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
+from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import lay_forces
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.rows import lay_penalties, lay_rows
@@ -87,6 +87,10 @@ class CompiledScene:
     def nv(self) -> int:
         """Number of generalised velocities, prescribed ones included."""
         return len(self.velocity_names)
+
+    def forget_failure(self) -> None:
+        """Forget what a user's function did wrong before."""
+        self.callbacks.reset()
 
     def refuse_failed(self, work: Work) -> None:
         """Raise the error of a user's function that failed in an evaluation, if one did.

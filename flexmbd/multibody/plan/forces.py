@@ -16,11 +16,11 @@ from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, Piecewise, TimeFunction, as_row, checked_breaks
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
-from flexmbd.multibody.kane.equations import Machine, WrenchSource
 from flexmbd.multibody.kane.inertia import GivenBody, KaneInertia
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 

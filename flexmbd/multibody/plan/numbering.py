@@ -11,26 +11,17 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, TimeRow
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.protocol import Joint, Step
+from flexmbd.multibody.joint.protocol import Joint, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.rotation import z_onto
 
 FloatArray = NDArray[np.float64]
 
-#: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.
-_FLIP = np.diag([1.0, -1.0, -1.0])
-
 #: Deformations below this share of the machine's extent are resolved no more finely than it.
 _MODAL_SHARE = 1e-3
-
-
-def step_turn(step: Step, reverse: bool) -> FloatArray:
-    """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
-    return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
 
 
 class Numbering:

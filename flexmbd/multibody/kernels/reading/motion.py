@@ -14,7 +14,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 FloatArray = NDArray[np.float64]
 
 
-class Motion(NamedTuple):
+class RigidMotion(NamedTuple):
     """Place and motion of a body or a frame, all in inertial axes.
 
     Attributes:
@@ -29,19 +29,19 @@ class Motion(NamedTuple):
     w: FloatArray
 
 
-def body_motion(work: Work, row: int) -> Motion:
+def body_motion(work: Work, row: int) -> RigidMotion:
     """Of the link in ``row``."""
     body = work.body[row]
     R = body[at.B_R : at.B_R + 9].reshape(3, 3).copy()
     v, w = (R @ body[o : o + 3] for o in (at.B_V, at.B_W))
-    return Motion(body[at.B_P : at.B_P + 3].copy(), R, v, w)
+    return RigidMotion(body[at.B_P : at.B_P + 3].copy(), R, v, w)
 
 
-def world_motion(plan: Plan, work: Work, frame: int) -> Motion:
+def world_motion(plan: Plan, work: Work, frame: int) -> RigidMotion:
     """Of the frame in row ``frame`` of ``plan.frames``."""
     p, R, v, w, *_ = frame_motion(plan, work, frame)
     turn = np.array(R).reshape(3, 3)
-    return Motion(np.array(p), turn, turn @ v, turn @ w)
+    return RigidMotion(np.array(p), turn, turn @ v, turn @ w)
 
 
 def frame_in_body(work: Work, frame: int) -> tuple[FloatArray, FloatArray]:

@@ -8,20 +8,19 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.joint.protocol import Joint
-from flexmbd.multibody.kane.equations import Kinematics
+from flexmbd.multibody.joint.protocol import Joint, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
 from flexmbd.multibody.kernels.reading.tree import joint_frame, outboard
-from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.numbering import step_turn
+from flexmbd.multibody.motion.machine import Machine
+from flexmbd.multibody.motion.moving_frames import MovingFrames
 
 FloatArray = NDArray[np.float64]
 
 
 def reactions(
-    scene: CompiledScene,
+    scene: Machine,
     connection: Connection,
     t: FloatArray,
     x: FloatArray,
@@ -37,7 +36,7 @@ def reactions(
         SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.
     """
     out: FloatArray = np.zeros((len(t), 6))
-    scene.callbacks.reset()
+    scene.forget_failure()
     series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
     work = new_work(scene.plan)
     rows = scene.index.links.get(connection)
@@ -65,25 +64,25 @@ def reactions(
 
 
 def _given_wrenches(
-    scene: CompiledScene, frame: Frame, root: int, t: FloatArray, x: FloatArray, v: FloatArray
+    scene: Machine, frame: Frame, root: int, t: FloatArray, x: FloatArray, v: FloatArray
 ) -> FloatArray:
     """(nt, 6) what ``scene.wrench_sources`` do to body ``root`` and all outboard of it, about a frame and in its axes.
 
     The plan knows them as generalised forces, of which no joint can tell what it passes on.
     """
     carried = outboard(scene.plan, root)
-    kinematics = Kinematics(scene)
+    frames, rest = MovingFrames(scene), np.zeros(scene.nv)
     sums: FloatArray = np.zeros((len(t), 6))
     for k in range(len(t)):
-        kinematics.move(float(t[k]), x[k], v[k])
-        R = kinematics.rotation(frame)
+        frames.move(x[k], v[k], rest)
+        here = frames.motion(frame)
         for source in scene.wrench_sources:
             for place, force, torque in source.wrenches(float(t[k]), x[k], v[k]):
                 if scene.index.bodies[place.body] in carried:
                     push: FloatArray = np.asarray(force, dtype=np.float64)
-                    arm: FloatArray = kinematics.position(place) - kinematics.position(frame)
+                    arm: FloatArray = frames.motion(place).p - here.p
                     moment = np.asarray(torque, dtype=np.float64) + np.cross(arm, push)
-                    sums[k] += np.concatenate([R.T @ push, R.T @ moment])
+                    sums[k] += np.concatenate([here.R.T @ push, here.R.T @ moment])
     return sums
 
 

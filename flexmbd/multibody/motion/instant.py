@@ -1,0 +1,116 @@
+"""A machine at one instant, asked by its frames, joints and bodies."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.motion.machine import Machine
+from flexmbd.multibody.motion.moving_frames import MovingFrames
+from flexmbd.multibody.motion.reaction import reactions
+
+FloatArray = NDArray[np.float64]
+
+
+class Instant:
+    """What a machine does at one instant; vectors are in inertial axes.
+
+    All answers raise SceneError where a frame, joint or body is of another scene, and where a joint has no coordinates
+    or a body no modes.  They are arrays of their own.
+
+    Attributes:
+        scene: the compiled scene.
+        t: time (s).
+        x, v, a: (nx,), (nv,), (nv,) configuration, velocities and accelerations.
+        multipliers: (m,) reactions of the loops (N or N m); None where nobody has solved for them.
+    """
+
+    scene: Machine
+    t: float
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    multipliers: FloatArray | None
+
+    def __init__(
+        self,
+        scene: Machine,
+        t: float,
+        x: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        multipliers: FloatArray | None = None,
+    ) -> None:
+        self.scene, self.t, self.multipliers = scene, t, multipliers
+        self.x, self.v, self.a = (np.ascontiguousarray(part) for part in (x, v, a))
+
+    def position(self, frame: Frame) -> FloatArray:
+        """(3,) m, of the frame's origin."""
+        return self._frames.motion(frame).p
+
+    def rotation(self, frame: Frame) -> FloatArray:
+        """(3, 3) rotation from the frame's axes to inertial ones."""
+        return self._frames.motion(frame).R
+
+    def velocity(self, frame: Frame) -> FloatArray:
+        """(3,) m/s, of the frame's origin."""
+        return self._frames.motion(frame).v
+
+    def angular_velocity(self, frame: Frame) -> FloatArray:
+        """(3,) rad/s."""
+        return self._frames.motion(frame).w
+
+    def acceleration(self, frame: Frame) -> FloatArray:
+        """(3,) m/s^2, of the frame's origin."""
+        return self._frames.motion(frame).a
+
+    def angular_acceleration(self, frame: Frame) -> FloatArray:
+        """(3,) rad/s^2."""
+        return self._frames.motion(frame).alpha
+
+    def beta(self, connection: Connection) -> FloatArray:
+        """Coordinates of a joint (rad or m): a number where there is one, else (k,)."""
+        return _single(self.x[self.scene.index.coordinates(connection).x])
+
+    def beta_rate(self, connection: Connection) -> FloatArray:
+        """Velocities of a joint (rad/s or m/s): a number where there is one, else (k,)."""
+        return _single(self.v[self.scene.index.coordinates(connection).v])
+
+    def q(self, body: Body) -> FloatArray:
+        """(n,) modal coordinates."""
+        return self.x[self.scene.index.modal(body).x].copy()
+
+    def q_rate(self, body: Body) -> FloatArray:
+        """(n,) rates of the modal coordinates."""
+        return self.v[self.scene.index.modal(body).v].copy()
+
+    def reaction(self, connection: Connection) -> FloatArray:
+        """(6,) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
+
+        The moment is about the origin of the child's frame; both are in that frame's axes.
+
+        Raises:
+            SceneError: nobody has solved for the loops' reactions, or they are redundant, so that only a trajectory
+                shares them out.
+        """
+        if self.multipliers is None or self.scene.redundant:
+            why = "its loops are redundant" if self.scene.redundant else "nobody has solved for it there"
+            raise SceneError(
+                f"the reaction of joint {connection.name!r} at t = {self.t:g} s is not known: {why}; ask a "
+                "trajectory, run.reaction(joint)"
+            )
+        rows = (np.array([self.t]), self.x[None], self.v[None], self.a[None], self.multipliers[None])
+        return reactions(self.scene, connection, *rows)[0]
+
+    @cached_property
+    def _frames(self) -> MovingFrames:
+        return MovingFrames(self.scene).move(self.x, self.v, self.a)
+
+
+def _single(values: FloatArray) -> FloatArray:
+    return values[0] if len(values) == 1 else values.copy()
