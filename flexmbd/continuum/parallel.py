@@ -116,6 +116,14 @@ class MpiTeam:
 
     comm: MPI.Comm
 
+    def __deepcopy__(self, memo: object) -> MpiTeam:
+        """Itself: the ranks are the same."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What is unpickled is run by one process: ranks belong to a run."""
+        return _team_of_one, ()
+
     @property
     def is_root(self) -> bool:
         """Whether this rank writes files, prints and draws."""
@@ -137,6 +145,10 @@ class MpiTeam:
     def fail(self, error: Exception | None) -> None:
         """Raise on every rank if any rank hands in an error (`raise_collectively`). Collective."""
         raise_collectively(self.comm, error)
+
+
+def _team_of_one() -> MpiTeam:
+    return MpiTeam(MPI.COMM_SELF)
 
 
 def _portable(error: Exception | None) -> bytes | None:

@@ -84,6 +84,9 @@ NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
 class Trajectory:
     """Time series of a machine; arrays run over the accepted steps, start included.
 
+    It can be pickled and deep-copied.  A copy answers for the copied bodies and joints, not for the first ones: take
+    them from its ``bodies``, or copy system, frames and trajectory together, as one tuple.
+
     Attributes:
         scene: the compiled scene, with its redundant rows.
         t: (nt,) s.

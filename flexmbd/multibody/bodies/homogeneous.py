@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -152,6 +152,17 @@ class CompiledEnergy:
         still, turned = self.evaluate(U)[1], self.evaluate(R @ U)[1]
         if not abs(R.T @ turned - still).max() <= _OBJECTIVE * (abs(still).max() + abs(at_rest[1]).max()):
             raise SceneError(f"energy {self.name}: it changes as the body turns; W(R F) must be W(F)")
+
+    def __deepcopy__(self, memo: object) -> CompiledEnergy:
+        """Itself: it never changes."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Raise SceneError: the function is code of this process."""
+        raise SceneError(
+            f"energy {self.name} is compiled for this process and cannot be pickled; pickle the arrays of a result, or "
+            "copy it with copy.deepcopy"
+        )
 
     def evaluate(self, F: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
         """W (J/m^3), dW/dF (3, 3) and its derivative (3, 3, 3, 3), Pa."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ from flexmbd.errors import SceneError, TableWarning
 from flexmbd.given import is_truth, numbers, refuse_no_truth
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.compiling import pickled_function
 
 FloatArray = NDArray[np.float64]
 
@@ -86,6 +88,19 @@ class Compiled:
     signature: Signature = Signature.TIME
     code: str = ""  # tells it from others where addresses change from process to process
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    source: Any = None
+
+    def __deepcopy__(self, memo: object) -> Compiled:
+        """Itself: it never changes."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The Python function, by value, to be compiled where it is unpickled."""
+        return _compiled_again, (pickled_function(self.source), self.breaks)
+
+
+def _compiled_again(function: bytes, breaks: FloatArray) -> Compiled:
+    return compiled(pickle.loads(function), breaks=breaks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +194,7 @@ def compiled(
         pointer = _state_pointer(njit(error_model="numpy")(function))
     else:
         pointer = cfunc(types.float64(*[types.float64] * count), error_model="numpy")(function)
-    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known)
+    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function)
 
 
 def _state_pointer(inner: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,23 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
+class SceneParts:
+    """What a scene is compiled of, in the order of the arguments of ``build``."""
+
+    topology: Topology
+    ground: Body
+    forces: tuple[Force, ...]
+    couplings: tuple[Coupling, ...]
+    gravity: FloatArray
+    team: Team
+
+
+@dataclass(frozen=True, eq=False)
 class CompiledScene:
     """A scene as the kernels see it, and the way back from numbers to names.
+
+    It can be pickled and deep-copied, and then knows the copied bodies and joints: addresses are found anew by
+    compiling the same parts.  Unpickled it is run by one process.
 
     Attributes:
         plan: the flat arrays.
@@ -55,9 +71,13 @@ class CompiledScene:
         redundant: names of constraint rows left out as redundant.
         interiors: those of bodies with history; None where there are none.
         breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
+        parts: what it is compiled of.
+        addresses: of all functions that the whole scene calls, in the order of ``_addresses``.
     """
 
     plan: Plan
+    parts: SceneParts
+    addresses: tuple[int, ...]
     topology: Topology
     index: SceneIndex
     velocity_names: tuple[str, ...]
@@ -136,6 +156,11 @@ class CompiledScene:
         found: FloatArray = np.unique(np.concatenate([self.breaks, *(row.breaks for row in self.time_rows)]))
         return found
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Its parts and numbers; functions' addresses are of this process."""
+        numbers = {name: getattr(self, name) for name in _NUMBERS}
+        return _compiled_anew, (self.parts, self.addresses, numbers)
+
     def refuse_other(self, scene: CompiledScene) -> None:
         """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
         if self.velocity_names != scene.velocity_names:
@@ -155,6 +180,33 @@ class CompiledScene:
             row_owners=tuple(self.row_owners[k] for k in chosen),
             redundant=tuple(self.row_names[k] for k in left),
         )
+
+
+#: What a scene keeps when it is pickled; all else follows from its parts.
+_NUMBERS = (
+    "plan", "velocity_names", "row_names", "row_owners", "start", "time_names", "element_names", "extent", "group_of",
+    "group_kind", "group_full", "group_floor", "redundant", "breaks",
+)  # fmt: skip
+
+
+def _addresses(plan: Plan) -> tuple[int, ...]:
+    """Addresses of functions of time, then of force elements; 0 where there are none."""
+    found = np.concatenate([plan.times[:, at.TIME_ADDRESS :].ravel(), plan.elements[:, at.EL_ADDRESS]])
+    return tuple(int(address) for address in found)
+
+
+def _compiled_anew(parts: SceneParts, addresses: tuple[int, ...], numbers: dict[str, Any]) -> CompiledScene:
+    """A scene of these parts with the numbers that it had and the addresses that its functions have now."""
+    whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team)
+    if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
+        raise SceneError("the scene has changed since it was compiled; copy or pickle what is compiled before that")
+    now = {0: 0, **dict(zip(addresses, whole.addresses, strict=True))}
+    plan = numbers.pop("plan")
+    times, elements = plan.times.copy(), plan.elements.copy()
+    for column in (*times.T[at.TIME_ADDRESS :], elements.T[at.EL_ADDRESS]):
+        column[:] = [now[int(address)] for address in column]
+    plan = plan._replace(times=times, elements=elements, lapack=whole.plan.lapack, flag=whole.plan.flag)
+    return replace(whole, plan=plan, **numbers)
 
 
 def _coarse(table: FloatArray) -> FloatArray:
@@ -180,6 +232,7 @@ def build(
         SceneError: a force on a joint that has no coordinate in the tree, or a prescribed joint
             that closes a loop.
     """
+    parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team)
     b = Numbering(ground, _extent(topology), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
@@ -216,6 +269,8 @@ def build(
     )
     scene = CompiledScene(
         plan=plan,
+        parts=parts,
+        addresses=_addresses(plan),
         topology=topology,
         index=b.index,
         velocity_names=tuple(b.names),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit
-from numba.core import caching
+from numba.core import caching, serialize
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -176,6 +176,11 @@ def part_of_kernel(function: F) -> F:
     had better be a kernel, and what is longer still stand behind an address (``separate``).
     """
     return njit(inline="always", error_model="numpy", nogil=True, _nrt=False)(function)
+
+
+def pickled_function(function: Callable[..., Any]) -> bytes:
+    """A Python function by value, with what it refers to, for ``pickle.loads``."""
+    return bytes(serialize.dumps(function))
 
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
