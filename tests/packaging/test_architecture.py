@@ -1,0 +1,36 @@
+"""The page on the architecture names what there is, its pictures are of today's imports, and no imports go in circles."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text()
+# a function's name at the beginning of a line of code, and at its end the file that has it
+_LINE = r"^ *(?:def |\w+ = |return )?(?:integration\.)?(\w+)\(.*?(\w+(?:/\w+)+\.py)"
+CALLS = re.findall(_LINE, PAGE, re.MULTILINE)
+
+
+def of_tools(*command):
+    return subprocess.run([sys.executable, *command], cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(("name", "file"), sorted(set(CALLS)))
+def test_every_function_named_is_where_the_page_says(name, file):
+    source = (ROOT / "flexmbd" / file).read_text()
+    assert re.search(rf"^ *(def|class) {name}\b", source, re.MULTILINE), f"{file} has no {name}"
+
+
+def test_the_page_names_the_step_from_end_to_end():
+    named = {name for name, _ in CALLS}
+    assert {"advance", "next_step", "forward_dynamics", "residual", "build", "consistent_start"} <= named
+
+
+def test_pictures_are_of_today_s_imports():
+    found = of_tools("tools/draw_rooms.py", "--check")
+    assert found.returncode == 0, found.stdout + found.stderr
