@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # other checkouts, which run the same scenes, may have these 
     from flexmbd.integrate.protocol import Integrator
     from flexmbd.multibody.bodies.body import Frame
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "scenes"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
 import beam_record
 import mechanisms
 

@@ -38,7 +38,7 @@ import scenes
 from beam_record import arm, beam
 from scenes import METHODS, Method
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "scenes"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
 import mechanisms
 
 import flexmbd as fm
@@ -174,7 +174,7 @@ def branching(method: Method) -> float:
     mechanism = mechanisms.slider_crank(0.2, 0.2, speed=10.0)
     run = mechanism.scene.simulate(2.5, h=1e-3, integrator=method.make())
     crank = run.bodies["crank"]
-    x = run.position(crank.frame(p=(0.2, 0.0, 0.0)))[:, 0]
+    x = run.position(crank.frame(p=(0.2, 0.0, 0.0)))[:, 0]  # type: ignore[attr-defined]
     return float(np.abs(run.position(mechanism.point)[:, 0] - 2.0 * x).max())
 
 

@@ -89,7 +89,7 @@ def test_saddle_point_is_that_of_its_blocks():
     """Stiffness block by block, from forms written by hand on two spaces."""
     body = model("pressure", comm=MPI.COMM_SELF)
     p = MATERIALS["pressure"]
-    lam, mu = p.E * p.nu / ((1 + p.nu) * (1 - 2 * p.nu)), p.E / (2 * (1 + p.nu))
+    lam, mu = p.E * p.nu / ((1 + p.nu) * (1 - 2 * p.nu)), p.E / (2 * (1 + p.nu))  # type: ignore[attr-defined]
     one, other = (field.space for field in body.layout.fields)
     u, v = ufl.TrialFunction(one), ufl.TestFunction(one)
     r, q = ufl.TrialFunction(other), ufl.TestFunction(other)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from half_way import TIMES, bar, run
 
 import flexmbd as fm
 from flexmbd.continuum import ExplicitRun, RegularCheckpoints, RigidPlane
@@ -17,10 +18,7 @@ from flexmbd.continuum.history.body_file import load_body, save_body
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.forms import hencky_plasticity
 
-sys.path.append(str(Path(__file__).parent))
-from half_way import TIMES, bar, run
-
-SCRIPT = Path(__file__).with_name("half_way.py")
+SCRIPT = Path(__file__).parents[1] / "helpers" / "half_way.py"
 WORLD = MPI.COMM_WORLD
 
 

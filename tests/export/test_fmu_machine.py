@@ -13,6 +13,7 @@ from exported_bodies import soft_bar
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from scipy.interpolate import PPoly
+from spring_machines import Nothing
 from units import Unit, library
 
 import flexmbd as fm
@@ -248,6 +249,7 @@ def crank_motion(torque, integrator, rtol):
 ELSEWHERE = """
 import sys
 from pathlib import Path
+from spring_machines import Nothing
 from units import Unit
 unit = Unit(sys.argv[1], sys.argv[1])
 one = unit.instance()
@@ -267,7 +269,7 @@ def test_states_go_on_in_another_process(arm, tmp_path):
     (tmp_path / "state").write_bytes(one.fmu.serializeFMUState(one.keep()))
     one.step(1e-3)
     command = [sys.executable, "-c", ELSEWHERE, unit.folder, tmp_path / "state"]
-    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=Path(__file__).parents[1] / "helpers", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert float(done.stdout.split()[-1]) == one.get(["tip.x"])[0]
     one.free()
@@ -374,10 +376,7 @@ def test_what_cannot_leave_is_refused(tmp_path, monkeypatch):
     assert path.read_text() == "before"
 
 
-def test_bodies_with_history_stay(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "multibody"))
-    from spring_machines import Nothing
-
+def test_bodies_with_history_stay(tmp_path):
     scene = fm.System()
     lattice = scene.add(fm.ContinuumBody(Nothing()), name="lattice")
     scene.connect(fm.joint.Free(), scene.ground.frame(), lattice.frame("alone"))

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-from test_explicit_runge_kutta import euler_top, heavy_top, loaded_slider_crank, rods_double_pendulum
+from classic_machines import euler_top, heavy_top, loaded_slider_crank, rods_double_pendulum
+from machines import CRANK, slider_position
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.run.stopped import SimulationError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import CRANK, slider_position
-from particles import particle_body
 
 METHOD = fm.CentralDifference()
 

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from machines import pendulum, slider_crank
 
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
 from flexmbd.run.stepping import Integration, new_snapshot
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import pendulum, slider_crank
 
 END = 0.48
 PATTERNS = {"1:2": (1.0, 2.0), "1:3:2": (1.0, 3.0, 2.0), "equal": (1.0,)}

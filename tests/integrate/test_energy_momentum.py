@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from machines import slider_crank, slider_position
 from numba import njit
+from particles import particle_body, strain_energy
 
 import flexmbd as fm
 from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector
@@ -24,10 +24,6 @@ from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.reading.forces import storing_plan
 from flexmbd.multibody.plan.scene_matrices import mass_matrix
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import slider_crank, slider_position
-from particles import particle_body, strain_energy
 
 METHOD = fm.EnergyMomentum()
 CLOUDS = (particle_body(1, modes=3, stretched=(0, 2)), particle_body(2, modes=4))

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from particles import particle_body
 from scipy.integrate import solve_ivp
 
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
 from flexmbd.run.stepping import Integration, new_snapshot
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from particles import particle_body
 
 END = 4.0
 INERTIA = 1.0 / 12.0 + 0.25  # of the rod about its hinge, kg m^2

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from machines import CRANK, pendulum, slider_crank, slider_position
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.integrate.alpha.generalized_alpha import ORDER
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import CRANK, pendulum, slider_crank, slider_position
-from particles import particle_body
 
 
 def loaded_slider_crank():

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
+from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum
 
 import flexmbd as fm
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum
 
 STIFFNESS, MIDDLE, END = 40.0, 0.5, 2.0
 WAYS = {

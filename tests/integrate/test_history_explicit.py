@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from spring_interior import ExplicitSprings, as_continuum, chain
+from spring_machines import pendulum
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.rotation import from_quaternion
 from flexmbd.run.stopped import SimulationError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from spring_interior import ExplicitSprings, as_continuum, chain
-from spring_machines import pendulum
 
 EXPLICIT = fm.CentralDifference()
 TURN = from_quaternion(np.array([0.8, 0.0, 0.6, 0.0]))

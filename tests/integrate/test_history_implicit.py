@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from spring_interior import ImplicitSprings, as_continuum, chain
+from spring_machines import loop, pendulum
 
 import flexmbd as fm
 from flexmbd.errors import ConvergenceError
@@ -15,10 +15,6 @@ from flexmbd.integrate.alpha import interiors as alpha_interiors
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.run.stopped import SimulationError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from spring_interior import ImplicitSprings, as_continuum, chain
-from spring_machines import loop, pendulum
 
 IMPLICIT = fm.GeneralizedAlpha()
 

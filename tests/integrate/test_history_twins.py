@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum, chain
+from spring_machines import cantilever, loop, pendulum
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import InteriorFrame
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum, chain
-from spring_machines import cantilever, loop, pendulum
 
 EXPLICIT, IMPLICIT = fm.CentralDifference(), fm.GeneralizedAlpha()
 BOTH = [(ExplicitSprings, EXPLICIT), (ImplicitSprings, IMPLICIT)]

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from machines import CRANK, pendulum, slider_crank, slider_position
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.integrate.radau.coefficients import ORDER
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import CRANK, pendulum, slider_crank, slider_position
-from particles import particle_body
 
 RADAU = fm.RadauIIA()
 

@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 import pytest
 from particles import particle_body
+from random_trees import NOTHING, somewhere
 from scipy.spatial.transform import Rotation
-from test_articulated import NOTHING, somewhere
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to

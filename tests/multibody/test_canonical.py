@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_recursion import mixed_scene
+from mixed_machine import mixed_scene
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mixed_machine import mixed_scene
 from particles import particle_body
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
-from test_recursion import mixed_scene
 
 import flexmbd as fm
 from flexmbd.errors import SceneError

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from machines import pendulum
@@ -13,8 +10,6 @@ import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.algebra.so3 import quaternion_exp, quaternion_product
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 PLAIN = np.array([[4, 3]])
 QUATERNIONS = np.array([[0, 0]])

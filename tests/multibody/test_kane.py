@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import slider_crank
+from mixed_machine import GRAVITY, mixed_scene
 from particles import particle_body
 from scipy.spatial.transform import Rotation
-from test_recursion import GRAVITY, mixed_scene
 
 import flexmbd as fm
 from flexmbd.errors import SceneError

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from linear_machines import G, chain, loaded, loop, rotor
 from machines import pendulum
-from test_linearize import G, chain, loaded, loop, rotor
 
 import flexmbd as fm
 from flexmbd.errors import SceneError

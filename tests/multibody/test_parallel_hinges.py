@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mixed_machine import mixed_scene
+from random_trees import NOTHING, random_tree, somewhere
 from scipy.spatial.transform import Rotation
-from test_articulated import NOTHING, random_tree, somewhere
-from test_recursion import mixed_scene
 
 import flexmbd as fm
 from flexmbd.integrate import state as st

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mixed_machine import mixed_scene
 from particles import particle_body
 from scipy.spatial.transform import Rotation
-from test_recursion import mixed_scene
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds

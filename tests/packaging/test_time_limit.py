@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-TESTS = Path(__file__).resolve().parents[1]
+HELPERS = Path(__file__).resolve().parents[1] / "helpers"
 
 WAITS = """
 import time
@@ -52,7 +52,7 @@ def run(folder, text):
     command = [sys.executable, "-m", "pytest", "-p", "time_limit", "-c", os.devnull, "--rootdir", str(folder)]
     command += ["--timeout=1", "--timeout-method=thread", str(folder)]
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI_", "PMI"))}
-    environment["PYTHONPATH"] = str(TESTS)
+    environment["PYTHONPATH"] = str(HELPERS)
     return subprocess.run(command, capture_output=True, text=True, timeout=50, env=environment, check=False)
 
 

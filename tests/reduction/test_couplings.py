@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg
-from bracket import GROUPS, INTERFACES, bracket
+from bracket import GROUPS
+from coupled_part import AVERAGED, RIGID, coupled
 from full_model import FullModel
 from machine_side import dynamic_stiffness, motions, relative
 
-import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
@@ -23,20 +23,6 @@ from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Keep, craig_bampton, guyan
-
-RIGID, AVERAGED = fm.Coupling.RIGID, fm.Coupling.AVERAGED
-
-
-def coupled(couplings, *, comm=MPI.COMM_SELF, degree=1):
-    """The bracket with some of its interfaces, each coupled as said."""
-    return bracket(
-        interfaces=[
-            Interface(name, INTERFACES[name].origin, INTERFACES[name].axes, coupling)
-            for name, coupling in couplings.items()
-        ],
-        comm=comm,
-        degree=degree,
-    )
 
 
 class Dense:

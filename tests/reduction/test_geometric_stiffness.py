@@ -10,8 +10,8 @@ import scipy.linalg
 import scipy.optimize
 import ufl
 from bracket import GROUPS, bracket
+from coupled_part import AVERAGED, RIGID, coupled
 from full_model import FullModel
-from test_couplings import AVERAGED, RIGID, coupled
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import mechanisms as machine
 import numpy as np
@@ -188,7 +189,8 @@ def test_a_stiff_governor(method):
     assert abs(slide - np.cos(governor.tilt)) > 1e-2
     within = method.reach["governor"]
     assert run.beta(mechanism.joint)[-1] == pytest.approx(slide, abs=within)
-    assert run.angular_velocity(run.bodies["shaft"].frame())[-1, 2] == pytest.approx(speed, abs=20.0 * within)
+    shaft = run.bodies["shaft"].frame()  # type: ignore[attr-defined]
+    assert run.angular_velocity(shaft)[-1, 2] == pytest.approx(speed, abs=20.0 * within)
 
 
 # -- closed loops ------------------------------------------------------------------------------------------------------
@@ -229,12 +231,13 @@ def test_redundant_rows_are_found_and_kept():
     run = mechanism.scene.simulate(2.0, h=1e-3, rtol=1e-8)
     assert run.stats.constraint_residual < 1e-10
     assert np.isfinite(run.multipliers).all()
-    ends = [run.position(body.frame(p=(1, 0, 0))) for name, body in run.bodies.items() if name.startswith("beam")]
-    tops = [run.position(run.bodies[f"upright {i}"].frame(p=(0, 1, 0))) for i in (1, 2)]
+    beams: list[Any] = [body for name, body in run.bodies.items() if name.startswith("beam")]
+    ends = [run.position(body.frame(p=(1, 0, 0))) for body in beams]
+    tops = [run.position(run.bodies[f"upright {i}"].frame(p=(0, 1, 0))) for i in (1, 2)]  # type: ignore[attr-defined]
     np.testing.assert_allclose(ends, tops, atol=1e-10)
     # and their velocities, at the level of which the rows are kept too
-    ends = [run.velocity(body.frame(p=(1, 0, 0))) for name, body in run.bodies.items() if name.startswith("beam")]
-    tops = [run.velocity(run.bodies[f"upright {i}"].frame(p=(0, 1, 0))) for i in (1, 2)]
+    ends = [run.velocity(body.frame(p=(1, 0, 0))) for body in beams]
+    tops = [run.velocity(run.bodies[f"upright {i}"].frame(p=(0, 1, 0))) for i in (1, 2)]  # type: ignore[attr-defined]
     np.testing.assert_allclose(ends, tops, atol=1e-7)
 
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from machines import CRANK, slider_position
 
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import craig_bampton
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "multibody"))
-from machines import CRANK, slider_position
 
 SPEED, RAMP = 100.0, 0.04  # rad/s, s
 

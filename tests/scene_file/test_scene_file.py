@@ -5,7 +5,7 @@ import random
 
 import numpy as np
 import pytest
-from test_reduced import two_crosses
+from two_crosses_body import two_crosses
 
 import flexmbd as fm
 from flexmbd.errors import FlexmbdError, SceneError

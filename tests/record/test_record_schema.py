@@ -22,7 +22,7 @@ from flexmbd.record.reduced_body import (
     Surface,
 )
 
-PAGE = (Path(__file__).parents[1] / "docs" / "record.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
 SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17}

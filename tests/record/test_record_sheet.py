@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from test_reduced import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_crosses, with_groups
+from two_crosses_body import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_crosses, with_groups
 
 from flexmbd.record.reduced_body import (
     DistributedLoads,

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from machines import pendulum, slider_crank
 from scipy.special import ellipk
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.run.stopped import SimulationError
-
-sys.path.append(str(Path(__file__).parents[1] / "multibody"))
-from machines import pendulum, slider_crank
 
 PERIOD = 4.0 / np.sqrt(9.81) * ellipk(0.5)
 

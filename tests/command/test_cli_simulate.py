@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from test_reduced import two_crosses
+from two_crosses_body import two_crosses
 
 import flexmbd as fm
 from flexmbd.cli import main

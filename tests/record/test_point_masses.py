@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_reduced import two_crosses
+from two_crosses_body import two_crosses
 
 from flexmbd.errors import RecordError
 from flexmbd.record.point_masses import point_masses

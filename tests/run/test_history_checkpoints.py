@@ -11,16 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-import flexmbd as fm
-from flexmbd.errors import SceneError
-
-sys.path.append(str(Path(__file__).parents[1] / "multibody"))
 from machines import pendulum
 from spring_interior import ExplicitSprings, ImplicitSprings, chain
 from spring_machines import loop
 
-FOLDER = Path(__file__).parents[1] / "multibody"
+import flexmbd as fm
+from flexmbd.errors import SceneError
+
+FOLDER = Path(__file__).parents[1] / "helpers"
 WAYS = [(ExplicitSprings, fm.CentralDifference()), (ImplicitSprings, fm.GeneralizedAlpha())]
 
 

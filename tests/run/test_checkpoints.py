@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from machines import pendulum, slider_crank
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import RecordError, SceneError
-
-sys.path.append(str(Path(__file__).parents[1] / "multibody"))
-from machines import pendulum, slider_crank
-from particles import particle_body
 
 METHODS = [
     fm.GeneralizedAlpha(),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[1] / "docs" / "yielding_parts.md"
+PAGE = Path(__file__).parents[2] / "docs" / "yielding_parts.md"
 MODULUS = 0.02**3 / 6.0
 
 

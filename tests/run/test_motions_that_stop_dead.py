@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import PPoly
+from spring_interior import ExplicitSprings, as_continuum, chain
 
 import flexmbd as fm
-
-sys.path.append(str(Path(__file__).parents[1] / "multibody"))
-from spring_interior import ExplicitSprings, as_continuum, chain
 
 SPEED, STOP = 0.5, 0.4
 BOB, ARM, INERTIA = 0.7, 0.4, 0.03

@@ -15,7 +15,7 @@ from flexmbd.scene_file.kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS
 
 gmsh = pytest.importorskip("gmsh")
 
-PAGE = (Path(__file__).parents[1] / "docs/command_line.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs/command_line.md").read_text(encoding="utf-8")
 
 
 def commands():

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import flexmbd.forms
 
-TEXT = (Path(__file__).parents[1] / "docs" / "plasticity.md").read_text()
+TEXT = (Path(__file__).parents[2] / "docs" / "plasticity.md").read_text()
 
 
 def test_the_example_runs(capsys):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PAGE = Path(__file__).parents[1] / "docs" / "statics.md"
+PAGE = Path(__file__).parents[2] / "docs" / "statics.md"
 
 
 def test_the_page(capsys):

@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGES = ("simulation", "machine", "joints", "forces", "integrators", "bodies_with_history", "linearized")
 
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from machines import pendulum
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.run.stopped import SimulationError
-
-sys.path.append(str(Path(__file__).parents[1] / "multibody"))
-from machines import pendulum
 
 G = 9.81
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from test_reduced import two_crosses
+from two_crosses_body import two_crosses
 
 from flexmbd.cli import main
 from flexmbd.record.reduced_body import ReducedBody

@@ -13,7 +13,7 @@ from flexmbd.continuum.contract import results as contract_results
 from flexmbd.continuum.contract import violations as contract
 from flexmbd.continuum.contract_suite.checks import CHECKS
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "writing_a_form.md").read_text()
 
 

@@ -1,6 +1,6 @@
 """STEP files made by gmsh: the bracket of meshes/data, and others for the tests.
 
-`./run python tests/meshes/step_shapes.py FILE` writes the bracket.
+`./run python tests/helpers/step_shapes.py FILE` writes the bracket.
 """
 
 import re
