@@ -16,11 +16,13 @@ from flexmbd.continuum.finite_elements.cell_group import Pairs as Pairs
 from flexmbd.continuum.finite_elements.cell_group import Source as Source
 from flexmbd.continuum.finite_elements.cut_mesh import CutMesh as CutMesh
 from flexmbd.continuum.finite_elements.cut_mesh import cut_mesh as cut_mesh
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms as DiscreteForms
 from flexmbd.continuum.finite_elements.discretisation import Discretisation as Discretisation
 from flexmbd.continuum.finite_elements.homogeneous_energy import Energy as Energy
 from flexmbd.continuum.finite_elements.homogeneous_energy import homogeneous_energy as homogeneous_energy
 from flexmbd.continuum.finite_elements.interface import FoundInterface as FoundInterface
 from flexmbd.continuum.finite_elements.interface import Interface as Interface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel as LinearModel
 from flexmbd.continuum.finite_elements.lumping import lumped_mass as lumped_mass
 from flexmbd.continuum.finite_elements.mass_moments import Density as Density
 from flexmbd.continuum.finite_elements.mass_moments import rigid_body_of as rigid_body_of

@@ -1,7 +1,7 @@
 """Reductions: from a continuum model to a `flexmbd.record.reduced_body.ReducedBody`."""
 
+from flexmbd.continuum.finite_elements.linear_model import StaticState as StaticState
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel as PrestressedModel
-from flexmbd.continuum.finite_elements.prestressed import StaticState as StaticState
 from flexmbd.reduction.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.condensation import static_condensation as static_condensation
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton

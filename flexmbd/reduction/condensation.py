@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
@@ -38,7 +38,7 @@ class CondensedMatrices:
 
 
 def static_condensation(
-    model: ContinuumModel, retained: Iterable[tuple[int, str]]
+    model: LinearModel, retained: Iterable[tuple[int, str]]
 ) -> CondensedMatrices:
     """Condense a model to single dofs; the model's interfaces are not regarded. Collective.
 
@@ -79,7 +79,7 @@ def static_condensation(
     )
 
 
-def _checked_numbers(model: ContinuumModel, dofs: list[tuple[int, str]]) -> NDArray[np.int64]:
+def _checked_numbers(model: LinearModel, dofs: list[tuple[int, str]]) -> NDArray[np.int64]:
     """The numbers of this rank's own nodes, once every dof is known to exist. Collective."""
     if not dofs:
         raise ReductionError("no dofs are retained; name at least those of three nodes")

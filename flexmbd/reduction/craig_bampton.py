@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
@@ -28,7 +28,7 @@ from flexmbd.reduction.unit_loads import Load, listed
 
 
 def craig_bampton(
-    model: ContinuumModel,
+    model: LinearModel,
     *,
     modes: int | Truncation,
     frame: str | None = None,
@@ -122,14 +122,14 @@ def craig_bampton(
     return project(model, basis, provenance=provenance, contents=contents)
 
 
-def _name(model: ContinuumModel, modes: int) -> str:
+def _name(model: LinearModel, modes: int) -> str:
     if not model.interfaces:
         return "free-free modes"
     return "Craig-Bampton" if modes > 0 else "Guyan"
 
 
 def _basis(
-    model: ContinuumModel,
+    model: LinearModel,
     frame: str | None,
     *,
     truncation: Truncation,

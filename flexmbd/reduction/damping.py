@@ -16,8 +16,7 @@ import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 
@@ -109,7 +108,7 @@ Damping = ModalDamping | RayleighDamping | KelvinVoigtDamping
 """How the deformation of a body is damped."""
 
 
-def check_damping(model: ContinuumModel, damping: Damping | None) -> None:
+def check_damping(model: LinearModel, damping: Damping | None) -> None:
     """Refuse a damping that does not fit the model; the same on every rank, not collective.
 
     Raises:
@@ -131,7 +130,7 @@ def check_damping(model: ContinuumModel, damping: Damping | None) -> None:
 
 
 def modal_damping(
-    model: ContinuumModel, damping: Damping | None, *, modes: FloatArray, stiffness: FloatArray
+    model: LinearModel, damping: Damping | None, *, modes: FloatArray, stiffness: FloatArray
 ) -> FloatArray:
     """D_qq (n, n), 1/s, symmetric. Collective; the same to the bit on every rank.
 
@@ -156,7 +155,7 @@ def modal_damping(
         return np.diag(2.0 * np.broadcast_to(ratios, n) * np.sqrt(stiffness))
     if isinstance(damping, RayleighDamping):
         return np.diag(damping.alpha + damping.beta * stiffness)
-    if not isinstance(damping.tau, Mapping) and not isinstance(model, PrestressedModel):
+    if not isinstance(damping.tau, Mapping) and model.state is None:
         return np.diag(damping.tau * stiffness)
     # of a loaded body the stiffness has a part that is no stress times a strain
     matrix = _viscosity(model, damping.tau)
@@ -165,7 +164,7 @@ def modal_damping(
     return viscous
 
 
-def _viscosity(model: ContinuumModel, tau: float | Mapping[str, float]) -> PETSc.Mat:
+def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> PETSc.Mat:
     """The stiffness at rest with the part of each cell group times its tau. Collective."""
     u, v = fem.Function(model.space), ufl.TestFunction(model.space)
     terms = [

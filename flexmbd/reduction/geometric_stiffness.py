@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStretch
 from flexmbd.reduction.gradient_parts import strain_over_rotation
@@ -60,7 +60,7 @@ def n_inertia_loads(*, floating: bool) -> int:
 
 
 def inertia_loads(
-    model: ContinuumModel, *, p: FloatArray, R: FloatArray, floating: bool
+    model: LinearModel, *, p: FloatArray, R: FloatArray, floating: bool
 ) -> UnitLoads:
     """Inertia forces of the body frame's motion. Collective.
 
@@ -95,7 +95,7 @@ def inertia_loads(
 
 
 def interface_loads(
-    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, R: FloatArray
+    model: LinearModel, interfaces: Sequence[FoundInterface], *, R: FloatArray
 ) -> UnitLoads:
     """Unit forces and moments on interface frames, along the body frame's axes. Collective.
 
@@ -159,7 +159,7 @@ class Stiffening:
 
 
 def stiffening(
-    model: ContinuumModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray, stiffness: FloatArray
+    model: LinearModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray, stiffness: FloatArray
 ) -> Stiffening | None:
     """The groups from the static displacements under the loads and from the modes. Collective.
 

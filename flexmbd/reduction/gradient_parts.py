@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 
 FloatArray = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 _ROTATION = 3.0
 
 
-def strain_over_rotation(model: ContinuumModel, fields: FloatArray) -> FloatArray:
+def strain_over_rotation(model: LinearModel, fields: FloatArray) -> FloatArray:
     """Integrals of e_i : e_j - 3 w_i : w_j, e the symmetric part of grad u, w the other one. Collective.
 
     Of a field it is positive where the gradient is strain for three quarters of its square and more. On a line or a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
@@ -14,7 +14,7 @@ from flexmbd.reduction.unit_loads import Load
 
 
 def guyan(
-    model: ContinuumModel,
+    model: LinearModel,
     *,
     frame: str | None = None,
     geometric_stiffness: bool = True,

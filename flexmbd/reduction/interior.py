@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.conjugate_gradients import conjugate_gradients
@@ -66,7 +66,7 @@ class Interior:
 
 @contextmanager
 def factorised(
-    model: ContinuumModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None
+    model: LinearModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None
 ) -> Iterator[Interior]:
     """Split the dofs and make the inverse of the interior's stiffness, for a `with` block. Collective.
 
@@ -104,7 +104,7 @@ def factorised(
 
 
 def _factor(
-    model: ContinuumModel, rows: PETSc.IS, stack: ExitStack, *, needed: bool
+    model: LinearModel, rows: PETSc.IS, stack: ExitStack, *, needed: bool
 ) -> Inverse | None:
     """A factor, or None where it would not fit in memory and is not needed. Collective."""
     stiffness = model.K.createSubMatrix(rows, rows)
@@ -121,7 +121,7 @@ def _factor(
     return factor
 
 
-def _iteration(model: ContinuumModel, mask: NDArray[np.bool_], stack: ExitStack) -> Inverse:
+def _iteration(model: LinearModel, mask: NDArray[np.bool_], stack: ExitStack) -> Inverse:
     """Collective."""
     if not model.is_definite:
         raise ReductionError(
@@ -134,7 +134,7 @@ def _iteration(model: ContinuumModel, mask: NDArray[np.bool_], stack: ExitStack)
 
 
 def continued(
-    model: ContinuumModel, interior: Interior, boundary: FloatArray
+    model: LinearModel, interior: Interior, boundary: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Continue displacements of the boundary into the interior in equilibrium. Collective.
 
@@ -156,7 +156,7 @@ def continued(
 
 
 def equilibrated(
-    model: ContinuumModel,
+    model: LinearModel,
     solve: Callable[[FloatArray], FloatArray],
     shapes: FloatArray,
     *,

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.record.reduced_body import DistributedLoads
 from flexmbd.reduction.unit_loads import Load
 
 
 def loads_group(
-    model: ContinuumModel,
+    model: LinearModel,
     loads: Sequence[Load],
     *,
     forces: FloatArray,
@@ -39,7 +39,7 @@ def loads_group(
 
 
 def missing_energy(
-    model: ContinuumModel,
+    model: LinearModel,
     *,
     forces: FloatArray,
     displacements: FloatArray,

@@ -19,7 +19,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import (
     boundary_triangles,
     dof_numbers,
@@ -27,7 +27,6 @@ from flexmbd.continuum.finite_elements.nodes import (
     node_numbers,
     sorted_triangles,
 )
-from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
@@ -73,7 +72,7 @@ class Contents:
     damping: Damping | None
     keep: Keep
 
-    def check(self, model: ContinuumModel) -> None:
+    def check(self, model: LinearModel) -> None:
         """Refuse what does not fit the model. Collective.
 
         Raises:
@@ -87,7 +86,7 @@ class Contents:
             ReductionError,
             **{f"Keep.{name}": getattr(self.keep, name) for name in ("modes", "surface", "stress")},
         )
-        if self.keep.stress and isinstance(model, PrestressedModel):
+        if self.keep.stress and model.state is not None:
             raise ReductionError(
                 "stress modes have no place for the stress of the loaded state; leave Keep(stress=True) out, and have "
                 "stresses from the prestressed model (stress_field)"
@@ -119,7 +118,7 @@ def responses(statics: Statics, contents: Contents) -> Responses:
 
 
 def optional_parts(
-    model: ContinuumModel,
+    model: LinearModel,
     contents: Contents,
     found: Responses,
     *,
@@ -148,7 +147,7 @@ def optional_parts(
         "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
     }
     provenance = {}
-    if isinstance(model, PrestressedModel):
+    if model.state is not None:
         provenance["prestress"] = "\n".join([*model.state.loads, model.state.note])
     if contents.damping is not None:
         provenance["damping"] = str(contents.damping)
@@ -182,7 +181,7 @@ def optional_parts(
 
 
 def nodal_group(
-    model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
+    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
 ) -> NodalModes:
     """The modes at all displacement nodes, by `node_numbers`, ascending. Collective.
 
@@ -210,7 +209,7 @@ def nodal_group(
     return parallel.on_root(model.comm, make)
 
 
-def further_unknowns(model: ContinuumModel, modes: FloatArray) -> FurtherUnknowns | None:
+def further_unknowns(model: LinearModel, modes: FloatArray) -> FurtherUnknowns | None:
     """What the modes hold beside displacements, by `dof_numbers`, ascending; None where that is nothing. Collective.
 
     Args:
@@ -233,7 +232,7 @@ def further_unknowns(model: ContinuumModel, modes: FloatArray) -> FurtherUnknown
 
 
 def surface_group(
-    model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
+    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
 ) -> Surface:
     """The boundary's triangles with their modes; arguments as in `nodal_group`. Collective."""
     numbers = node_numbers(model)

@@ -23,8 +23,8 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, StaticState, followed_average, turn_less_one
+from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, followed_average, turn_less_one
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.reduction.geometric_stiffness import interface_loads
@@ -46,7 +46,7 @@ _PART = 1.0 / 128.0
 
 
 def prestressed(
-    model: ContinuumModel,
+    model: LinearModel,
     *,
     frame: str,
     loads: Sequence[tuple[Load, float]] = (),
@@ -118,10 +118,10 @@ def prestressed(
 
 
 def _check(
-    model: ContinuumModel, *, frame: str, loads: Sequence[tuple[Load, float]], forces: Mapping[str, FloatArray]
+    model: LinearModel, *, frame: str, loads: Sequence[tuple[Load, float]], forces: Mapping[str, FloatArray]
 ) -> FloatArray:
     """Refuse what is not well formed; the sizes of the loads. Collective."""
-    if isinstance(model, PrestressedModel):
+    if model.state is not None:
         raise ReductionError("the model is prestressed already: give all loads at once, to the model at rest")
     model.interface(frame)
     if frame in forces:
@@ -143,7 +143,7 @@ def _check(
     return np.array([_numbers(f"size of load {load.name!r}", [size], 1)[0] for load, size in loads])
 
 
-def _check_rotations(model: ContinuumModel, state: StaticState) -> None:
+def _check_rotations(model: LinearModel, state: StaticState) -> None:
     """Refuse a state with rotations that small motions do not simply add to. Collective."""
     others = model.layout.kinematic.copy()
     others[model.displacement_dofs.reshape(-1)] = False
@@ -155,7 +155,7 @@ def _check_rotations(model: ContinuumModel, state: StaticState) -> None:
         )
 
 
-def _has_rotations(model: ContinuumModel) -> bool:
+def _has_rotations(model: LinearModel) -> bool:
     """Whether rigid motions move more than the displacement. Collective."""
     more = int(model.layout.kinematic.sum()) != model.displacement_dofs.size
     return bool(model.comm.allreduce(more, op=MPI.LOR))
@@ -215,7 +215,7 @@ class _Equilibrium:
 
     def __init__(
         self,
-        model: ContinuumModel,
+        model: LinearModel,
         rest: StaticState,
         *,
         dead: FloatArray,
@@ -284,11 +284,11 @@ class _Equilibrium:
         finally:
             tangent.K.destroy()
         energy = inner(model.comm, step, lacking).item()
-        return energy, self._with_balance(self._moved(tangent, step[:, 0]), part)
+        return energy, self._with_balance(self._moved(tangent, state, step[:, 0]), part)
 
-    def _moved(self, tangent: PrestressedModel, step: FloatArray) -> StaticState:
+    def _moved(self, tangent: PrestressedModel, state: StaticState, step: FloatArray) -> StaticState:
         """The state after a step, in which rigid interfaces turn by finite rotations. Collective."""
-        model, state = self._model, tangent.state
+        model = self._model
         u = state.displacement[: model.n_owned] + step
         frames: list[FoundInterface] = []
         for interface in state.interfaces:
@@ -358,7 +358,7 @@ class _Equilibrium:
         )
 
 
-def _forms(model: ContinuumModel, *, origin: FloatArray, spinning: bool) -> _Forms:
+def _forms(model: LinearModel, *, origin: FloatArray, spinning: bool) -> _Forms:
     """Compile. Collective."""
     at, v = fem.Function(model.space), ufl.TestFunction(model.space)
     spin = fem.Constant(model.mesh.mesh, np.zeros(3))
@@ -375,7 +375,7 @@ def _forms(model: ContinuumModel, *, origin: FloatArray, spinning: bool) -> _For
 
 
 def _centrifugal_work(
-    model: ContinuumModel, at: fem.Function, spin: fem.Constant, *, origin: FloatArray
+    model: LinearModel, at: fem.Function, spin: fem.Constant, *, origin: FloatArray
 ) -> list[ufl.Form]:
     """Virtual work of the centrifugal forces: the derivative of the kinetic energy of spin x r by r.
 
@@ -393,7 +393,7 @@ def _centrifugal_work(
     return [ufl.replace(ufl.algorithms.expand_derivatives(form), {at: velocity}) for form in forms]
 
 
-def _assembled(forms: Sequence[fem.Form], model: ContinuumModel) -> FloatArray:
+def _assembled(forms: Sequence[fem.Form], model: LinearModel) -> FloatArray:
     """(owned dofs,) the sum of linear forms. Collective."""
     total = np.zeros(model.n_owned)
     for form in forms:

@@ -12,7 +12,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.inertia import gram_matrix
 from flexmbd.continuum.finite_elements.interface import FoundInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
@@ -58,7 +58,7 @@ class Basis:
 
 
 def project(
-    model: ContinuumModel,
+    model: LinearModel,
     basis: Basis,
     *,
     provenance: Mapping[str, str],

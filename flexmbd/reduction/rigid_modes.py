@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 
 
@@ -22,7 +22,7 @@ class RigidModes:
         mass: (6, 6) R^T M R: mass (kg), and inertia about the centre of mass (kg m^2).
     """
 
-    model: ContinuumModel
+    model: LinearModel
     com: FloatArray
     motions: FloatArray
     images: FloatArray
@@ -52,7 +52,7 @@ class RigidModes:
         return rest
 
 
-def rigid_modes(model: ContinuumModel) -> RigidModes:
+def rigid_modes(model: LinearModel) -> RigidModes:
     """The rigid-body modes of a model. Collective; the same small arrays on every rank."""
     about_zero = model.rigid_motions(np.zeros(3), np.eye(3))
     mass = inner(model.comm, about_zero, multiply(model.M, about_zero))

@@ -17,7 +17,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 
 #: Number of fields, and so the largest cluster whose rotation is determined.
@@ -28,7 +28,7 @@ FIELDS = 8
 _EQUAL = 1e-10
 
 
-def asymmetric_fields(model: ContinuumModel) -> FloatArray:
+def asymmetric_fields(model: LinearModel) -> FloatArray:
     """The fields w_j of the rule, smooth and of size one. Collective.
 
     Rotations and other unknowns have theirs too, since some modes move nothing else: a straight beam

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.prestressed import turning_forces
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.constraint import Constraint, constrain
@@ -66,7 +66,7 @@ class Statics:
         M: mass of these dofs.
     """
 
-    model: ContinuumModel
+    model: LinearModel
     interfaces: tuple[FoundInterface, ...]
     floating: bool
     p: FloatArray
@@ -168,10 +168,11 @@ class Statics:
             small = self._constraint.multipliers(lacks)
             shapes[self.mask] += self._constraint.responses @ small
             shapes, forces = self._equilibrated(self._constraint, shapes, small)
-        if isinstance(self.model, PrestressedModel):
+        state = self.model.state
+        if state is not None:
             # loads that stay with the body frame work on its rigid rotations
-            turning = self.model.turning_forces(self.interfaces, self.R)
-            return StaticShapes(shapes, forces + turning, self.model.state.rigid_error)
+            turning = turning_forces(self.model, state, self.interfaces, axes=self.R)
+            return StaticShapes(shapes, forces + turning, state.rigid_error)
         origin = self.interfaces[0].p
         found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
         error = _check_rigid_motions(self.model, found=found, origin=origin, axes=self.R)
@@ -209,7 +210,7 @@ class Statics:
 
 @contextmanager
 def body_statics(
-    model: ContinuumModel, *, frame: str | None, solver: Solver | None = None
+    model: LinearModel, *, frame: str | None, solver: Solver | None = None
 ) -> Iterator[Statics]:
     """Factorise the stiffness of a body for a `with` block, or make another inverse. Collective.
 
@@ -228,7 +229,7 @@ def body_statics(
         ConvergenceError: on all ranks, where the statics are used: an iterative solver does not converge.
     """
     interfaces = model.interfaces
-    if isinstance(model, PrestressedModel) and frame != model.state.frame:
+    if model.state is not None and frame != model.state.frame:
         raise ReductionError(
             f"the loaded state is that of a body held at {model.state.frame!r}, and so must its reduction be: "
             f"give frame={model.state.frame!r}, not {frame!r}"
@@ -304,7 +305,7 @@ def _flexibility(interior: Interior, free: RigidModes | None, block: FloatArray)
     return np.asfortranarray(free.deformation(displacement))
 
 
-def _bound(model: ContinuumModel, interfaces: Sequence[FoundInterface]) -> NDArray[np.bool_]:
+def _bound(model: LinearModel, interfaces: Sequence[FoundInterface]) -> NDArray[np.bool_]:
     """(owned dofs,) whether a rigid interface binds a dof."""
     boundary = np.zeros(model.n_owned, dtype=bool)
     for interface in _rigid(interfaces):
@@ -313,7 +314,7 @@ def _bound(model: ContinuumModel, interfaces: Sequence[FoundInterface]) -> NDArr
 
 
 def _rigid_columns(
-    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
+    model: LinearModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
 ) -> FloatArray:
     """(owned dofs, 6 b) unit motions of the rigid interfaces on the dofs they bind, else zero."""
     motions = np.zeros((model.n_owned, 6 * len(interfaces)), order="F")
@@ -325,7 +326,7 @@ def _rigid_columns(
 
 
 def _average_columns(
-    model: ContinuumModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
+    model: LinearModel, interfaces: Sequence[FoundInterface], *, axes: FloatArray
 ) -> FloatArray:
     """(owned dofs, 6 a) C^T of the averaged interfaces, for motions along `axes`."""
     averaged = _averaged(interfaces)
@@ -337,7 +338,7 @@ def _average_columns(
     return columns
 
 
-def _support(model: ContinuumModel, rigid: RigidModes) -> NDArray[np.bool_]:
+def _support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
     """(owned dofs,) six dofs on all ranks that together keep the body from moving. Collective.
 
     The pivots of a QR factorisation of the rigid motions: dofs far apart.
@@ -376,7 +377,7 @@ def _pivots(rows: FloatArray) -> NDArray[np.intp]:
 
 
 def _check_rigid_motions(
-    model: ContinuumModel, *, found: FloatArray, origin: FloatArray, axes: FloatArray
+    model: LinearModel, *, found: FloatArray, origin: FloatArray, axes: FloatArray
 ) -> float:
     """Whether the rigid motions of the body cost no energy, and static shapes reproduce them. Collective.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.matrices.blocks import FloatArray
@@ -18,8 +18,8 @@ _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
 _LINEAR = 1e-9
 
 
-def stress_group(model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> StressModes:
-    """The group, as `ContinuumModel.stress_field` averages each mode. Collective.
+def stress_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> StressModes:
+    """The group, as `LinearModel.stress_field` averages each mode. Collective.
 
     Args:
         model: the body.
@@ -48,7 +48,7 @@ def stress_group(model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: 
     return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node), sigma)
 
 
-def _interface_of(model: ContinuumModel, node: NDArray[np.int64]) -> NDArray[np.int64]:
+def _interface_of(model: LinearModel, node: NDArray[np.int64]) -> NDArray[np.int64]:
     """The interface that each node is of, the first where several share it; -1 for none. Collective."""
     owner = np.full(len(node), -1, dtype=np.int64)
     numbers = node_numbers(model)

@@ -44,7 +44,7 @@ from flexmbd.continuum.finite_elements.assembly import integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 
 if TYPE_CHECKING:
-    from flexmbd.continuum.finite_elements.model import ContinuumModel
+    from flexmbd.continuum.finite_elements.linear_model import LinearModel
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ _CONSTANT = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.Cons
 _NOT_LOCAL = (ufl.classes.CellAvg, ufl.classes.FacetAvg, ufl.classes.Restricted)
 
 
-def stress_stiffness(model: ContinuumModel, fields: FloatArray, modes: FloatArray) -> FloatArray | None:
+def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) -> FloatArray | None:
     """P(u_l; phi_i, phi_j) for all fields and pairs of modes. Collective.
 
     Args:
@@ -180,7 +180,7 @@ class _Points:
         rule: of the points.
     """
 
-    model: ContinuumModel
+    model: LinearModel
     cells: NDArray[np.int32]
     rule: Quadrature
 

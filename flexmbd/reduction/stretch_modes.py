@@ -16,7 +16,7 @@ import scipy.linalg
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.reduction.geometric_stiffness import UnitLoads
@@ -86,7 +86,7 @@ def stretch_modes(
     return Modes(eigenvalues, np.asfortranarray(shapes @ x))
 
 
-def _energies(model: ContinuumModel, fields: FloatArray) -> FloatArray:
+def _energies(model: LinearModel, fields: FloatArray) -> FloatArray:
     """(l, l) twice the strain energies of fields and of their pairs. Collective."""
     return symmetric(inner(model.comm, fields, multiply(model.K, fields)))
 

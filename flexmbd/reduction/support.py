@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.grid.pieces import pieces
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 
@@ -17,7 +17,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, total
 AT_REST = 1e-6
 
 
-def is_held(model: ContinuumModel, boundary: NDArray[np.bool_]) -> bool:
+def is_held(model: LinearModel, boundary: NDArray[np.bool_]) -> bool:
     """Whether every piece of a body, cells that hang together by facets, is held. Collective.
 
     Args:
@@ -28,7 +28,7 @@ def is_held(model: ContinuumModel, boundary: NDArray[np.bool_]) -> bool:
     return all(_holds(model, mask, boundary & mask) for mask in _dofs(model, found.of_cells, found.count))
 
 
-def _dofs(model: ContinuumModel, of_cells: NDArray[np.int64], count: int) -> list[NDArray[np.bool_]]:
+def _dofs(model: LinearModel, of_cells: NDArray[np.int64], count: int) -> list[NDArray[np.bool_]]:
     """(owned dofs,) for each piece: the kinematic dofs on its cells."""
     dofmap = model.space.dofmap
     kinematic = model.layout.kinematic[: model.n_owned]
@@ -42,7 +42,7 @@ def _dofs(model: ContinuumModel, of_cells: NDArray[np.int64], count: int) -> lis
     return masks
 
 
-def _holds(model: ContinuumModel, piece: NDArray[np.bool_], held: NDArray[np.bool_]) -> bool:
+def _holds(model: LinearModel, piece: NDArray[np.bool_], held: NDArray[np.bool_]) -> bool:
     """Collective."""
     x = model.node_x[: model.n_owned_nodes][piece[model.displacement_dofs[: model.n_owned_nodes, 0]]]
     count = model.comm.allreduce(len(x))
@@ -52,5 +52,5 @@ def _holds(model: ContinuumModel, piece: NDArray[np.bool_], held: NDArray[np.boo
     return bool(np.linalg.eigvalsh(gram)[0] > AT_REST**2)
 
 
-def _gram(model: ContinuumModel, rows: FloatArray) -> FloatArray:
+def _gram(model: LinearModel, rows: FloatArray) -> FloatArray:
     return total(model.comm, rows.T @ rows)

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
@@ -188,7 +188,7 @@ def fixed_interface_modes(
 
 
 def truncation_errors(
-    model: ContinuumModel, modes: Sequence[int], *, frame: str | None, count: int = LOWEST, held: bool = False
+    model: LinearModel, modes: Sequence[int], *, frame: str | None, count: int = LOWEST, held: bool = False
 ) -> TruncationErrors:
     """Estimate what several numbers of modes do to a body's frequencies. Collective.
 

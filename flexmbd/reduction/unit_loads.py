@@ -16,7 +16,7 @@ from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.errors import MeshError, ReductionError
 
 FloatArray = NDArray[np.float64]
@@ -99,7 +99,7 @@ def listed(loads: Sequence[Load]) -> tuple[Load, ...]:
     return tuple(loads)
 
 
-def check_loads(model: ContinuumModel, loads: Sequence[Load]) -> None:
+def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
     """Refuse loads that are not well formed. Collective.
 
     Raises:
@@ -135,7 +135,7 @@ def check_loads(model: ContinuumModel, loads: Sequence[Load]) -> None:
             )
 
 
-def load_vectors(model: ContinuumModel, loads: Sequence[Load]) -> FloatArray:
+def load_vectors(model: LinearModel, loads: Sequence[Load]) -> FloatArray:
     """Nodal forces of unit loads. Collective.
 
     Args:
@@ -155,7 +155,7 @@ def load_vectors(model: ContinuumModel, loads: Sequence[Load]) -> FloatArray:
     return forces
 
 
-def unit_force(model: ContinuumModel, load: Load) -> ufl.core.expr.Expr:
+def unit_force(model: LinearModel, load: Load) -> ufl.core.expr.Expr:
     """The load per unit of its measure on the initial configuration, in the mesh's axes; not collective."""
     if isinstance(load, Pressure):
         return -ufl.FacetNormal(model.mesh.mesh)
@@ -163,7 +163,7 @@ def unit_force(model: ContinuumModel, load: Load) -> ufl.core.expr.Expr:
     return fem.Constant(model.mesh.mesh, np.asarray(load.direction))
 
 
-def measure(model: ContinuumModel, load: Load) -> ufl.Measure:
+def measure(model: LinearModel, load: Load) -> ufl.Measure:
     """Where a load is integrated; not collective."""
     mesh = model.mesh
     # exact on straight cells, and for pressures on curved simplices as well

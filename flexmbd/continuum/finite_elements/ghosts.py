@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from dolfinx import fem
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 
 
-def with_ghosts(model: ContinuumModel, block: FloatArray) -> FloatArray:
+def with_ghosts(model: LinearModel, block: FloatArray) -> FloatArray:
     """A block (owned dofs, k) with the rows of this rank's ghosts below its own. Collective."""
     field = fem.Function(model.space)
     whole = np.empty((len(field.x.array), block.shape[1]), order="F")

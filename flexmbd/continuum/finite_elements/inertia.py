@@ -15,7 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.section_inertia import section_gram
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import FormulationError
@@ -25,7 +25,7 @@ _SAME_MASS = 1e-10
 
 
 def gram_matrix(
-    model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
+    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
 ) -> FloatArray:
     """Mass integrals of {1, position, modes}. Collective; the same to the bit on every rank.
 
@@ -59,14 +59,14 @@ def gram_matrix(
     return symmetric(gram)
 
 
-def _nodes(model: ContinuumModel) -> tuple[NDArray[np.int32], FloatArray]:
+def _nodes(model: LinearModel) -> tuple[NDArray[np.int32], FloatArray]:
     """Dofs (n, 3) and positions (n, 3) of this rank's own nodes, in the order of the dofs."""
     dofs = model.displacement_dofs[: model.n_owned_nodes]
     order = np.argsort(dofs[:, 0])
     return dofs[order], model.node_x[order]
 
 
-def _scalar_mass(model: ContinuumModel) -> PETSc.Mat:
+def _scalar_mass(model: LinearModel) -> PETSc.Mat:
     """The mass matrix of one displacement component, rows as `_nodes` has them. Collective."""
     start = model.M.getOwnershipRange()[0]
     dofs, _ = _nodes(model)
@@ -85,7 +85,7 @@ def _scalar_mass(model: ContinuumModel) -> PETSc.Mat:
     return mass
 
 
-def _check_sections(model: ContinuumModel) -> None:
+def _check_sections(model: LinearModel) -> None:
     """Refuse sections whose energy is not the kinetic energy. Collective."""
     test = np.random.default_rng(model.comm.rank).normal(size=(model.n_owned, 1))
     gram = section_gram(model, test, p=np.zeros(3), R=np.eye(3))
@@ -98,14 +98,14 @@ def _check_sections(model: ContinuumModel) -> None:
         )
 
 
-def _no_gram(model: ContinuumModel, off: float, what: str) -> str:
+def _no_gram(model: LinearModel, off: float, what: str) -> str:
     return (
         f"{model.form_name}: the kinetic energy is not {what} (off by {off:.1e}), so its inertia has "
         "no Gram matrix"
     )
 
 
-def _some_field(model: ContinuumModel) -> FloatArray:
+def _some_field(model: LinearModel) -> FloatArray:
     """(owned dofs, 1) a smooth field without symmetry, one where there is no displacement."""
     dofs, x = _nodes(model)
     field = np.ones((model.n_owned, 1))

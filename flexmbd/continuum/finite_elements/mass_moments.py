@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.mesh_outline import outline_of
-from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.matrices.blocks import symmetric
 from flexmbd.errors import MeshError
@@ -34,7 +34,7 @@ _BATCH = 10_000  # cells looked at in one go, which bounds the memory
 _VOLUME, _MASS, _FIRST, _SECOND, _N = 0, 1, slice(2, 5), slice(5, 14), 14
 
 
-def rigid_body_of(body: ContinuumModel | TaggedMesh, *, density: Density | None = None) -> RigidBody:
+def rigid_body_of(body: LinearModel | TaggedMesh, *, density: Density | None = None) -> RigidBody:
     """A rigid body with the mass of a continuum body, its frame in the mesh's axes. Collective.
 
     Args:
@@ -49,14 +49,14 @@ def rigid_body_of(body: ContinuumModel | TaggedMesh, *, density: Density | None 
             leave cells without a density; a mesh of lines or surfaces.
         FormulationError: on all ranks: a kinetic energy that has no Gram matrix.
     """
-    if not isinstance(body, ContinuumModel):
+    if not isinstance(body, LinearModel):
         return RigidBody.from_solid(_mesh_solid(body, density))
     _refuse_density(density)
     mass, com, second = _model_moments(body)
     return RigidBody(mass, np.trace(second) * np.eye(3) - second, tuple(map(float, com)))
 
 
-def solid_of(body: ContinuumModel | TaggedMesh, *, density: Density | None = None) -> Solid:
+def solid_of(body: LinearModel | TaggedMesh, *, density: Density | None = None) -> Solid:
     """The mass integrals of a body of solid cells and its outline, in the mesh's axes. Collective.
 
     Args:
@@ -70,7 +70,7 @@ def solid_of(body: ContinuumModel | TaggedMesh, *, density: Density | None = Non
         MeshError, FormulationError: as `rigid_body_of`; also for a model of lines or surfaces, which have no volume
             of their own.
     """
-    if isinstance(body, ContinuumModel):
+    if isinstance(body, LinearModel):
         _refuse_density(density)
         volume = float(_integrals(body.mesh, 1.0)[0][_VOLUME])
         weight, centre, moments = _model_moments(body)
@@ -94,7 +94,7 @@ def _refuse_density(density: Density | None) -> None:
         raise MeshError("a model has the density of its parameters: leave density out, or give the mesh")
 
 
-def _model_moments(model: ContinuumModel) -> tuple[float, FloatArray, FloatArray]:
+def _model_moments(model: LinearModel) -> tuple[float, FloatArray, FloatArray]:
     """Mass, centre, and second moments about it. Collective."""
     middle = _middle(model.mesh)
     gram = gram_matrix(model, np.zeros((model.n_owned, 0)), p=middle, R=np.eye(3))

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
-from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.stress import StressRecovery
+from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
 from flexmbd.continuum.matrices.blocks import inner, total
 
 FloatArray = NDArray[np.float64]
@@ -23,51 +22,18 @@ FloatArray = NDArray[np.float64]
 _FOLLOWING = 8
 
 
-@dataclass(frozen=True, eq=False)
-class StaticState:
-    """A static state of a model that is held at one interface.
-
-    Attributes:
-        frame: the interface that is held, and carries the body frame.
-        displacement: (local dofs including ghosts,) in the mesh's axes.
-        interfaces: the frames in that state.
-        balance: (owned dofs,) N, internal forces less those on the nodes from outside; what is left of it are
-            the forces that rigid interfaces hold together, and those of the interfaces' own loads.
-        rigid_error: of the static shapes at rest; see `flexmbd.reduction.statics`.
-        loads: what the body is loaded with, as text.
-        note: what became of it.
-    """
-
-    frame: str
-    displacement: FloatArray
-    interfaces: tuple[FoundInterface, ...]
-    balance: FloatArray
-    rigid_error: float
-    loads: tuple[str, ...]
-    note: str
-
-
-class PrestressedModel(ContinuumModel):
+class PrestressedModel(LinearModel):
     """A model that moves by small displacements about a loaded static state; made by `prestressed`.
 
-    Everything is that of the model at rest but for:
-
-    Attributes:
-        K: the tangent stiffness at the state, for loads that keep their size and direction in the body frame.
-        layout: with the nodes at their places in the state.
-        interfaces: the frames there.
-        state: the static state.
+    Its `K` is the tangent stiffness at the state, for loads that keep their size and direction in the body frame; its
+    `layout` has the nodes at their places in the state, and its `interfaces` are the frames there.  All else is that of
+    the model at rest.
     """
 
-    def __init__(self, model: ContinuumModel, state: StaticState, stiffness: PETSc.Mat) -> None:
-        """Take everything else over from the model; not collective."""
-        # not assembled again: what has been found of the mesh holds for the state as well
-        self.__dict__.update(model.__dict__)
-        self.__dict__.pop("_stress", None)
-        rest = model.layout.base if isinstance(model.layout, MovedLayout) else model.layout
-        self.state = state
-        self.K = stiffness
-        self.layout = MovedLayout(
+    def __init__(self, model: LinearModel, state: StaticState, stiffness: PETSc.Mat) -> None:
+        """Of a model at rest; not collective."""
+        rest = model.layout
+        layout = MovedLayout(
             rest.space,
             rest.node_space,
             rest.displacement_dofs,
@@ -76,41 +42,50 @@ class PrestressedModel(ContinuumModel):
             rest,
             state.displacement[rest.displacement_dofs],
         )
-        self.interfaces = state.interfaces
+        super().__init__(
+            model.forms,
+            model.parameters,
+            layout=layout,
+            interfaces=state.interfaces,
+            K=stiffness,
+            M=model.M,
+            state=state,
+        )
 
-    def turning_forces(self, interfaces: Sequence[FoundInterface], axes: ArrayLike) -> FloatArray:
-        """What the forces inside rigid interfaces add to the stiffness against the turning of their frames. Collective.
 
-        In a rotation by theta the nodes at r from the frame's origin move by theta x r + theta x (theta x r) / 2.
-        The second part has a work with the forces f of the state that is (theta . S theta - tr S theta . theta) / 2,
-        S the symmetric part of the sum of f r^T.
+def turning_forces(
+    model: LinearModel, state: StaticState, interfaces: Sequence[FoundInterface], *, axes: ArrayLike
+) -> FloatArray:
+    """What the forces inside rigid interfaces add to the stiffness against the turning of their frames. Collective.
 
-        Args:
-            interfaces: b of them.
-            axes: (3, 3) rotation; motions are along and about its columns.
+    In a rotation by theta the nodes at r from the frame's origin move by theta x r + theta x (theta x r) / 2.
+    The second part has a work with the forces f of the state that is (theta . S theta - tr S theta . theta) / 2,
+    S the symmetric part of the sum of f r^T.
 
-        Returns:
-            (owned dofs, 6 b) nodal forces, N and per rad, on the dofs that rigid interfaces bind.
-        """
-        turn = np.asarray(axes, dtype=float)
-        forces = np.zeros((self.n_owned, 6 * len(interfaces)), order="F")
-        for i, interface in enumerate(interfaces):
-            if not isinstance(interface, RigidInterface):
-                continue
-            nodes = interface.nodes[interface.nodes < self.n_owned_nodes]
-            f = self.state.balance[self.displacement_dofs[nodes]]
-            moments = total(self.comm, f.T @ (self.node_x[nodes] - interface.p))
-            moments = turn.T @ (0.5 * (moments + moments.T)) @ turn
-            work = np.zeros((6, 6))
-            work[3:, 3:] = moments - np.trace(moments) * np.eye(3)
-            dofs = interface.dofs[interface.dofs < self.n_owned]
-            motions = self.rigid_motions(interface.p, turn)[dofs]
-            forces[dofs, 6 * i : 6 * i + 6] = motions @ np.linalg.solve(inner(self.comm, motions, motions), work)
-        return forces
+    Args:
+        model: about the state.
+        state: its static state.
+        interfaces: b of them.
+        axes: (3, 3) rotation; motions are along and about its columns.
 
-    @cached_property
-    def _stress(self) -> StressRecovery:
-        return StressRecovery(self, rest=self.state.displacement)
+    Returns:
+        (owned dofs, 6 b) nodal forces, N and per rad, on the dofs that rigid interfaces bind.
+    """
+    turn = np.asarray(axes, dtype=float)
+    forces = np.zeros((model.n_owned, 6 * len(interfaces)), order="F")
+    for i, interface in enumerate(interfaces):
+        if not isinstance(interface, RigidInterface):
+            continue
+        nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
+        f = state.balance[model.displacement_dofs[nodes]]
+        moments = total(model.comm, f.T @ (model.node_x[nodes] - interface.p))
+        moments = turn.T @ (0.5 * (moments + moments.T)) @ turn
+        work = np.zeros((6, 6))
+        work[3:, 3:] = moments - np.trace(moments) * np.eye(3)
+        dofs = interface.dofs[interface.dofs < model.n_owned]
+        motions = model.rigid_motions(interface.p, turn)[dofs]
+        forces[dofs, 6 * i : 6 * i + 6] = motions @ np.linalg.solve(inner(model.comm, motions, motions), work)
+    return forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +115,7 @@ class MovedLayout(DofLayout):
 
 
 def followed_average(
-    model: ContinuumModel, rest: AveragedInterface, near: FoundInterface, displacement: FloatArray
+    model: LinearModel, rest: AveragedInterface, near: FoundInterface, displacement: FloatArray
 ) -> AveragedInterface:
     """An averaged interface at a finite displacement. Collective.
 

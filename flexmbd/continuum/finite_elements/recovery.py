@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 
 class ReductionModel(Discretisation, Protocol):
-    """What fields are recovered on: what bodies are reduced from, as a `ContinuumModel`."""
+    """What fields are recovered on: what bodies are reduced from, a `LinearModel`."""
 
     @property
     def form_name(self) -> str:

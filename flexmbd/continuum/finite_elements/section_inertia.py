@@ -16,8 +16,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
-from flexmbd.continuum.finite_elements.model import ContinuumModel
-from flexmbd.continuum.finite_elements.prestressed import PrestressedModel
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
 
@@ -26,7 +25,7 @@ _BATCH = 4_000_000
 
 
 def section_gram(
-    model: ContinuumModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
+    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
 ) -> FloatArray:
     """Mass integrals of {1, position, modes} over the sections; see `inertia.gram_matrix`. Collective.
 
@@ -34,9 +33,7 @@ def section_gram(
     moves them by w x offset.  The rule is the finest of the kinetic energy's.
     """
     rotations = model.rigid_motions(np.zeros(3), np.eye(3))[:, 3:]
-    state: FloatArray = np.zeros(model.n_owned)
-    if isinstance(model, PrestressedModel):
-        state = model.state.displacement[: model.n_owned]
+    state = model.displacement[: model.n_owned]
     fields = with_ghosts(model, np.hstack([rotations, state[:, None], modes]))
     gram = np.zeros((4 + 3 * modes.shape[1],) * 2)
     for group in model.groups:
@@ -60,7 +57,7 @@ class _Sections:
         weights: (q,) of the rule on the reference cell.
     """
 
-    def __init__(self, model: ContinuumModel, group: CellGroup) -> None:
+    def __init__(self, model: LinearModel, group: CellGroup) -> None:
         self._mesh = model.mesh.mesh
         self._u = u = fem.Function(model.space)
         # names that the Protocol has not, since most formulations lack them

@@ -26,16 +26,17 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
-from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
-from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source
+from flexmbd.continuum.finite_elements.discrete_forms import discretise
+from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
-from flexmbd.errors import ConvergenceError, FormulationError, InterfaceError, MeshError
+from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
 
@@ -65,12 +66,7 @@ class UpdatedLagrangian:
     """A body of one or several formulations, with or without history. Constructing one is collective.
 
     Attributes:
-        mesh: the undeformed mesh and its groups.
-        groups: the cell groups, each with its formulation and parameters.
-        degree: of the elements, and of the mesh's geometry where a formulation is an updated one.
-        space: the displacement's function space.
-        layout: where the displacement lies in it.
-        interfaces: the frames found on the mesh.
+        forms: the formulations on the mesh, and the interfaces.
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed
             mesh. Not to be changed by hand.
     """
@@ -105,22 +101,10 @@ class UpdatedLagrangian:
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
         """
-        if not isinstance(mesh, TaggedMesh):
-            raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
-        self.mesh, self.degree = mesh, degree
-        PETSc.garbage_cleanup(mesh.comm)
-        self.groups: tuple[CellGroup, ...] = pair_cells(
-            mesh, formulation, parameters, degree=degree, with_history=True
+        self.forms = discretise(
+            mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True
         )
-        form = self.groups[0].formulation
-        element = form.element(mesh.mesh.topology.cell_name(), 3, degree)
-        self.space: fem.FunctionSpace = fem.functionspace(mesh.mesh, element)
-        self.layout: DofLayout = dof_layout(self.space, form.rigid_motion)
         self._check_references()
-        parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
-        self.interfaces: tuple[FoundInterface, ...] = tuple(
-            find_interfaces(interfaces, mesh=mesh, layout=self.layout)
-        )
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)
         means = degree == 1 if cell_means is None else cell_means
@@ -129,6 +113,36 @@ class UpdatedLagrangian:
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
         self.check_cells()
+
+    @property
+    def mesh(self) -> TaggedMesh:
+        """The undeformed mesh and its groups."""
+        return self.forms.mesh
+
+    @property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups, each with its formulation and parameters."""
+        return self.forms.groups
+
+    @property
+    def degree(self) -> int:
+        """Degree of the elements, and of the mesh's geometry where a formulation is an updated one."""
+        return self.forms.degree
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The unknown's function space."""
+        return self.forms.space
+
+    @property
+    def layout(self) -> DofLayout:
+        """Where the displacement lies in the space."""
+        return self.forms.layout
+
+    @property
+    def interfaces(self) -> tuple[FoundInterface, ...]:
+        """The frames found on the mesh."""
+        return self.forms.interfaces
 
     @property
     def comm(self) -> MPI.Comm:

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
-from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 from flexmbd.errors import FormulationError, InterfaceError
@@ -66,7 +66,7 @@ class ExplicitOperator:
         bonds: of the model's interfaces, in their order.
     """
 
-    model: ContinuumModel
+    model: LinearModel
     masses: FloatArray
     rotations: NDArray[np.int32]
     moving: Mask
@@ -110,7 +110,7 @@ class ExplicitOperator:
         return float(2.0 / np.sqrt(_fastest(self, frames)))
 
 
-def lumped_rotations(model: ContinuumModel, *, raised: bool = True) -> ExplicitOperator:
+def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOperator:
     """Every rotation with an inertia of its own. Collective, may compile.
 
     Lumped by `lumped_mass`, which treats rotations as displacements. Raised, a node has the same inertia about all
@@ -144,7 +144,7 @@ def lumped_rotations(model: ContinuumModel, *, raised: bool = True) -> ExplicitO
     return ExplicitOperator(model, masses, rotations, ~bound, bonds, product, None)
 
 
-def condensed_rotations(model: ContinuumModel) -> ExplicitOperator:
+def condensed_rotations(model: LinearModel) -> ExplicitOperator:
     """Rotations without inertia, condensed (eq. 54-56). Collective, may compile.
 
     Raises:
@@ -193,7 +193,7 @@ def _inverse_root(mass: FloatArray) -> FloatArray:
         ) from None
 
 
-def _rotations(model: ContinuumModel) -> tuple[NDArray[np.int32], Mask]:
+def _rotations(model: LinearModel) -> tuple[NDArray[np.int32], Mask]:
     """Owned rotations, node by node, and which owned dofs they are. Collective."""
     layout, found = model.layout, []
     turning = layout.kinematic[: layout.n_owned].copy()
@@ -211,7 +211,7 @@ def _rotations(model: ContinuumModel) -> tuple[NDArray[np.int32], Mask]:
     return rotations, turning
 
 
-def _bonds(model: ContinuumModel) -> tuple[tuple[Bond, ...], Mask]:
+def _bonds(model: LinearModel) -> tuple[tuple[Bond, ...], Mask]:
     """The rigid interfaces' nodes, and which owned dofs they bind. Collective."""
     bonds, bound = [], np.zeros(model.n_owned, dtype=bool)
     for found in model.interfaces:
@@ -258,7 +258,7 @@ class _Product:
 class _Condensed:
     """The factor of K_tt and the rows K_td of the free rotations. Constructing one is collective."""
 
-    def __init__(self, model: ContinuumModel, free: Mask) -> None:
+    def __init__(self, model: LinearModel, free: Mask) -> None:
         self._free = free
         rows = _indices(model.K, free)
         self._rows = _Product(model.K.createSubMatrix(rows))

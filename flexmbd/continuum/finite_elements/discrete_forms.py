@@ -1,0 +1,129 @@
+"""Formulations on a mesh with their unknown and interfaces: what linear models and bodies with history begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.formulation import Formulation
+from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
+from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.errors import FormulationError, InterfaceError, MeshError
+
+# Largest difference of two formulations' rigid motions, relative to the motion.
+_SAME_MOTION = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteForms:
+    """Formulations on a mesh; made by `discretise`.
+
+    Attributes:
+        mesh: the undeformed mesh and its groups.
+        groups: the cell groups, each with its formulation and parameters; one group with the name
+            None where the whole body has the same.
+        degree: of the elements.
+        space: the unknown's function space.
+        layout: where the displacement, and what else the unknown holds, lies in it.
+        interfaces: the frames found on the mesh.
+    """
+
+    mesh: TaggedMesh
+    groups: tuple[CellGroup, ...]
+    degree: int
+    space: fem.FunctionSpace
+    layout: DofLayout
+    interfaces: tuple[FoundInterface, ...]
+
+    @property
+    def formulation(self) -> Formulation:
+        """The first group's formulation, whose element and rigid motion are those of all."""
+        return self.groups[0].formulation
+
+    @property
+    def form_name(self) -> str:
+        """Names of the formulations' modules."""
+        return ", ".join(dict.fromkeys(group.form_name for group in self.groups))
+
+    @cached_property
+    def is_definite(self) -> bool:
+        """Whether the stiffness is positive definite once the body is held. Collective at the first call.
+
+        Not with unknowns that no rigid motion moves, as pressures: K is then that of a saddle point,
+        and a factor must be one for indefinite matrices.
+        """
+        own = self.layout.kinematic[: self.layout.n_owned]
+        return bool(self.mesh.comm.allreduce(bool(own.all()), op=MPI.LAND))
+
+    @cached_property
+    def mesh_fingerprint(self) -> str:
+        """`TaggedMesh.fingerprint` of the mesh. Collective at the first call."""
+        return self.mesh.fingerprint()
+
+
+def discretise(
+    mesh: TaggedMesh,
+    formulation: Source | Pairs,
+    parameters: Any,
+    *,
+    degree: int,
+    interfaces: Sequence[Interface],
+    with_history: bool = False,
+) -> DiscreteForms:
+    """Check everything that both kinds of bodies are made of. Collective over the mesh's communicator.
+
+    Args:
+        mesh: lengths in m.
+        formulation: a module, the name of one in `flexmbd.forms`, or a form file's path; or
+            several as {cell group: (formulation, parameters)}, whose elements are the same.
+        parameters: an instance of the formulation's `Parameters`, SI units; None with several.
+        degree: of the elements, at least that of the mesh's geometry.
+        interfaces: groups of the mesh that carry frames.
+        with_history: whether formulations may keep a history.
+
+    Raises:
+        FormulationError: a form file breaks its contract, or does not fit its parameters, the
+            cell or the degree; the pairs do not fit the cell groups or each other.
+        InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
+            given different ones.
+        MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+    """
+    if not isinstance(mesh, TaggedMesh):
+        raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
+    # on several ranks the matrices of a model that is gone wait for a collective call
+    PETSc.garbage_cleanup(mesh.comm)
+    groups = pair_cells(mesh, formulation, parameters, degree=degree, with_history=with_history)
+    form = groups[0].formulation
+    space = fem.functionspace(mesh.mesh, form.element(mesh.mesh.topology.cell_name(), 3, degree))
+    layout = dof_layout(space, form.rigid_motion)
+    _check_rigid_motions(groups, space, layout)
+    parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
+    found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout))
+    return DiscreteForms(mesh, groups, degree, space, layout, found)
+
+
+def _check_rigid_motions(groups: tuple[CellGroup, ...], space: fem.FunctionSpace, layout: DofLayout) -> None:
+    """Refuse formulations whose unknowns mean different things. Collective."""
+    others = {group.form_name: group.formulation for group in groups}
+    del others[groups[0].form_name]
+    for name, other in others.items():
+        own = layout.rigid_columns(np.zeros(3), np.eye(3))
+        off = dof_layout(space, other.rigid_motion).rigid_columns(np.zeros(3), np.eye(3)) - own
+        largest = np.array([abs(off).max(initial=0.0), abs(own).max(initial=0.0)])
+        space.mesh.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        if not largest[0] <= _SAME_MOTION * largest[1]:
+            raise FormulationError(
+                f"{groups[0].form_name} and {name} have different rigid motions, so their unknowns "
+                "mean different things: they cannot be in one body"
+            )

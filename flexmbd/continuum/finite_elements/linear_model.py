@@ -1,0 +1,243 @@
+"""A linear elastic body on a mesh, at rest or about a loaded static state: what a reduction works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.contract.formulation import Formulation
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.finite_elements.interface import FoundInterface
+from flexmbd.continuum.finite_elements.stress import StressRecovery
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.errors import InterfaceError
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.record.stress_field import StressField
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StaticState:
+    """A static state of a model that is held at one interface.
+
+    Attributes:
+        frame: the interface that is held, and carries the body frame.
+        displacement: (local dofs including ghosts,) in the mesh's axes.
+        interfaces: the frames in that state.
+        balance: (owned dofs,) N, internal forces less those on the nodes from outside; what is left of it are
+            the forces that rigid interfaces hold together, and those of the interfaces' own loads.
+        rigid_error: of the static shapes at rest; see `flexmbd.reduction.statics`.
+        loads: what the body is loaded with, as text.
+        note: what became of it.
+    """
+
+    frame: str
+    displacement: FloatArray
+    interfaces: tuple[FoundInterface, ...]
+    balance: FloatArray
+    rigid_error: float
+    loads: tuple[str, ...]
+    note: str
+
+
+class LinearModel:
+    """Small displacements of a body about a state, with named interfaces; a `ContinuumModel` or a `PrestressedModel`.
+
+    Nothing is changed after construction.
+
+    Attributes:
+        forms: the formulations on the mesh, and the interfaces at rest.
+        parameters: as they were given: one instance of the formulation's `Parameters`, or a
+            dictionary of them by cell group.
+        layout: where the displacement, and what else the unknown holds, lies in the unknown's space.
+        interfaces: the frames found on the mesh, in the state.
+        K: stiffness in the state (N/m, N, N m), over all dofs, PETSc AIJ matrix spread by rows.
+        M: consistent mass (kg, kg m, kg m^2), the same layout.
+        state: the loaded static state, or None at rest.
+    """
+
+    def __init__(
+        self,
+        forms: DiscreteForms,
+        parameters: Any,
+        *,
+        layout: DofLayout,
+        interfaces: tuple[FoundInterface, ...],
+        K: PETSc.Mat,
+        M: PETSc.Mat,
+        state: StaticState | None,
+    ) -> None:
+        """Keep the parts; not collective."""
+        self.forms, self.parameters = forms, parameters
+        self.layout, self.interfaces = layout, interfaces
+        self.K, self.M, self.state = K, M, state
+
+    @property
+    def mesh(self) -> TaggedMesh:
+        """The undeformed mesh and its groups."""
+        return self.forms.mesh
+
+    @property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups, each with its formulation and parameters; one with the name None where all is the same."""
+        return self.forms.groups
+
+    @property
+    def degree(self) -> int:
+        """Degree of the elements."""
+        return self.forms.degree
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The unknown's function space."""
+        return self.forms.space
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator the model is spread over."""
+        return self.mesh.comm
+
+    @property
+    def formulation(self) -> Formulation:
+        """The first group's formulation, whose element and rigid motion are those of all."""
+        return self.forms.formulation
+
+    @property
+    def form_name(self) -> str:
+        """Names of the formulations' modules."""
+        return self.forms.form_name
+
+    @property
+    def n_owned(self) -> int:
+        """Number of dofs this rank owns, which stand before its ghosts."""
+        return self.layout.n_owned
+
+    @property
+    def n_owned_nodes(self) -> int:
+        """Number of displacement nodes this rank owns, which stand before its ghosts."""
+        return self.layout.n_owned_nodes
+
+    @property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+        return self.layout.displacement_dofs
+
+    @property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, positions of the displacement nodes in the mesh's axes."""
+        return self.layout.node_x
+
+    @property
+    def is_definite(self) -> bool:
+        """Whether K is positive definite once the body is held: see `DiscreteForms`. Collective at the first call."""
+        return self.forms.is_definite
+
+    @property
+    def has_sections(self) -> bool:
+        """Whether the formulations have cross-sections (`motion`), as beams and shells do."""
+        return all(group.has_sections for group in self.groups)
+
+    @property
+    def mesh_fingerprint(self) -> str:
+        """`TaggedMesh.fingerprint` of the mesh. Collective at the first call."""
+        return self.forms.mesh_fingerprint
+
+    @cached_property
+    def displacement(self) -> FloatArray:
+        """(local dofs including ghosts,) from the undeformed mesh, in its axes: zero but for a loaded state."""
+        return np.zeros(self.layout.n_local) if self.state is None else self.state.displacement
+
+    def interface(self, name: str) -> FoundInterface:
+        """The interface of that name.
+
+        Raises:
+            InterfaceError: there is none; the message lists those there are.
+        """
+        for found in self.interfaces:
+            if found.name == name:
+                return found
+        known = ", ".join(repr(found.name) for found in self.interfaces) or "none"
+        raise InterfaceError(f"the model has no interface {name!r}; it has: {known}")
+
+    def rigid_motions(self, origin: ArrayLike, axes: ArrayLike) -> FloatArray:
+        """The six unit rigid motions of the body, by the formulation's `rigid_motion`.
+
+        Collective at the first call of a process, which may compile.
+
+        Args:
+            origin: (3,) m, the point that rotations leave at rest, in the mesh's axes.
+            axes: (3, 3) rotation; motions are along and about its columns.
+
+        Returns:
+            (owned dofs, 6): three translations by 1 m, three small rotations by 1 rad.
+        """
+        return np.asfortranarray(self.layout.rigid_columns(origin, axes)[: self.n_owned])
+
+    def internal_work(self, u: fem.Function, v: ufl.core.expr.Expr) -> list[ufl.Form]:
+        """Virtual work, J, of the internal forces at u on v, linear in v; not collective.
+
+        One form a term and cell group, whose sum it is. Each must be assembled by itself, because its
+        quadrature rule is its own, and so must be its derivatives by u: tangent, geometric stiffness.
+
+        Args:
+            u: on `space`.
+            v: a test function or a function on `space`.
+        """
+        return assembly.internal_work(self.groups, u, v)
+
+    def kinetic_energy(self, v: fem.Function) -> list[ufl.Form]:
+        """Kinetic energy, J, of the velocity v on `space`; one form a term and cell group."""
+        return assembly.kinetic_energy(self.groups, v)
+
+    def tangent(self, u: FloatArray) -> PETSc.Mat:
+        """Stiffness at a displacement: the derivative of the internal forces there. Collective.
+
+        Compiles at the first call.
+
+        Args:
+            u: (owned dofs,) in the mesh's axes.
+
+        Returns:
+            A new matrix with the layout of `K`; the caller destroys it.
+
+        Raises:
+            FormulationError: on all ranks: an entry is not finite.
+        """
+        at, forms = self._tangent
+        at.x.array[: self.n_owned] = u
+        at.x.scatter_forward()
+        return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
+
+    def stress_field(self, body: ReducedBody, q: ArrayLike) -> StressField:
+        """Displacement and stress of a body reduced from this model. Collective.
+
+        Args:
+            body: as `flexmbd.continuum.finite_elements.recovery.nodal_modes` wants it.
+            q: (n,) modal coordinates, the same on every rank.
+
+        Raises:
+            RecordError: on all ranks: the modes are not there, or `q` does not fit.
+        """
+        return self._stress.field(body, q)
+
+    @cached_property
+    def _stress(self) -> StressRecovery:
+        return StressRecovery(self, rest=self.displacement)
+
+    @cached_property
+    def _tangent(self) -> tuple[fem.Function, list[fem.Form]]:
+        at, v = fem.Function(self.space), ufl.TestFunction(self.space)
+        return at, assembly.derivatives(self.internal_work(at, v), at)
