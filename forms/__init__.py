@@ -1,5 +1,6 @@
 """Formulations: one a file, written in UFL alone; ufl, basix.ufl, dataclasses and other forms are all it imports.
 
+What several have in common stands in `_shared`; a file of a user's own needs nothing of it.
 The contract of such a file is `flexmbd.continuum.contract.formulation.Formulation`. A formulation need not
 live here: any module that satisfies the contract can be handed to the continuum side.
 """

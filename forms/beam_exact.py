@@ -26,6 +26,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from flexmbd.forms import beam_timoshenko as timoshenko
+from flexmbd.forms._shared import degrees
 from flexmbd.forms.beam_timoshenko import Parameters as Parameters
 from flexmbd.forms.beam_timoshenko import Quadrature as Quadrature
 from flexmbd.forms.beam_timoshenko import Reference as Reference
@@ -147,7 +148,7 @@ def _multiplied(theta: Expr, square: Expr, scalar: Expr, vector: Expr) -> list[E
 
 def _rule(u: Expr) -> Quadrature:
     """As many Gauss points as the element has degree, against locking."""
-    n, _ = timoshenko._degrees(u)
+    n, _ = degrees(u)
     return Quadrature(2 * n - 2)
 
 

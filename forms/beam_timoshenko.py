@@ -28,11 +28,14 @@ space-curved beams, doi:10.1007/BF00946983; Arnold 1981, doi:10.1007/BF01396318 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import basix.ufl
 import ufl
 from ufl.core.expr import Expr
+
+from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import check_poisson, check_positive, degrees, number, take_numbers
 
 Axes = tuple[Expr, Expr, Expr]
 
@@ -80,23 +83,16 @@ class Parameters:
     Iyz: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self) if field.name != "orientation"):
-            number = _number(name, getattr(self, name))
-            # written so that NaN fails
-            if name not in ("nu", "Iyz") and not 0.0 < number < float("inf"):
-                raise ValueError(f"{name} must be positive and finite, got {number}")
-            object.__setattr__(self, name, number)
+        take_numbers(self)
+        check_positive(self, ("E", "rho", "A", "Iy", "Iz", "J", "ky", "kz"))
         if not self.Iyz**2 < self.Iy * self.Iz:
             raise ValueError(
                 f"Iyz^2 must be less than Iy Iz, as for every section: got Iyz = {self.Iyz}, Iy = {self.Iy}, "
                 f"Iz = {self.Iz} m^4, with which bending would have no positive energy"
             )
-        if not -1.0 < self.nu < 0.5:
-            raise ValueError(
-                f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
-            )
+        check_poisson(self.nu)
         parts = self.orientation if hasattr(self.orientation, "__iter__") else ()
-        vector = tuple(_number("each part of orientation", part) for part in parts)
+        vector = tuple(number("each part of orientation", part) for part in parts)
         if len(vector) != 3 or not 0.0 < sum(part * part for part in vector) < float("inf"):
             raise ValueError(f"orientation must be a vector of length above zero, got {self.orientation!r}")
         object.__setattr__(self, "orientation", vector)
@@ -179,14 +175,6 @@ class Parameters:
 
 
 @dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
-
-
-@dataclass(frozen=True)
 class Reference:
     """A static problem on the unit interval of the x axis whose exact solution is known.
 
@@ -249,7 +237,7 @@ def strain_energy(u: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
 
     gamma = ufl.variable(_components(d_move + back(axes[0] + d_move), axes))
     kappa = ufl.variable(_components(factor * (d_turn - ufl.cross(turn, d_turn) / 2), axes))
-    n, g = _degrees(u)
+    n, g = degrees(u)
     return [
         (ufl.inner(ufl.elem_mult(_stretching(p), gamma), gamma) / 2, Quadrature(2 * n - 2)),
         (ufl.inner(_bending(p) * kappa, kappa) / 2, Quadrature(2 * n - 2 + 2 * (g - 1))),
@@ -262,7 +250,7 @@ def kinetic_energy(v: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
     spin = _components(turn, _axes(v, p))
     bending = p.Iy * spin[1] ** 2 + p.Iz * spin[2] ** 2 - 2 * p.Iyz * spin[1] * spin[2]
     rotary = (p.Iy + p.Iz) * spin[0] ** 2 + bending
-    n, g = _degrees(v)
+    n, g = degrees(v)
     rule = Quadrature(2 * n + 2 * (g - 1))
     return [(p.rho * p.A / 2 * ufl.inner(move, move), rule), (p.rho / 2 * rotary, rule)]
 
@@ -340,17 +328,3 @@ def _bending(p: Parameters) -> Expr:
     """Stiffness, N m^2, of twist and of bending about y and z, (3, 3)."""
     twist = p.E / (2 * (1 + p.nu)) * p.J
     return ufl.as_matrix(((twist, 0, 0), (0, p.E * p.Iy, -p.E * p.Iyz), (0, -p.E * p.Iyz, p.E * p.Iz)))
-
-
-def _degrees(u: Expr) -> tuple[int, int]:
-    """Polynomial degrees of the field u and of the geometry."""
-    space = u.ufl_function_space()
-    geometry = space.ufl_domain().ufl_coordinate_element()
-    return space.ufl_element().embedded_superdegree, geometry.embedded_superdegree
-
-
-def _number(name: str, value: object) -> float:
-    # float() would take a text, and trips over an array
-    if not hasattr(value, "__float__") or hasattr(value, "__len__") or isinstance(value, bool):
-        raise ValueError(f"{name} must be a number, got {value!r}")
-    return float(value)

@@ -24,12 +24,14 @@ References: Simo & Hughes 1998, Computational Inelasticity, box 3.2 (return); Na
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import ufl
-from ufl.core.expr import Expr as Expr
 
 from flexmbd.forms import solid_linear
+from flexmbd.forms._shared import Expr as Expr
+from flexmbd.forms._shared import Terms as Terms
+from flexmbd.forms._shared import take_numbers
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import element as element
 from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
@@ -42,8 +44,6 @@ ORDER = {1: 2, 2: 3}
 
 # Gradients and integrals refer to the initial configuration.
 REFERENCE = "INITIAL"
-
-Terms: TypeAlias = list[tuple[Expr, Quadrature]]
 
 # A stress below this part of the yield stress has no direction.
 _NO_STRESS = 1e-10
@@ -176,23 +176,6 @@ class Table:
         slopes = [(stress[k + 1] - stress[k]) / (strain[k + 1] - strain[k]) for k in range(n - 1)]
         changes = [slopes[0], *(slopes[k] - slopes[k - 1] for k in range(1, n - 1)), -slopes[-1]]
         return [(strain[k], changes[k]) for k in range(n)]
-
-
-def take_numbers(values: object) -> None:
-    """Turn the fields of a frozen dataclass that must be numbers into floats.
-
-    Raises:
-        ValueError: one is no number.
-    """
-    for item in fields(values):  # type: ignore[arg-type]
-        value = getattr(values, item.name)
-        if item.type not in ("float", float):
-            continue
-        # float() would take a text, and trips over an array
-        scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
-        if not scalar or isinstance(value, bool):
-            raise ValueError(f"{item.name} must be a number, got {value!r}")
-        object.__setattr__(values, item.name, float(value))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import ufl
 
 from flexmbd.forms import solid_linear
-from flexmbd.forms.j2_plasticity import Expr, Terms
+from flexmbd.forms._shared import Expr, Terms
 from flexmbd.forms.solid_linear import Parameters as Parameters
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import Reference as Reference

@@ -27,11 +27,14 @@ doi:10.1016/0045-7825(93)90214-I; Hughes & Brezzi 1989, doi:10.1016/0045-7825(89
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import basix.ufl
 import ufl
 from ufl.core.expr import Expr
+
+from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import check_poisson, check_positive, take_numbers
 
 CELLS = ("triangle", "quadrilateral")
 
@@ -68,26 +71,9 @@ class Parameters:
     t: float
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                raise ValueError(f"{field.name} must be a number, got {value!r}") from None
-            # written so that NaN fails
-            if field.name != "nu" and not 0.0 < number < float("inf"):
-                raise ValueError(f"{field.name} must be positive and finite, got {number}")
-            object.__setattr__(self, field.name, number)
-        if not -1.0 < self.nu < 0.5:
-            raise ValueError(f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}")
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
+        take_numbers(self)
+        check_positive(self, ("E", "rho", "t"))
+        check_poisson(self.nu)
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,14 @@ doi:10.1017/CBO9780511755446.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-import basix.ufl
 import ufl
+
+from flexmbd.forms._shared import IsotropicElastic, degrees, is_tetrahedron
+from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import element as element
+from flexmbd.forms._shared import rigid_motion as rigid_motion
 
 CELLS = ("tetrahedron", "hexahedron")
 
@@ -30,47 +34,8 @@ REFERENCE = "INITIAL"
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elastic material.
-
-    Attributes:
-        E: Young's modulus, Pa, E > 0.
-        nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
-        rho: density in the initial configuration, kg/m^3, rho > 0.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range.
-    """
-
-    E: float
-    nu: float
-    rho: float
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            # float() would take a text, and trips over an array
-            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
-            if not scalar or isinstance(value, bool):
-                raise ValueError(f"{field.name} must be a number, got {value!r}")
-            object.__setattr__(self, field.name, float(value))
-        # written so that NaN fails each test
-        if not 0.0 < self.E < float("inf"):
-            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
-        if not -1.0 < self.nu < 0.5:
-            raise ValueError(
-                f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
-            )
-        if not 0.0 < self.rho < float("inf"):
-            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
+class Parameters(IsotropicElastic):
+    """The material of this form: `IsotropicElastic`."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +59,6 @@ class Reference:
         return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
 
 
-def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
-    """Continuous vector Lagrange element on `cell` for the displacement in `gdim` dimensions."""
-    return basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
-
-
 def strain_energy(
     u: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
@@ -111,8 +71,8 @@ def strain_energy(
     strain = _green_lagrange(u)
     lam, mu = _lame(p)
     energy = lam / 2 * ufl.tr(strain) ** 2 + mu * ufl.inner(strain, strain)
-    n, g = _degrees(u)
-    if _is_simplex(u):
+    n, g = degrees(u)
+    if is_tetrahedron(u):
         degree = (n - 1) + max(n - 1, 2 * (g - 1))
     else:
         degree = n + max(n, 2 * g - 1)
@@ -123,16 +83,9 @@ def kinetic_energy(
     v: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
     """Kinetic energy per initial volume, J/m^3, of the velocity v (m/s); exact on curved cells."""
-    n, g = _degrees(v)
-    jacobian = 3 * (g - 1) if _is_simplex(v) else 3 * g - 1
+    n, g = degrees(v)
+    jacobian = 3 * (g - 1) if is_tetrahedron(v) else 3 * g - 1
     return [(p.rho / 2 * ufl.inner(v, v), Quadrature(2 * n + jacobian))]
-
-
-def rigid_motion(
-    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
-) -> ufl.core.expr.Expr:
-    """Displacement, m, at x of an infinitesimal rigid motion: translation + rotation x x."""
-    return translation + ufl.cross(rotation, x)
 
 
 def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:
@@ -162,14 +115,3 @@ def _small_strain_stress(u: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.
     strain = ufl.sym(ufl.grad(u))
     lam, mu = _lame(p)
     return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
-
-
-def _degrees(u: ufl.core.expr.Expr) -> tuple[int, int]:
-    """Polynomial degrees of the field u and of the geometry."""
-    space = u.ufl_function_space()
-    geometry = space.ufl_domain().ufl_coordinate_element()
-    return space.ufl_element().embedded_superdegree, geometry.embedded_superdegree
-
-
-def _is_simplex(u: ufl.core.expr.Expr) -> bool:
-    return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"

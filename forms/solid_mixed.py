@@ -22,10 +22,13 @@ doi:10.1007/978-3-642-36519-5; Holzapfel 2000, Nonlinear Solid Mechanics, sectio
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import basix.ufl
 import ufl
+
+from flexmbd.forms._shared import IsotropicElastic, is_tetrahedron
+from flexmbd.forms._shared import Quadrature as Quadrature
 
 CELLS = ("tetrahedron", "hexahedron")
 
@@ -37,45 +40,12 @@ REFERENCE = "INITIAL"
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elastic material.
+class Parameters(IsotropicElastic):
+    """The material of this form: `IsotropicElastic`, with -1 < nu <= 0.5."""
 
-    Attributes:
-        E: Young's modulus at small strain, Pa, E > 0.
-        nu: Poisson's ratio at small strain, dimensionless, -1 < nu <= 0.5.
-        rho: density in the initial configuration, kg/m^3, rho > 0.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range.
-    """
-
-    E: float
-    nu: float
-    rho: float
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            # float() would take a text, and trips over an array
-            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
-            if not scalar or isinstance(value, bool):
-                raise ValueError(f"{field.name} must be a number, got {value!r}")
-            object.__setattr__(self, field.name, float(value))
-        # written so that NaN fails each test
-        if not 0.0 < self.E < float("inf"):
-            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
+    def _check_nu(self) -> None:
         if not -1.0 < self.nu <= 0.5:
             raise ValueError(f"Poisson's ratio nu must be above -1 and at most 0.5, got {self.nu}")
-        if not 0.0 < self.rho < float("inf"):
-            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
 
 
 @dataclass(frozen=True)
@@ -129,7 +99,7 @@ def strain_energy(
     coupling = mu * pi * (jacobian - 1)
     compression = (mu * pi) ** 2 * 3 * (1 - 2 * p.nu) / (2 * p.E)
     n = _degree(u)
-    return [(isochoric + coupling - compression, Quadrature(2 * n if _is_simplex(u) else 2 * n + 1))]
+    return [(isochoric + coupling - compression, Quadrature(2 * n if is_tetrahedron(u) else 2 * n + 1))]
 
 
 def kinetic_energy(
@@ -138,7 +108,7 @@ def kinetic_energy(
     """Kinetic energy per initial volume, J/m^3, of the rate v of the unknown; on straight cells exact."""
     velocity, _ = ufl.split(v)
     n = _degree(v)
-    return [(p.rho / 2 * ufl.inner(velocity, velocity), Quadrature(2 * n if _is_simplex(v) else 2 * n + 2))]
+    return [(p.rho / 2 * ufl.inner(velocity, velocity), Quadrature(2 * n if is_tetrahedron(v) else 2 * n + 2))]
 
 
 def rigid_motion(
@@ -175,7 +145,3 @@ def _degree(u: ufl.core.expr.Expr) -> int:
     """Polynomial degree of the displacement."""
     degree: int = u.ufl_function_space().ufl_element().embedded_superdegree
     return degree
-
-
-def _is_simplex(u: ufl.core.expr.Expr) -> bool:
-    return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"

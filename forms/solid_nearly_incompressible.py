@@ -23,10 +23,14 @@ Holzapfel 2000, Nonlinear Solid Mechanics, section 6.4 (the energy).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-import basix.ufl
 import ufl
+
+from flexmbd.forms._shared import IsotropicElastic
+from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import element as element
+from flexmbd.forms._shared import rigid_motion as rigid_motion
 
 CELLS = ("hexahedron",)
 
@@ -38,47 +42,8 @@ REFERENCE = "INITIAL"
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """An isotropic elastic material.
-
-    Attributes:
-        E: Young's modulus at small strain, Pa, E > 0.
-        nu: Poisson's ratio at small strain, dimensionless, -1 < nu < 0.5; up to 0.4999, say.
-        rho: density in the initial configuration, kg/m^3, rho > 0.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range.
-    """
-
-    E: float
-    nu: float
-    rho: float
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            # float() would take a text, and trips over an array
-            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
-            if not scalar or isinstance(value, bool):
-                raise ValueError(f"{field.name} must be a number, got {value!r}")
-            object.__setattr__(self, field.name, float(value))
-        # written so that NaN fails each test
-        if not 0.0 < self.E < float("inf"):
-            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
-        if not -1.0 < self.nu < 0.5:
-            raise ValueError(
-                f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {self.nu}"
-            )
-        if not 0.0 < self.rho < float("inf"):
-            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
+class Parameters(IsotropicElastic):
+    """The material of this form: `IsotropicElastic`, with nu up to 0.4999, say."""
 
 
 @dataclass(frozen=True)
@@ -108,11 +73,6 @@ class Reference:
         return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
 
 
-def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
-    """Continuous vector Lagrange element on `cell` for the displacement in `gdim` dimensions."""
-    return basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
-
-
 def strain_energy(
     u: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
@@ -135,13 +95,6 @@ def kinetic_energy(
     """Kinetic energy per initial volume, J/m^3, of the velocity v (m/s); exact on straight cells."""
     n = v.ufl_function_space().ufl_element().embedded_superdegree
     return [(p.rho / 2 * ufl.inner(v, v), Quadrature(2 * n + 2))]
-
-
-def rigid_motion(
-    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
-) -> ufl.core.expr.Expr:
-    """Displacement, m, at x of an infinitesimal rigid motion: translation + rotation x x."""
-    return translation + ufl.cross(rotation, x)
 
 
 def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:

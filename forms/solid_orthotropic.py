@@ -19,10 +19,14 @@ Reference: Lekhnitskii 1981, Theory of Elasticity of an Anisotropic Body, chapte
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-import basix.ufl
 import ufl
+
+from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import check_positive, degrees, is_tetrahedron, take_numbers
+from flexmbd.forms._shared import element as element
+from flexmbd.forms._shared import rigid_motion as rigid_motion
 
 CELLS = ("tetrahedron", "hexahedron")
 
@@ -66,23 +70,11 @@ class Parameters:
     axis_2: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name.startswith("axis"):
-                object.__setattr__(self, field.name, _vector(field.name, value))
-                continue
-            # float() would take a text, and trips over an array
-            scalar = hasattr(value, "__float__") and not hasattr(value, "__len__")
-            if not scalar or isinstance(value, bool):
-                raise ValueError(f"{field.name} must be a number, got {value!r}")
-            object.__setattr__(self, field.name, float(value))
-        for name in ("E1", "E2", "E3", "G12", "G13", "G23", "rho"):
-            value = getattr(self, name)
-            # written so that NaN fails
-            if not 0.0 < value < float("inf"):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
+        take_numbers(self)
+        axes = (_vector(name, getattr(self, name)) for name in ("axis_1", "axis_2"))
+        check_positive(self, ("E1", "E2", "E3", "G12", "G13", "G23", "rho"))
         self._check_definite()
-        first, second = _right_angled(self.axis_1, self.axis_2)
+        first, second = _right_angled(*axes)
         object.__setattr__(self, "axis_1", first)
         object.__setattr__(self, "axis_2", second)
 
@@ -106,14 +98,6 @@ class Parameters:
 
 
 @dataclass(frozen=True)
-class Quadrature:
-    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
-
-    degree: int
-    scheme: str = "default"
-
-
-@dataclass(frozen=True)
 class Reference:
     """A static problem on the unit cube whose exact displacement is known.
 
@@ -134,11 +118,6 @@ class Reference:
         return -ufl.div(_stress(ufl.sym(ufl.grad(self.displacement(x))), self.parameters))
 
 
-def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
-    """Continuous vector Lagrange element on `cell` for the displacement in `gdim` dimensions."""
-    return basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
-
-
 def strain_energy(
     u: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
@@ -150,8 +129,8 @@ def strain_energy(
     h = ufl.grad(u)
     # from H rather than F^T F - I: no cancellation at small strain
     strain = (h + h.T + h.T * h) / 2
-    n, g = _degrees(u)
-    if _is_simplex(u):
+    n, g = degrees(u)
+    if is_tetrahedron(u):
         degree = (n - 1) + max(n - 1, 2 * (g - 1))
     else:
         degree = n + max(n, 2 * g - 1)
@@ -162,16 +141,9 @@ def kinetic_energy(
     v: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
     """Kinetic energy per initial volume, J/m^3, of the velocity v (m/s); exact on curved cells."""
-    n, g = _degrees(v)
-    jacobian = 3 * (g - 1) if _is_simplex(v) else 3 * g - 1
+    n, g = degrees(v)
+    jacobian = 3 * (g - 1) if is_tetrahedron(v) else 3 * g - 1
     return [(p.rho / 2 * ufl.inner(v, v), Quadrature(2 * n + jacobian))]
-
-
-def rigid_motion(
-    x: ufl.core.expr.Expr, translation: ufl.core.expr.Expr, rotation: ufl.core.expr.Expr
-) -> ufl.core.expr.Expr:
-    """Displacement, m, at x of an infinitesimal rigid motion: translation + rotation x x."""
-    return translation + ufl.cross(rotation, x)
 
 
 def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.Expr:
@@ -242,14 +214,3 @@ def _right_angled(
         if rest > 1e-6 * lengths[1]:
             return (x, y, z), (across[0] / rest, across[1] / rest, across[2] / rest)
     raise ValueError(f"axis_1 and axis_2 must span a plane, got {first} and {second}")
-
-
-def _degrees(u: ufl.core.expr.Expr) -> tuple[int, int]:
-    """Polynomial degrees of the field u and of the geometry."""
-    space = u.ufl_function_space()
-    geometry = space.ufl_domain().ufl_coordinate_element()
-    return space.ufl_element().embedded_superdegree, geometry.embedded_superdegree
-
-
-def _is_simplex(u: ufl.core.expr.Expr) -> bool:
-    return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"

@@ -17,7 +17,7 @@ from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.sheet import places
 from flexmbd.continuum.contract_suite.trial import Trial
 
-FORMS = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+FORMS = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__) if info.name[0] != "_"]
 CASES = [
     pytest.param((name, cell, degree), id=f"{name}-{cell}-{degree}")
     for name in FORMS

@@ -32,7 +32,7 @@ AXES = np.linalg.qr(np.array([[1.0, 0.3, -0.2], [-0.4, 1.0, 0.5], [0.1, -0.3, 1.
 AXES *= np.linalg.det(AXES)
 
 # what has no energy has a history, and is not reduced
-NAMES = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+NAMES = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__) if info.name[0] != "_"]
 FORMS = [name for name in NAMES if hasattr(formulation.load_form(name), "strain_energy")]
 CASES = [
     pytest.param((name, cell), id=f"{name}-{cell}") for name in FORMS for cell in formulation.load_form(name).CELLS

@@ -198,7 +198,7 @@ def load_form(source: str | Path | ModuleType) -> Formulation:
         faults = import_violations(source)
         module = _import(f"form_file.{source.stem}", path=source, faults=faults)
     else:
-        known = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__)]
+        known = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__) if info.name[0] != "_"]
         if source not in known:
             raise FormulationError(
                 f"flexmbd.forms has no {source!r}, only {', '.join(known)}; "

@@ -1,0 +1,122 @@
+"""What several forms have in common: rules, numbers, the isotropic elastic material, solids' elements and rigid motion.
+
+No formulation: a name that begins with an underscore is none.  Forms alone import it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TypeAlias
+
+import basix.ufl
+import ufl
+from ufl.core.expr import Expr as Expr
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The quadrature rule of one term: polynomial degree integrated exactly, and basix scheme."""
+
+    degree: int
+    scheme: str = "default"
+
+
+#: Integrands, each with its own rule.
+Terms: TypeAlias = list[tuple[Expr, Quadrature]]
+
+
+def number(name: str, value: object) -> float:
+    """The value as a float.
+
+    Raises:
+        ValueError: it is no number.
+    """
+    # float() would take a text, and trips over an array
+    if not hasattr(value, "__float__") or hasattr(value, "__len__") or isinstance(value, bool):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(value)
+
+
+def take_numbers(values: object) -> None:
+    """Turn the fields of a frozen dataclass that must be numbers into floats; called by its `__post_init__`.
+
+    Raises:
+        ValueError: one is no number.
+    """
+    for item in fields(values):  # type: ignore[arg-type]
+        if item.type in ("float", float):
+            object.__setattr__(values, item.name, number(item.name, getattr(values, item.name)))
+
+
+def check_positive(values: object, names: tuple[str, ...]) -> None:
+    """Refuse numbers of a dataclass that are not positive and finite.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name in names:
+        value = getattr(values, name)
+        if not 0.0 < value < float("inf"):  # written so that NaN fails
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+
+
+def check_poisson(nu: float) -> None:
+    """Refuse a Poisson's ratio at which an isotropic material is not stable, or is incompressible.
+
+    Raises:
+        ValueError: it does not lie between -1 and 0.5.
+    """
+    if not -1.0 < nu < 0.5:
+        raise ValueError(f"Poisson's ratio nu must lie between -1 and 0.5, both excluded, got {nu}")
+
+
+@dataclass(frozen=True)
+class IsotropicElastic:
+    """An isotropic elastic material.
+
+    Attributes:
+        E: Young's modulus (at small strain), Pa, E > 0.
+        nu: Poisson's ratio (at small strain), dimensionless, -1 < nu < 0.5.
+        rho: density in the initial configuration, kg/m^3, rho > 0.
+
+    Raises:
+        ValueError: a value is not a finite number inside its range.
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        take_numbers(self)
+        # written so that NaN fails each test
+        if not 0.0 < self.E < float("inf"):
+            raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
+        self._check_nu()
+        if not 0.0 < self.rho < float("inf"):
+            raise ValueError(f"density rho must be positive and finite (kg/m^3), got {self.rho}")
+
+    def _check_nu(self) -> None:
+        check_poisson(self.nu)
+
+
+def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
+    """Continuous vector Lagrange element on `cell` for the displacement in `gdim` dimensions."""
+    return basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
+
+
+def rigid_motion(x: Expr, translation: Expr, rotation: Expr) -> Expr:
+    """Displacement, m, at x of an infinitesimal rigid motion: translation + rotation x x."""
+    return translation + ufl.cross(rotation, x)
+
+
+def degrees(u: Expr) -> tuple[int, int]:
+    """Polynomial degrees of the field u and of the geometry."""
+    space = u.ufl_function_space()
+    geometry = space.ufl_domain().ufl_coordinate_element()
+    return space.ufl_element().embedded_superdegree, geometry.embedded_superdegree
+
+
+def is_tetrahedron(u: Expr) -> bool:
+    """Whether the cells of the field's mesh are tetrahedra."""
+    return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"
