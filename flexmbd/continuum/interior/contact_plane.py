@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.record.groups import frozen
 
 FloatArray = NDArray[np.float64]
 
@@ -47,11 +48,11 @@ class RigidPlane:
             value = np.asarray(getattr(self, item), dtype=float)
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise SceneError(f"{self.name}: {item} must be three finite numbers, got {getattr(self, item)!r}")
-            object.__setattr__(self, item, value)
+            object.__setattr__(self, item, frozen(value))
         normal = np.asarray(self.normal)
         if not normal.any():
             raise SceneError(f"{self.name}: its normal is zero; give the direction towards the body")
-        object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
+        object.__setattr__(self, "normal", frozen(normal / np.linalg.norm(normal)))
         if not 0.0 <= self.friction < float("inf"):
             raise SceneError(f"{self.name}: friction must be finite and at least 0, got {self.friction!r}")
         if self.penalty is not None and not 0.0 < self.penalty < 3.0:
