@@ -31,9 +31,9 @@ from dolfinx import fem
 
 from flexmbd import meshes
 from flexmbd.continuum.history.newton import Newton
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import PathError, StaticPath, follow, held_dofs
 from flexmbd.continuum.history.tangent_solver import TangentSolver
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import solid_linear
@@ -101,7 +101,7 @@ def per_cell(divisions: tuple[int, int, int]) -> str:
     return "\n".join([head, *lines, told, *claims, ""])
 
 
-def assemble(body: UpdatedLagrangian) -> None:
+def assemble(body: NonlinearModel) -> None:
     """The forces alone, for the present trial displacement, by DOLFINx."""
     if body not in _FORMS:
         _FORMS.clear()
@@ -112,10 +112,10 @@ def assemble(body: UpdatedLagrangian) -> None:
         fem.assemble_vector(forces, form)
 
 
-_FORMS: dict[UpdatedLagrangian, tuple] = {}
+_FORMS: dict[NonlinearModel, tuple] = {}
 
 
-def explicit_step(body: UpdatedLagrangian) -> Callable[[], None]:
+def explicit_step(body: NonlinearModel) -> Callable[[], None]:
     """A step of central differences of a body that yields."""
     motion = NodalMotion(body)
     motion.begin(np.zeros(3), np.eye(3), np.zeros(3))
@@ -144,7 +144,7 @@ def ring(divisions, *, form, hardening, means=True):
         p = form.Parameters(**elastic)
     else:
         p = form.Parameters(**elastic, yield_stress=case.YIELD, hardening=j2.Linear(hardening))
-    return UpdatedLagrangian(mesh, form, p, degree=1, cell_means=means)
+    return NonlinearModel(mesh, form, p, degree=1, cell_means=means)
 
 
 class Split:
@@ -197,8 +197,8 @@ def cylinder(divisions, hardening) -> dict[str, float]:
     body.tangent(np.zeros(body.layout.n_local))
     split = Split()
     for owner, name, part in (
-        (UpdatedLagrangian, "tangent", "tangent"), (UpdatedLagrangian, "force", "residual"),
-        (UpdatedLagrangian, "commit", "update"), (TangentSolver, "take", "factor"), (Newton, "_direction", "solve"),
+        (NonlinearModel, "tangent", "tangent"), (NonlinearModel, "force", "residual"),
+        (NonlinearModel, "commit", "update"), (TangentSolver, "take", "factor"), (Newton, "_direction", "solve"),
     ):
         split.wrap(owner, name, part)
     begin, wall = time.process_time(), time.perf_counter()

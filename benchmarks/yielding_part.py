@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel, cut_mesh
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.reduction import Keep, craig_bampton
@@ -132,7 +132,7 @@ def run_cut(mesh: TaggedMesh, speed: float, t_end: float, coupling: fm.Coupling)
 
 
 def yielding(mesh: TaggedMesh, interfaces: list[Interface], **parts: Any) -> fm.ContinuumBody:
-    body = UpdatedLagrangian(mesh, forms.hencky_plasticity, YIELDING, degree=2, interfaces=interfaces)
+    body = NonlinearModel(mesh, forms.hencky_plasticity, YIELDING, degree=2, interfaces=interfaces)
     return fm.ContinuumBody(ImplicitContinuum(body, **parts))
 
 

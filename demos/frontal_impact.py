@@ -24,9 +24,9 @@ from flexmbd.continuum import (
     ExplicitContinuum,
     Interface,
     MpiTeam,
+    NonlinearModel,
     RigidPlane,
     Support,
-    UpdatedLagrangian,
     node_numbers,
 )
 
@@ -54,7 +54,7 @@ steel = forms.updated_lagrangian.Parameters(
     E=2.1e11, nu=0.3, rho=7850.0, yield_stress=2.5e8, hardening=forms.j2_plasticity.Linear(8e8)
 )
 mesh = meshes.crash_tube(WIDTH, WALL, LENGTH, divisions=DIVISIONS, fold=0.022, dent=5e-4, comm=comm)
-solid = UpdatedLagrangian(mesh, forms.updated_lagrangian, steel, degree=1, interfaces=[Interface("z_max")])
+solid = NonlinearModel(mesh, forms.updated_lagrangian, steel, degree=1, interfaces=[Interface("z_max")])
 interior = ExplicitContinuum(
     solid,
     rigid_parts={"z_max": fm.RigidBody(VEHICLE, (0.1, 0.1, 0.1))},

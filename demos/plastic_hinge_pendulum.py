@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
+from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, NonlinearModel
 
 LENGTH, SIDE = 0.2, 0.02  # m
 TIP, SPEED = 8.0, 8.0  # kg, m/s
@@ -50,7 +50,7 @@ steel = forms.hencky_plasticity.Parameters(
 )
 mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(20, 1, 4), comm=comm)
 ends = [Interface("x_min"), Interface("x_max")]
-solid = UpdatedLagrangian(mesh, forms.hencky_plasticity, steel, degree=1, interfaces=ends)
+solid = NonlinearModel(mesh, forms.hencky_plasticity, steel, degree=1, interfaces=ends)
 ball = fm.RigidBody(TIP, 0.4 * TIP * 0.04**2 * np.ones(3))
 rod = fm.ContinuumBody(ImplicitContinuum(solid, rigid_parts={"x_max": ball}))
 

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
+from flexmbd.continuum import ImplicitContinuum, Interface, MpiTeam, NonlinearModel
 
 WIDTH, HEIGHT, COLUMNS, ROWS = 24.0, 8.0, 12, 4
 FOOT, ARM, RADIUS = 4.0, 12.0, 7.5  # half the foot's width; length of the arm; of the disc
@@ -66,7 +66,7 @@ mesh = meshes.from_arrays(
     cell_groups={"base": lambda x: np.full(x.shape[1], True)},
 )
 rubber = forms.st_venant_kirchhoff.Parameters(E=1e4, nu=0.25, rho=5.0)
-solid = UpdatedLagrangian(
+solid = NonlinearModel(
     mesh, forms.st_venant_kirchhoff, rubber, degree=1, interfaces=[Interface("bottom"), Interface("foot")]
 )
 base = fm.ContinuumBody(ImplicitContinuum(solid))

@@ -21,7 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitRun, NonlinearModel, RigidPlane, Support
 from flexmbd.forms import hencky_plasticity
 from flexmbd.forms.j2_plasticity import Linear
 
@@ -52,7 +52,7 @@ def largest(values: np.ndarray) -> float:
 
 copper = hencky_plasticity.Parameters(E=117e9, nu=0.35, rho=8930.0, yield_stress=0.4e9, hardening=Linear(0.1e9))
 mesh = meshes.round_bar(RADIUS, LENGTH, divisions=DIVISIONS, comm=comm)
-rod = UpdatedLagrangian(mesh, hencky_plasticity, copper, degree=1)
+rod = NonlinearModel(mesh, hencky_plasticity, copper, degree=1)
 run = ExplicitRun(
     rod,
     velocity=(0.0, 0.0, -SPEED),

@@ -34,6 +34,8 @@ from flexmbd.continuum.grid.mesh_division import PieceSummary as PieceSummary
 from flexmbd.continuum.grid.mesh_division import Region as Region
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
 from flexmbd.continuum.history.newton import Convergence as Convergence
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel as NonlinearModel
+from flexmbd.continuum.history.nonlinear_model import Snapshot as Snapshot
 from flexmbd.continuum.history.static_path import Equilibrium as Equilibrium
 from flexmbd.continuum.history.static_path import PathError as PathError
 from flexmbd.continuum.history.static_path import StaticPath as StaticPath
@@ -42,8 +44,6 @@ from flexmbd.continuum.history.static_path import follow as follow
 from flexmbd.continuum.history.static_path import held_dofs as held_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver as LinearSolver
 from flexmbd.continuum.history.tangent_solver import Preconditioner as Preconditioner
-from flexmbd.continuum.history.updated_lagrangian import Snapshot as Snapshot
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian as UpdatedLagrangian
 from flexmbd.continuum.interior.contact_plane import RigidPlane as RigidPlane
 from flexmbd.continuum.interior.corotated_interior import CorotatedInterior as CorotatedInterior
 from flexmbd.continuum.interior.explicit import ExplicitContinuum as ExplicitContinuum

@@ -11,8 +11,8 @@ import ufl
 from dolfinx import fem
 
 from flexmbd import meshes
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.shared_parts import share_parts
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 
@@ -44,7 +44,7 @@ def moved(form, law=None, *, cell="hexahedron"):
     p = j2.Parameters(**STEEL, hardening=law or j2.Linear(2e9))
     if form is hencky:
         p = hencky.Parameters(**STEEL, hardening=p.hardening)
-    body = UpdatedLagrangian(mesh, form, p, degree=1, cell_means=True)
+    body = NonlinearModel(mesh, form, p, degree=1, cell_means=True)
     x, u = body.layout.node_x, np.zeros(body.layout.n_local)
     u[body.displacement_dofs] = 2e-2 * np.column_stack([x[:, 0] * x[:, 2], x[:, 1] ** 2, -0.5 * x[:, 0] ** 2])
     body.step(0.7 * u)

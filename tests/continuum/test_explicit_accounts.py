@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitRun, NonlinearModel, RigidPlane, Support
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
@@ -19,14 +19,14 @@ def block(form, hardening, *, divisions=(1, 1, 1), cell="hexahedron", degree=1, 
         size, size, size, divisions=divisions, cell=cell, degree=degree, comm=MPI.COMM_SELF
     )  # fmt: skip
     material = form.Parameters(E, 0.3, 1000.0, yield_stress, hardening=hardening)
-    return UpdatedLagrangian(mesh, form, material, degree=degree)
+    return NonlinearModel(mesh, form, material, degree=degree)
 
 
 def rod(n, **options):
     """Length 1 and wave speed 1, waves along x alone."""
     mesh = meshes.block(1.0, 10.0 / n, 10.0 / n, divisions=(n, 1, 1), comm=MPI.COMM_SELF)
     material = j2_plasticity.Parameters(E=1.0, nu=0.0, rho=1.0, yield_stress=1e6)
-    return ExplicitRun(UpdatedLagrangian(mesh, j2_plasticity, material, degree=1), **options)
+    return ExplicitRun(NonlinearModel(mesh, j2_plasticity, material, degree=1), **options)
 
 
 def test_damping_of_one_mode():
@@ -137,7 +137,7 @@ def bent(form, cell, yield_stress):
     x = mesh.mesh.geometry.x
     x[:, 2] += 0.15 * x[:, 0] ** 2 + 0.1 * x[:, 1] * x[:, 0]
     material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=Linear(1e5))
-    return UpdatedLagrangian(mesh, form, material, degree=2)
+    return NonlinearModel(mesh, form, material, degree=2)
 
 
 SECOND = [(hencky_plasticity, "tetrahedron"), (j2_plasticity, "tetrahedron"), (hencky_plasticity, "hexahedron")]

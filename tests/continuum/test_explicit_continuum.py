@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitContinuum, ExplicitRun, Interface, MpiTeam, NonlinearModel, RigidPlane, Support
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
@@ -21,7 +21,7 @@ EXPLICIT = fm.CentralDifference()
 def body(form=hencky_plasticity, names=("x_max",), *, E=1e6, yield_stress=2e4, comm=MPI.COMM_SELF):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(3, 1, 1), comm=comm)
     material = form.Parameters(E, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.Linear(1e5))
-    return UpdatedLagrangian(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
+    return NonlinearModel(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
 
 
 def machine(interior, *, velocity, at, gravity=(0.0, 0.0, 0.0), comm=MPI.COMM_SELF):

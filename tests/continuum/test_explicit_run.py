@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitRun, RigidPlane, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitRun, NonlinearModel, RigidPlane, Support
 from flexmbd.errors import ExplicitRunError, MeshError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 
@@ -18,14 +18,14 @@ def rod(n, comm=MPI.COMM_WORLD):
     """Length 1 and wave speed 1, waves along x alone: nu = 0, and cells ten times as wide as long."""
     mesh = meshes.block(1.0, 10.0 / n, 10.0 / n, divisions=(n, 1, 1), comm=comm)
     material = j2_plasticity.Parameters(E=1.0, nu=0.0, rho=1.0, yield_stress=1e6)
-    return UpdatedLagrangian(mesh, j2_plasticity, material, degree=1)
+    return NonlinearModel(mesh, j2_plasticity, material, degree=1)
 
 
 def soft_block(form=hencky_plasticity, *, yield_stress=2e4, comm=MPI.COMM_WORLD, **options):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(4, 2, 2), comm=comm)
     hardening = j2_plasticity.Linear(1e5)
     material = form.Parameters(E=1e6, nu=0.3, rho=1000.0, yield_stress=yield_stress, hardening=hardening)
-    return UpdatedLagrangian(mesh, form, material, degree=1, **options)
+    return NonlinearModel(mesh, form, material, degree=1, **options)
 
 
 def tumbling(x):
@@ -103,7 +103,7 @@ def test_a_free_body_keeps_its_momentum_and_energy(form):
 def test_rigid_rotation_strains_nothing(form):
     """Nodes driven through a thousand turns, sixty degrees a step."""
     mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
-    body = UpdatedLagrangian(mesh, form, form.Parameters(1.0, 0.3, 1.0, 1e-3), degree=1)
+    body = NonlinearModel(mesh, form, form.Parameters(1.0, 0.3, 1.0, 1e-3), degree=1)
     motion = ExplicitRun(body).motion
     axis = np.array([1.0, 2.0, -2.0]) / 3.0
     for k in range(1, 6001):
@@ -196,7 +196,7 @@ def test_the_stable_step_follows_the_shape(stretch):
         motion.renew_limit()
     mesh = meshes.block(*np.array(stretch) * [1.0, 0.3, 0.4], divisions=(4, 2, 2))
     material = hencky_plasticity.Parameters(1e6, 0.3, 1000.0 / np.prod(stretch), 1e9)
-    fresh = ExplicitRun(UpdatedLagrangian(mesh, hencky_plasticity, material, degree=1))
+    fresh = ExplicitRun(NonlinearModel(mesh, hencky_plasticity, material, degree=1))
     assert 0.85 < run.stable_step / fresh.stable_step < 1.08
 
 

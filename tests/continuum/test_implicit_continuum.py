@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel
 from flexmbd.errors import InterfaceError, SceneError
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
@@ -25,7 +25,7 @@ GRAVITY = np.array([0.0, 1.0, -9.81])
 
 def bar(form, parameters, *, interfaces=ENDS, comm=MPI.COMM_WORLD):
     mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1), comm=comm)
-    return UpdatedLagrangian(mesh, form, parameters, degree=1, interfaces=list(interfaces))
+    return NonlinearModel(mesh, form, parameters, degree=1, interfaces=list(interfaces))
 
 
 def scheme(rho=0.8):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
+from flexmbd.continuum.history.nonlinear_model import LargeIncrementError, NonlinearModel
 from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
-from flexmbd.continuum.history.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
 HEIGHT, BORE, OUTER = 0.02, 0.1, 0.2  # m
@@ -18,7 +18,7 @@ def ring(form=updated_lagrangian, *, strength=YIELD):
     """A quarter of a thick cylinder in plane strain, the held dofs, and what opens its bore by its own radius."""
     parameters = form.Parameters(E=210e9, nu=0.3, rho=7800.0, yield_stress=strength)
     mesh = meshes.quarter_ring(HEIGHT, OUTER, BORE, divisions=(6, 6, 1))
-    body = UpdatedLagrangian(mesh, form, parameters, degree=1)
+    body = NonlinearModel(mesh, form, parameters, degree=1)
     bore = held_dofs(body, {"inner": "xy"})
     held = np.union1d(bore, held_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"}))
     place = np.zeros(body.layout.n_local)
@@ -63,7 +63,7 @@ def test_what_counts_is_the_flow_against_the_strength(unit):
     E, nu, strength = 210e9 * unit, 0.3, 240e6 * unit
     p = updated_lagrangian.Parameters(E=E, nu=nu, rho=1.0, yield_stress=strength)
     mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), cell="hexahedron", degree=1)
-    body = UpdatedLagrangian(mesh, updated_lagrangian, p, degree=1)
+    body = NonlinearModel(mesh, updated_lagrangian, p, degree=1)
     limit = np.sqrt(0.1 * strength / (E / (3 * (1 - 2 * nu)) + E / (3 * (1 + nu))))  # of |d|
 
     def increment(gradient):

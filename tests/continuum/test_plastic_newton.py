@@ -13,9 +13,9 @@ from dolfinx.fem.petsc import assemble_matrix
 from flexmbd import meshes
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.newton import Balance, Convergence, Newton
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated
@@ -48,7 +48,7 @@ def rate_tangent(body):
 def residuals(sheared, *, rate):
     """Those of a step that shears a clamped block, m, after it was pulled far into the plastic range."""
     mesh = meshes.block(1.0, 0.6, 0.6, divisions=(3, 2, 2), comm=MPI.COMM_SELF)
-    body = UpdatedLagrangian(mesh, j2, j2.Parameters(**STEEL), degree=1, cell_means=False)
+    body = NonlinearModel(mesh, j2, j2.Parameters(**STEEL), degree=1, cell_means=False)
     held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
     pull, shear = (1.0 * np.isin(held, held_dofs(body, {"x_max": axis})) for axis in "xy")
     newton = Newton(body, held, solver=LinearSolver(0), convergence=Convergence(tolerance=1e-11, most_steps=200))
@@ -104,7 +104,7 @@ def test_quadratic(form, law, means):
 
     By the updated Lagrangian form, which does not integrate so large a step well, by 0.4 %.
     """
-    body = UpdatedLagrangian(
+    body = NonlinearModel(
         meshes.block(1.0, 0.6, 0.6, divisions=(3, 2, 2), comm=MPI.COMM_SELF),
         form, form.Parameters(**STEEL | {"hardening": law}), degree=1, cell_means=means,
     )

@@ -5,8 +5,8 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import st_venant_kirchhoff as solid
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
@@ -17,7 +17,7 @@ ALLOY = solid.Parameters(E=71.7e9, nu=0.31, rho=2800.0)
 def tip(cells, force, angle):
     """(2,) m: how far the end goes down along y and along z, under a force (N) at an angle (degrees) from -y to z."""
     mesh = meshes.block(LENGTH, HEIGHT, WIDTH, divisions=cells)
-    body = UpdatedLagrangian(mesh, solid, ALLOY, degree=2)
+    body = NonlinearModel(mesh, solid, ALLOY, degree=2)
     held = held_dofs(body, {"x_min": "xyz"})
     direction = np.array([0.0, -np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     load = load_vectors(body, [Traction("P", "x_max", direction)])[:, 0] * force / (HEIGHT * WIDTH)

@@ -11,8 +11,8 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import st_venant_kirchhoff
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
@@ -46,7 +46,7 @@ def eighth():
 
 def mean_stretches(tensions):
     """(k, 2) of the finite elements, along the pull and across: the mean of grad u is that of u n over the surface."""
-    body = UpdatedLagrangian(
+    body = NonlinearModel(
         eighth(), st_venant_kirchhoff, st_venant_kirchhoff.Parameters(E=E, nu=NU, rho=DENSITY), degree=1
     )
     loads = [Traction(name, name, (1.0, 0.0, 0.0)) for name in ("patch", "right", "above")]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, MpiTeam, UpdatedLagrangian
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, MpiTeam, NonlinearModel
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
@@ -32,7 +32,7 @@ def block(length=1.0):
 
 
 def bar(form=ELASTIC, parameters=ELASTIC_STEEL, couplings=(RIGID, RIGID), length=1.0):
-    return ImplicitContinuum(UpdatedLagrangian(block(length), form, parameters, degree=1, interfaces=ends(couplings)))
+    return ImplicitContinuum(NonlinearModel(block(length), form, parameters, degree=1, interfaces=ends(couplings)))
 
 
 def reduced():
@@ -268,7 +268,7 @@ def test_spread_over_all_ranks_it_is_the_same():
         team = {} if comm.size == 1 else {"team": MpiTeam(comm)}
         mesh = meshes.block(1.0, 0.1, 0.1, divisions=(4, 1, 1), comm=comm)
         interfaces = ends((RIGID, AVERAGED))
-        body = UpdatedLagrangian(mesh, ELASTIC, ELASTIC_STEEL, degree=1, interfaces=interfaces)
+        body = NonlinearModel(mesh, ELASTIC, ELASTIC_STEEL, degree=1, interfaces=interfaces)
         scene, _, tip = machine(fm.ContinuumBody(ImplicitContinuum(body)), **team)
         eq = scene.equilibrium()
         run = scene.simulate(2e-3, h=1e-3, about=eq, integrator=fm.GeneralizedAlpha())

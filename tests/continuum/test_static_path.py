@@ -7,9 +7,9 @@ import pytest
 from cooks_membrane import raised
 
 from flexmbd import meshes
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver, Preconditioner
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.errors import FormulationError, MeshError
 from flexmbd.forms import beam_exact
 from flexmbd.forms import hencky_plasticity as hencky
@@ -29,7 +29,7 @@ def cylinder(divisions, *, form=j2, comm=COMM, **options):
     """A quarter of it, what is held, and the forces of 1 Pa inside."""
     mesh = meshes.quarter_ring(0.02, OUTER, INNER, divisions=(*divisions, 1), comm=comm)
     p = form.Parameters(E=E, nu=NU, rho=7800.0, yield_stress=0.24e9)
-    body = UpdatedLagrangian(mesh, form, p, degree=1, **options)
+    body = NonlinearModel(mesh, form, p, degree=1, **options)
     held = held_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"})
     return body, held, load_vectors(body, [Pressure("p", "inner")])[:, 0]
 
@@ -122,7 +122,7 @@ def test_an_increment_that_inverts_cells(form, strength):
     Where it flowed the updated Lagrangian form would refuse such a step before a cell is turned inside out.
     """
     p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=strength, hardening=j2.Linear(2e9))
-    body = UpdatedLagrangian(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), form, p, degree=1, cell_means=False)
+    body = NonlinearModel(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), form, p, degree=1, cell_means=False)
     held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
     pushed = np.isin(held, held_dofs(body, {"x_max": "x"}))
     with pytest.raises(PathError, match=r"cell \d, at \(.*\) m in the undeformed body, is turned inside out") as caught:
@@ -159,7 +159,7 @@ def test_moment_over_curvature_of_a_rectangular_section(degree, divisions, withi
     height, length, width, young, strength = 0.1, 0.005, 0.005, 200e9, 250e6
     mesh = meshes.block(length, height, width, divisions=(1, divisions, 1), comm=MPI.COMM_SELF)
     p = j2.Parameters(E=young, nu=NU, rho=7800.0, yield_stress=strength)
-    body = UpdatedLagrangian(mesh, j2, p, degree=degree)
+    body = NonlinearModel(mesh, j2, p, degree=degree)
     ends = held_dofs(body, {"x_min": "x", "x_max": "x"})
     # one node at the axis is held along y, one face along z
     middle = np.argmin(np.linalg.norm(body.layout.node_x - [0.0, 0.0, -width / 2], axis=1))
@@ -235,7 +235,7 @@ def test_multigrid_refuses_what_it_does_not_know():
     """A beam's rotations are no displacements."""
     mesh = meshes.line(1.0, divisions=4)
     section = beam_exact.Parameters.rectangle(1e9, 0.3, 1.0, width=0.1, height=0.1, orientation=(0.0, 1.0, 0.0))
-    body = UpdatedLagrangian(mesh, beam_exact, section, degree=1)
+    body = NonlinearModel(mesh, beam_exact, section, degree=1)
     solver = LinearSolver(preconditioner=Preconditioner.MULTIGRID)
     with pytest.raises(FormulationError, match=r"beam_exact has unknowns besides the displacement.*FACTOR"):
         follow(body, [1.0], held=np.arange(6), displacement=lambda t: np.zeros(6), solver=solver)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitRun, Support, UpdatedLagrangian
+from flexmbd.continuum import ExplicitRun, NonlinearModel, Support
 from flexmbd.forms import j2_plasticity
 
 SIZE = 1e-5
@@ -28,7 +28,7 @@ def swing(n, weights, *, nu=0.3, h=None, cell_means=True):
     """Displacement after 0.7 of a period, and the exact one; density and shear modulus are 1."""
     material = j2_plasticity.Parameters(E=2.0 * (1.0 + nu), nu=nu, rho=1.0, yield_stress=1e6)
     mesh = meshes.block(1.0, 1.0, 1.0, divisions=(n, n, n), comm=MPI.COMM_SELF)
-    body = UpdatedLagrangian(mesh, j2_plasticity, material, degree=1, cell_means=cell_means)
+    body = NonlinearModel(mesh, j2_plasticity, material, degree=1, cell_means=cell_means)
     stiffness = 2.0 * (1.0 - nu) / (1.0 - 2.0 * nu) if weights is DILATATIONAL else 1.0
     omega = np.sqrt(3.0 * stiffness) * np.pi / 2
     run = ExplicitRun(body, velocity=lambda x: omega * shape(x, weights), supports=SUPPORTS)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexmbd import forms, meshes
-from flexmbd.continuum import UpdatedLagrangian
+from flexmbd.continuum import NonlinearModel
 from flexmbd.continuum.contract.formulation import load_form
 from flexmbd.continuum.contract_suite.history_checks import unloading
 from flexmbd.continuum.contract_suite.history_trial import history_trials
@@ -65,7 +65,7 @@ def dense(matrix):
 def pulled(form, parameters):
     """A cube that has yielded in a pull: the elastic stiffness before, and the body."""
     mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF, cell="hexahedron", degree=1)
-    body = UpdatedLagrangian(mesh, form, parameters, degree=1, cell_means=False)
+    body = NonlinearModel(mesh, form, parameters, degree=1, cell_means=False)
     elastic = dense(body.tangent(np.zeros(body.layout.n_local)))
     u = np.zeros(body.layout.n_local)
     for axis, strain in enumerate((0.02, -0.008, -0.008)):

@@ -10,7 +10,7 @@ from driven import Driven
 from flexmbd import meshes
 from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite.trial_mesh import tagged
-from flexmbd.continuum.history.updated_lagrangian import InvertedCellError, UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import InvertedCellError, NonlinearModel
 from flexmbd.errors import FormulationError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, neo_hookean, st_venant_kirchhoff, updated_lagrangian
 from flexmbd.forms.j2_plasticity import Linear, Table, Voce
@@ -96,14 +96,14 @@ def test_two_rules_in_one_history(tmp_path):
     form = changed(tmp_path, (one, two))
     mesh = tagged(cube("hexahedron", n=1, degree=1, amplitude=0.0))
     with pytest.raises(FormulationError, match=r"its terms have the rules .*give them the same rule"):
-        UpdatedLagrangian(mesh, form, form.Parameters(**STEEL), degree=1)
+        NonlinearModel(mesh, form, form.Parameters(**STEEL), degree=1)
 
 
 @pytest.mark.parametrize("form", [updated_lagrangian, hencky_plasticity], ids=["Truesdell", "logarithmic"])
 def test_a_degree_unlike_the_geometrys(form):
     mesh = tagged(cube("hexahedron", n=1, degree=1, amplitude=0.0))
     with pytest.raises(FormulationError, match=r"degree=2 needs a mesh of degree 2, and this one has degree 1"):
-        UpdatedLagrangian(mesh, form, form.Parameters(**STEEL), degree=2)
+        NonlinearModel(mesh, form, form.Parameters(**STEEL), degree=2)
 
 
 def test_initial_and_updated_groups_in_one_body():
@@ -114,7 +114,7 @@ def test_initial_and_updated_groups_in_one_body():
     }
     message = r"j2_plasticity refers to the initial configuration and .*hencky_plasticity to the updated one"
     with pytest.raises(FormulationError, match=message):
-        UpdatedLagrangian(mesh, pairs, degree=1)
+        NonlinearModel(mesh, pairs, degree=1)
 
 
 @pytest.mark.parametrize("form", FORMS[1:], ids=["Truesdell", "logarithmic"])

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
 from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import clamped_dofs, follow
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.forms import beam_exact
 
 # what rounds is the axial force, of a stiffness far above the loads
@@ -22,7 +22,7 @@ class Cantilever:
 
     def __init__(self, p, *, length, n, form=beam_exact, degree=2):
         self.mesh = meshes.line(length, divisions=n, comm=MPI.COMM_SELF)
-        self.body = UpdatedLagrangian(self.mesh, form, p, degree=degree)
+        self.body = NonlinearModel(self.mesh, form, p, degree=degree)
         self.held = clamped_dofs(self.body, ["start"])
         node = self.body.layout.nodes_on(0, self.mesh.facets("end"))[0]
         self.tip = self.body.displacement_dofs[node][0] + np.arange(6)

@@ -11,8 +11,8 @@ from mpi4py import MPI
 import numpy as np
 
 from flexmbd import meshes
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 
@@ -38,7 +38,7 @@ def raised(
     along, up = (s**grading / (s**grading + (1 - s) ** grading) for s in (x[:, 0] / 48.0, x[:, 1] + 0.5))
     x[:, 0], x[:, 1] = 48.0 * along, 44.0 * along + up * (44.0 - 28.0 * along)
     p = form.Parameters(E=young, nu=1 / 3, rho=1.0, **more)
-    body = UpdatedLagrangian(mesh, form, p, degree=degree, cell_means=means)
+    body = NonlinearModel(mesh, form, p, degree=degree, cell_means=means)
     fixed = held_dofs(body, {"x_min": "xy"} | dict.fromkeys(held, "z"))
     force = load / 16.0 * load_vectors(body, [Traction("shear", "x_max", (0.0, 1.0, 0.0))])[:, 0]
     follow(body, [1.0], held=fixed, load=lambda t: t * force)

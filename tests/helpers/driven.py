@@ -8,7 +8,7 @@ import numpy as np
 from assembled import cube
 
 from flexmbd.continuum.contract_suite.trial_mesh import tagged
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
 
 class Driven:
@@ -26,7 +26,7 @@ class Driven:
         means: bool = True,
     ) -> None:
         mesh = tagged(cube(cell, n=n, degree=degree, amplitude=amplitude))
-        self.body = UpdatedLagrangian(mesh, form, parameters, degree=degree, cell_means=means)
+        self.body = NonlinearModel(mesh, form, parameters, degree=degree, cell_means=means)
         self.x = self.body.layout.node_x.copy()
 
     def increment(self, stretch: np.ndarray) -> np.ndarray:

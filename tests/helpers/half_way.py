@@ -22,9 +22,9 @@ from flexmbd.continuum import (
     ImplicitContinuum,
     Interface,
     MpiTeam,
+    NonlinearModel,
     RegularCheckpoints,
     RigidPlane,
-    UpdatedLagrangian,
 )
 from flexmbd.continuum.history.body_file import load_body, save_body
 from flexmbd.continuum.history.body_memory import BodyMemory
@@ -43,7 +43,7 @@ TIMES = {
 def bar(form, comm, *, names=(), yield_stress=1e4):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(4, 2, 2), comm=comm)
     material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.Linear(1e5))
-    return UpdatedLagrangian(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
+    return NonlinearModel(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
 
 
 def machine(kind, comm):

@@ -14,8 +14,8 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
 from flexmbd import meshes
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import held_dofs
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 
 LENGTH, E = 10.0, 1e6
 
@@ -29,7 +29,7 @@ class Strip:
     def __init__(self, n: int, form: ModuleType, *, height: float, layers: int = 1, **more: Any) -> None:
         degree = 2 if form.REFERENCE == "UPDATED" else 1
         mesh = meshes.block(LENGTH, height, 0.1, divisions=(n, layers, 1), degree=degree, comm=MPI.COMM_SELF)
-        self.body = UpdatedLagrangian(mesh, form, form.Parameters(E=E, nu=0.0, rho=1.0, **more), degree=2)
+        self.body = NonlinearModel(mesh, form, form.Parameters(E=E, nu=0.0, rho=1.0, **more), degree=2)
         self.stiffness = E * 0.1 * height**3 / 12
         self.x = self.body.layout.node_x.copy()
         dofs = self.body.displacement_dofs

@@ -11,7 +11,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, UpdatedLagrangian, cut_mesh
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel, cut_mesh
 from flexmbd.forms import hencky_plasticity, j2_plasticity, solid_linear
 from flexmbd.reduction import Keep, craig_bampton
 
@@ -33,7 +33,7 @@ def bar(depths, divisions, *, waist=None):
 
 
 def solid(mesh, form, parameters, interfaces):
-    body = UpdatedLagrangian(mesh, form, parameters, degree=1, interfaces=interfaces)
+    body = NonlinearModel(mesh, form, parameters, degree=1, interfaces=interfaces)
     return fm.ContinuumBody(ImplicitContinuum(body))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
 # Strains up to which it is looked for; and what of a small step's forces is left where it was no elastic one.
 _SMALLEST, _LARGEST, _LEFT = 1e-5, 0.02, 0.05
@@ -35,7 +35,7 @@ class HistoryTrial:
         """Not collective; compiles."""
         self.form, self.parameters = form, parameters
         mesh = distorted_mesh(cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1)
-        self.body = UpdatedLagrangian(tagged(mesh), form, parameters, degree=degree)  # type: ignore[arg-type]
+        self.body = NonlinearModel(tagged(mesh), form, parameters, degree=degree)  # type: ignore[arg-type]
         self.x: FloatArray = self.body.layout.node_x.copy()
         self._rest = self.body.snapshot()
 

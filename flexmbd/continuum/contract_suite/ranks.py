@@ -19,7 +19,7 @@ from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
 from flexmbd.continuum.finite_elements.model import ContinuumModel
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
 _DIVISIONS = 3
 
@@ -53,7 +53,7 @@ def _spectra_and_forces(form: Formulation, cell: str, degree: int, *, comm: MPI.
     """As `_spectra`; and the forces after a step that yields, of nodes in the order of their places. Collective."""
     spectra = _spectra(form, cell, degree, comm=comm)
     source, parameters = cast(ModuleType, form), yielding_parameters(form)[0]
-    body = UpdatedLagrangian(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
     x = body.layout.node_x
     body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel())
     forces = body.force(np.zeros(body.layout.n_local)).reshape(-1, 3)
@@ -89,7 +89,7 @@ def _matrices(
         mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
         model = ContinuumModel(mesh, source, parameters, degree=degree)
         return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))
-    body = UpdatedLagrangian(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
     stiffness, layout = body.tangent(np.zeros(body.layout.n_local)), body.layout
     rigid = layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
     return _rows(stiffness), _rows(body.mass()), rigid

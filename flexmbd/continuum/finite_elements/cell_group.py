@@ -148,7 +148,7 @@ def _check(
     if not with_history and not hasattr(form, "strain_energy"):
         raise FormulationError(
             f"{name} has a residual and no strain_energy, of which the stiffness is the second derivative; "
-            "it is for bodies with history, flexmbd.continuum.UpdatedLagrangian"
+            "it is for bodies with history, flexmbd.continuum.NonlinearModel"
         )
     if mesh.mesh.geometry.dim != 3:
         raise FormulationError(

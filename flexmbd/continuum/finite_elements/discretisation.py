@@ -14,7 +14,7 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
 
 class Discretisation(Protocol):
-    """Formulations on a mesh, and the space of their unknown (`LinearModel`, `UpdatedLagrangian`)."""
+    """Formulations on a mesh, and the space of their unknown (`LinearModel`, `NonlinearModel`)."""
 
     @property
     def mesh(self) -> TaggedMesh:

@@ -11,20 +11,20 @@ import numpy as np
 from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.errors import RecordError, SceneError
 
 _VERSION = 1
 
 
-def fingerprint(body: UpdatedLagrangian, **surroundings: object) -> str:
+def fingerprint(body: NonlinearModel, **surroundings: object) -> str:
     """Tells bodies of other meshes, elements or materials apart, and what they stand in. Collective."""
     materials = [(group.name, group.form_name, group.parameters) for group in body.groups]
     told = (body.mesh.fingerprint(), body.degree, materials, surroundings)
     return hashlib.sha256(repr(told).encode()).hexdigest()
 
 
-def save_body(body: UpdatedLagrangian, path: str | Path, *, t: float) -> None:
+def save_body(body: NonlinearModel, path: str | Path, *, t: float) -> None:
     """Keep the last accepted step in a file (.npz), which is whole at any instant. Collective.
 
     Args:
@@ -40,7 +40,7 @@ def save_body(body: UpdatedLagrangian, path: str | Path, *, t: float) -> None:
     parallel.on_root(body.comm, lambda: write_arrays(path, arrays))
 
 
-def load_body(body: UpdatedLagrangian, path: str | Path) -> float:
+def load_body(body: NonlinearModel, path: str | Path) -> float:
     """Be as `save_body` has kept it; the instant or load parameter. Collective.
 
     Raises:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.nodes import node_numbers
-from flexmbd.continuum.history.updated_lagrangian import Snapshot, UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel, Snapshot
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class BodyMemory:
         node_count: of nodes in the whole body.
     """
 
-    def __init__(self, body: UpdatedLagrangian) -> None:
+    def __init__(self, body: NonlinearModel) -> None:
         """Number nodes and cells."""
         self._body, self._comm = body, body.comm
         self._owned = body.layout.n_owned_nodes

@@ -11,8 +11,8 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.nonlinear_model import InvertedCellError, NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
-from flexmbd.continuum.history.updated_lagrangian import InvertedCellError, UpdatedLagrangian
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
 
@@ -91,7 +91,7 @@ class Newton:
 
     def __init__(
         self,
-        body: UpdatedLagrangian,
+        body: NonlinearModel,
         held: NDArray[np.int32],
         *,
         solver: LinearSolver = DEFAULT_SOLVER,

@@ -15,8 +15,8 @@ from flexmbd.continuum.history.newton import (
     Newton,
     Solution,
 )
+from flexmbd.continuum.history.nonlinear_model import LargeIncrementError, NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
-from flexmbd.continuum.history.updated_lagrangian import LargeIncrementError, UpdatedLagrangian
 from flexmbd.errors import ConvergenceError, MeshError
 
 FloatArray = NDArray[np.float64]
@@ -67,7 +67,7 @@ class PathError(ConvergenceError):
         self.path = path
 
 
-def held_dofs(body: UpdatedLagrangian, groups: Mapping[str, str]) -> NDArray[np.int32]:
+def held_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[np.int32]:
     """Owned dofs of facet groups that are held. Collective.
 
     Args:
@@ -88,7 +88,7 @@ def held_dofs(body: UpdatedLagrangian, groups: Mapping[str, str]) -> NDArray[np.
     return dofs[dofs < body.n_owned]
 
 
-def clamped_dofs(body: UpdatedLagrangian, groups: Iterable[str]) -> NDArray[np.int32]:
+def clamped_dofs(body: NonlinearModel, groups: Iterable[str]) -> NDArray[np.int32]:
     """Owned dofs of facet groups that do not move at all, nor turn where there are rotations. Collective.
 
     Raises:
@@ -102,7 +102,7 @@ def clamped_dofs(body: UpdatedLagrangian, groups: Iterable[str]) -> NDArray[np.i
 
 
 def follow(
-    body: UpdatedLagrangian,
+    body: NonlinearModel,
     times: Sequence[float],
     *,
     held: NDArray[np.int32],
@@ -176,7 +176,7 @@ def follow(
 
 
 def _equilibrium(
-    body: UpdatedLagrangian,
+    body: NonlinearModel,
     newton: Newton,
     t: float,
     start: FloatArray,

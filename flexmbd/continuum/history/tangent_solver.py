@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.matrices.blocks import from_dense, inner, to_dense
 from flexmbd.continuum.matrices.near_null_space import near_null_space
 from flexmbd.errors import ConvergenceError, FormulationError
@@ -74,7 +74,7 @@ class TangentSolver:
         iterations: of Krylov's method so far.
     """
 
-    def __init__(self, body: UpdatedLagrangian, held: NDArray[np.int32], choice: LinearSolver) -> None:
+    def __init__(self, body: NonlinearModel, held: NDArray[np.int32], choice: LinearSolver) -> None:
         """Nothing is computed yet.
 
         Args:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
@@ -34,7 +34,7 @@ class BondedNodes:
     """The nodes of all interfaces of a body. Constructing one is collective.
 
     Attributes:
-        frames: one for each interface, in the order of `UpdatedLagrangian.interfaces`.
+        frames: one for each interface, in the order of `NonlinearModel.interfaces`.
         nodes: (n,) local nodes, ghosts included.
         frame_of: (n,) the number of each node's frame.
         own: (n,) whether this rank owns the node.
@@ -45,7 +45,7 @@ class BondedNodes:
 
     def __init__(
         self,
-        body: UpdatedLagrangian,
+        body: NonlinearModel,
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
         may_average: bool = False,
@@ -137,7 +137,7 @@ class BondedNodes:
             )
         parallel.raise_collectively(self._comm, error)
 
-    def _frames(self, body: UpdatedLagrangian, parts: Mapping[str, RigidBody]) -> tuple[InteriorFrame, ...]:
+    def _frames(self, body: NonlinearModel, parts: Mapping[str, RigidBody]) -> tuple[InteriorFrame, ...]:
         frames, error = [], None
         for k, found in enumerate(body.interfaces):
             mine = self.own & (self.frame_of == k)

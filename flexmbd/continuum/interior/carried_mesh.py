@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class CarriedMesh:
         p, R: origin (m) and rotation of the body axes in inertial ones.
     """
 
-    def __init__(self, body: UpdatedLagrangian, masses: FloatArray) -> None:
+    def __init__(self, body: NonlinearModel, masses: FloatArray) -> None:
         """Not collective.
 
         Args:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
@@ -40,7 +40,7 @@ class ExplicitContinuum:
 
     def __init__(
         self,
-        body: UpdatedLagrangian,
+        body: NonlinearModel,
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
         planes: Sequence[RigidPlane] = (),

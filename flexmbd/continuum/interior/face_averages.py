@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.newton import Conditions
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 class FaceAverages:
     """The conditions of all averaged interfaces of a body. Constructing one is collective."""
 
-    def __init__(self, body: UpdatedLagrangian, bonds: BondedNodes) -> None:
+    def __init__(self, body: NonlinearModel, bonds: BondedNodes) -> None:
         """Collect the averages.
 
         Args:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.newton import Newton
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.matrices.blocks import multiply
@@ -53,7 +53,7 @@ class Condensation:
         mass: the mass matrix.
     """
 
-    body: UpdatedLagrangian
+    body: NonlinearModel
     bonds: BondedNodes
     averages: FaceAverages
     newton: Newton

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.newton import Balance, Convergence, Newton, Solution
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
@@ -82,7 +82,7 @@ class ImplicitContinuum:
 
     def __init__(
         self,
-        body: UpdatedLagrangian,
+        body: NonlinearModel,
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
         solver: LinearSolver = _SOLVER,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.stable_step import StableStep
@@ -75,7 +75,7 @@ class NodalMotion:
 
     def __init__(
         self,
-        body: UpdatedLagrangian,
+        body: NonlinearModel,
         *,
         supports: Sequence[Support] = (),
         planes: Sequence[RigidPlane] = (),

@@ -16,7 +16,7 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.updated_lagrangian import UpdatedLagrangian
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 
 FloatArray = NDArray[np.float64]
@@ -31,7 +31,7 @@ _CHANGE = 0.08
 class StableStep:
     """Estimates the stable step, and follows it."""
 
-    def __init__(self, body: UpdatedLagrangian, masses: FloatArray, memory: BodyMemory) -> None:
+    def __init__(self, body: NonlinearModel, masses: FloatArray, memory: BodyMemory) -> None:
         """Collective; compiles.
 
         Args:

@@ -1,4 +1,4 @@
-"""A body with history, step by step: internal forces, tangent, and what a step leaves behind.
+"""A body with history or large displacements, step by step: forces, tangent, and what a step leaves behind.
 
 Positions and displacements are in the axes of the body frame, which carries the gross rotation: the mesh,
 as it stands after the last accepted step, is the corotated ghost of the last known configuration (Ambrosio
@@ -62,8 +62,10 @@ class Snapshot:
     history: tuple[FloatArray, ...]
 
 
-class UpdatedLagrangian:
-    """A body of one or several formulations, with or without history. Constructing one is collective.
+class NonlinearModel:
+    """A body of one or several formulations, total or updated Lagrangian, with or without history.
+
+    Constructing one is collective.
 
     Attributes:
         forms: the formulations on the mesh, and the interfaces.
