@@ -26,10 +26,10 @@ from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.matrices import eigen
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import KrylovSchur, SpectrumSlicing
-from flexmbd.reduction.signs import asymmetric_fields
-from flexmbd.reduction.slepc_search import slepc_search
-from flexmbd.reduction.statics import Statics, body_statics
-from flexmbd.reduction.sturm import count_below
+from flexmbd.reduction.modes.signs import asymmetric_fields
+from flexmbd.reduction.modes.slepc_search import slepc_search
+from flexmbd.reduction.modes.sturm import count_below
+from flexmbd.reduction.static_shapes.statics import Statics, body_statics
 
 COUNT = case.FIXED_INTERFACE_MODES + 2
 REPEATS = 5

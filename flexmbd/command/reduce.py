@@ -132,7 +132,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     from flexmbd.continuum import ContinuumModel, parallel
     from flexmbd.continuum.contract.formulation import load_form
     from flexmbd.reduction import Keep, Truncation, craig_bampton
-    from flexmbd.reduction.truncation import chosen_truncation
+    from flexmbd.reduction.modes.truncation import chosen_truncation
 
     comm = MPI.COMM_WORLD
     if arguments.list:

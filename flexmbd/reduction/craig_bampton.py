@@ -15,15 +15,15 @@ from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
-from flexmbd.reduction.eigensolver import Eigensolver, chosen_eigensolver
-from flexmbd.reduction.geometric_stiffness import n_inertia_loads
-from flexmbd.reduction.interior import Solver
+from flexmbd.reduction.modes.eigensolver import Eigensolver, chosen_eigensolver
+from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
+from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation, fixed_interface_modes
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
-from flexmbd.reduction.signs import asymmetric_fields, determined_rotation
-from flexmbd.reduction.statics import Statics, body_statics, rigid_coordinates
-from flexmbd.reduction.stretch_modes import stretch_modes
-from flexmbd.reduction.truncation import Truncation, chosen_truncation, fixed_interface_modes
+from flexmbd.reduction.static_shapes.interior import Solver
+from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
+from flexmbd.reduction.stiffening.geometric_stiffness import n_inertia_loads
+from flexmbd.reduction.stiffening.stretch_modes import stretch_modes
 from flexmbd.reduction.unit_loads import Load, listed
 
 
@@ -47,7 +47,7 @@ def craig_bampton(
     mesh's, and every mode fulfils the mean-axis conditions integral rho phi = 0 and integral rho x
     cross phi = 0; with the rigid motions the modes span the same fields.  The response to loads on the
     interfaces is exact in statics; frequencies converge from above.  Signs follow
-    `flexmbd.reduction.signs`.
+    `flexmbd.reduction.modes.signs`.
 
     Args:
         model: with at least the interface `frame`; about a loaded state if it is one of `prestressed`.

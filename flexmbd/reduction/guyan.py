@@ -8,8 +8,8 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
-from flexmbd.reduction.interior import Solver
 from flexmbd.reduction.optional_groups import Keep
+from flexmbd.reduction.static_shapes.interior import Solver
 from flexmbd.reduction.unit_loads import Load
 
 

@@ -32,9 +32,9 @@ from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, modal_damping
-from flexmbd.reduction.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.loads import loads_group, missing_energy
-from flexmbd.reduction.statics import Statics
+from flexmbd.reduction.static_shapes.statics import Statics
+from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.stress_modes import stress_group
 from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
 

@@ -17,10 +17,10 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
+from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
-from flexmbd.reduction.round_off import MARGIN, WORTHLESS, round_off
-from flexmbd.reduction.signs import determined_rotation
+from flexmbd.reduction.static_shapes.round_off import MARGIN, WORTHLESS, round_off
 
 
 @dataclass(frozen=True, eq=False)

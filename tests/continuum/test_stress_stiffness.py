@@ -17,8 +17,8 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.forms import solid_linear, solid_nearly_incompressible
-from flexmbd.reduction import stress_stiffness as module
-from flexmbd.reduction.stress_stiffness import stress_stiffness
+from flexmbd.reduction.stiffening import stress_stiffness as module
+from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
 
 MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)
 KINDS = [("tetrahedron", 1, 2), ("tetrahedron", 2, 2), ("hexahedron", 1, 1)]

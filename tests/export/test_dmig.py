@@ -10,7 +10,7 @@ from mutations import survive
 import flexmbd as fm
 from flexmbd.errors import ExportError
 from flexmbd.export import InterfaceNode
-from flexmbd.export.dmig_file import wide
+from flexmbd.export.superelements.dmig_file import wide
 
 WHY = "no pyNastran: pip install --no-deps pyNastran cpylog docopt-ng"
 

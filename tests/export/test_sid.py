@@ -11,7 +11,7 @@ from sid_reader import SidBody, fly
 
 import flexmbd as fm
 from flexmbd.errors import ExportError
-from flexmbd.export.taylor_blocks import BLOCKS
+from flexmbd.export.sid_files.taylor_blocks import BLOCKS
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

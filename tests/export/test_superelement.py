@@ -9,8 +9,8 @@ from exported_bodies import damped_rod, floating_bar, small_body, soft_bar
 
 import flexmbd as fm
 from flexmbd.errors import ExportError, InterfaceError
-from flexmbd.export.gram_completion import completed_gram
-from flexmbd.export.superelement_body import reduced_body
+from flexmbd.export.superelements.gram_completion import completed_gram
+from flexmbd.export.superelements.superelement_body import reduced_body
 from flexmbd.record.point_masses import point_masses
 
 BODIES = [soft_bar, damped_rod, floating_bar, small_body]

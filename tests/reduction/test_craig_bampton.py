@@ -23,7 +23,8 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.record.reduced_body import FRAME_DOFS
-from flexmbd.reduction import Keep, craig_bampton, guyan, truncation
+from flexmbd.reduction import Keep, craig_bampton, guyan
+from flexmbd.reduction.modes import truncation
 
 DATA = Path(__file__).parents[1] / "data"
 

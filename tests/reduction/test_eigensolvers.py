@@ -18,10 +18,11 @@ from flexmbd.continuum.matrices.eigen import BlockLanczos
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton, truncation
-from flexmbd.reduction.krylov_schur import KrylovSchurSearch
-from flexmbd.reduction.statics import body_statics
-from flexmbd.reduction.sturm import count_below
+from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton
+from flexmbd.reduction.modes import truncation
+from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch
+from flexmbd.reduction.modes.sturm import count_below
+from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
 

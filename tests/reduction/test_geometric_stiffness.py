@@ -20,7 +20,7 @@ from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.forms import solid_linear
 from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction import Keep, craig_bampton, guyan
-from flexmbd.reduction.stress_stiffness import stress_stiffness
+from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
 
 LENGTH, WIDTH, HEIGHT = 1.0, 0.012, 0.02
 MATERIAL = solid_linear.Parameters(E=2.0e9, nu=0.0, rho=1000.0)

@@ -13,8 +13,9 @@ from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.grid import tagged_mesh
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
-from flexmbd.reduction import Solver, conjugate_gradients, craig_bampton, factor, guyan
-from flexmbd.reduction.statics import body_statics
+from flexmbd.reduction import Solver, craig_bampton, guyan
+from flexmbd.reduction.static_shapes import conjugate_gradients, factor
+from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
 

@@ -9,7 +9,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import beam_timoshenko
 from flexmbd.reduction import Truncation, craig_bampton
-from flexmbd.reduction.membrane import membrane_fields
+from flexmbd.reduction.stiffening.membrane import membrane_fields
 
 
 def square_beam(*, ratio=1.0, length=2.5):

@@ -8,7 +8,7 @@ import scipy.stats
 from bracket import bracket
 
 from flexmbd.continuum.matrices.blocks import inner, multiply
-from flexmbd.reduction.signs import FIELDS, asymmetric_fields, determined_rotation
+from flexmbd.reduction.modes.signs import FIELDS, asymmetric_fields, determined_rotation
 
 EIGENVALUES = np.array([1.0, 2.0, 2.0 + 1e-12, 5.0, 7.0, 7.0, 7.0 + 3e-11, 9.0])
 

@@ -14,7 +14,8 @@ from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
-from flexmbd.reduction import Truncation, craig_bampton, guyan, truncation, truncation_errors
+from flexmbd.reduction import Truncation, craig_bampton, guyan, truncation_errors
+from flexmbd.reduction.modes import truncation
 
 # Relative errors of a beam's first frequencies by its number n of fixed-interface modes, Craig-Bampton against the
 # unreduced beam, of Hermite elements after Euler and Bernoulli.

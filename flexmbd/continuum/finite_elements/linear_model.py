@@ -39,7 +39,7 @@ class StaticState:
         interfaces: the frames in that state.
         balance: (owned dofs,) N, internal forces less those on the nodes from outside; what is left of it are
             the forces that rigid interfaces hold together, and those of the interfaces' own loads.
-        rigid_error: of the static shapes at rest; see `flexmbd.reduction.statics`.
+        rigid_error: of the static shapes at rest; see `flexmbd.reduction.static_shapes.statics`.
         loads: what the body is loaded with, as text.
         note: what became of it.
     """

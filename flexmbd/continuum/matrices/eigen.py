@@ -9,7 +9,7 @@ What is known to be complete: from b generic start vectors the method finds min(
 m-fold eigenvalue, and eigenvalues that differ by more than the tolerance do not converge before they
 are told apart. Fewer than b equal eigenvalues are therefore all there are. Where b are found, fresh
 start vectors are added before the process goes on. The other way to know is the inertia of K - sigma M
-(`flexmbd.reduction.sturm`), which takes a second factor: as long as the first.
+(`flexmbd.reduction.modes.sturm`), which takes a second factor: as long as the first.
 """
 
 from __future__ import annotations

@@ -1,0 +1,159 @@
+"""OpenFAST's superelement file: module ExtPtfm, the text that its input file names as Red_FileName (OpenFAST 5).
+
+One interface frame is the platform reference point: origin and axes of the platform, z up. Then come the modes with
+that interface fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from flexmbd.errors import ExportError
+from flexmbd.export.files import read_text, write_file
+from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.superelements.superelement import Superelement, superelement
+from flexmbd.export.superelements.superelement_frames import (
+    InterfaceNode,
+    ReadMatrices,
+    body_of,
+    checked_rows,
+    comment,
+    commented_interfaces,
+)
+from flexmbd.record.groups import FloatArray
+from flexmbd.record.reduced_body import ReducedBody
+
+CARRIES = Carries(interfaces=1, large_motion=False)
+
+_MATRICES = {"!mass": "M", "!stiffness": "K", "!damping": "D"}
+
+
+def openfast(
+    body: ReducedBody,
+    path: str | Path,
+    *,
+    interface: str | None = None,
+    gravity: float = 9.80665,
+    lossy: bool = False,
+) -> tuple[str, ...]:
+    """Write a body as superelement of OpenFAST's ExtPtfm. Not collective.
+
+    Rows: translations and rotations of the interface along its own axes, then the modes with it fixed, of unit mass.
+    The self-weight W0 - K_W x is that in axes that follow the interface, as ExtPtfm asks.
+
+    Args:
+        body: with one interface; with more, the others are left free where ``lossy`` says so.
+        path: destination.
+        interface: the one at the platform reference point; the body frame's by default, else the first.
+        gravity: m/s^2, against the interface's z axis.
+        lossy: write although interfaces are left free.
+
+    Returns:
+        What is not in the file.
+
+    Raises:
+        ExportError: the body has none or several interfaces, or the destination cannot be written.
+        InterfaceError: the body has no such interface.
+    """
+    left = settle_losses(body, CARRIES, kind="OpenFAST", lossy=lossy)
+    if not body.interfaces:
+        raise ExportError("OpenFAST takes one interface frame, and the body has none")
+    chosen = body.interface(interface or body.frame or body.interfaces[0].name)
+    element = _in_own_axes(superelement(body, interfaces=[chosen.name]))
+    weight, stiffness = _self_weight(element.M, gravity)
+    lines = [
+        "! reduced body as superelement for ExtPtfm; SI units, x y z rx ry rz of the interface, then modes",
+        "! " + comment(element, 0, node=0),
+        f"!Dimension: {len(element.K)}",
+    ]
+    for title, matrix in {
+        "!Mass Matrix (kg, m)": element.M,
+        "!Stiffness Matrix (N, m)": element.K,
+        "!Damping Matrix (N, m, s)": element.D,
+        "!Weight constant (N, m)": weight[None, :],
+        "!Weight stiffness matrix (N, m)": stiffness,
+    }.items():
+        lines += [title, *("".join(f"{float(value):25.16E}" for value in row) for row in matrix), ""]
+    write_file(path, "\n".join(lines))
+    return left
+
+
+def _in_own_axes(element: Superelement) -> Superelement:
+    """A superelement of one interface along that interface's axes, from its origin."""
+    turn = np.eye(len(element.K))
+    turn[:3, :3] = turn[3:6, 3:6] = element.R[0]
+    K, M, D = (turn.T @ matrix @ turn for matrix in (element.K, element.M, element.D))
+    K[:6] = K[:, :6] = 0.0  # of a free body these are round-off, and ExtPtfm wants zeros
+    return Superelement(element.names, np.zeros((1, 3)), np.eye(3)[None], K, M, D, element.frame)
+
+
+def _self_weight(M: FloatArray, gravity: float) -> tuple[FloatArray, FloatArray]:
+    """W0 (N,) and K_W (N, N), from the mass matrix: forces of gravity in axes that turn with the interface.
+
+    Gravity is there -g (e_z - theta x e_z), the arms of the forces are c and the modes' integrals.
+    """
+    weight = -gravity * M[2]
+    stiffness = np.zeros_like(M)
+    # force and moment rows: gravity turns; with the arm of the mass the moment about the vertical changes too
+    stiffness[:, 3] = gravity * M[1]
+    stiffness[:, 4] = -gravity * M[0]
+    # moment rows again: the modes move the mass
+    stiffness[3, 6:] = gravity * M[1, 6:]
+    stiffness[4, 6:] = -gravity * M[0, 6:]
+    return weight, stiffness
+
+
+def read_openfast(
+    path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
+) -> ReducedBody:
+    """Read a body from a superelement file of OpenFAST 5. Not collective.
+
+    Args:
+        path: what Red_FileName names.
+        interfaces: name of the one interface; default: as a file of ours says, else "platform", at the origin.
+        frame: "" for a body frame that floats; default: as a file of ours says, else on the interface.
+
+    Raises:
+        ExportError: the file is damaged, or holds something else.
+    """
+    text = read_text(path)
+    lines = text.splitlines()
+    try:
+        size = next(_dimensions(lines), 0)
+        checked_rows(size, path, content=len(text))
+        found = {name: _matrix(lines, keyword, size) for keyword, name in _MATRICES.items()}
+    except ValueError as error:
+        raise ExportError(f"{path}: {error}") from error
+    ours, at, floating = commented_interfaces(lines)
+    named = dict(interfaces or ours or {"platform": InterfaceNode(np.zeros(3))})
+    placed = {
+        name: InterfaceNode(np.zeros(3) if one.position is None else one.position, axes=one.axes)
+        for name, one in named.items()
+    }
+    read = ReadMatrices(placed, found["K"], found["M"], found["D"], frame=at, floating=floating)
+    return body_of(read, path, interfaces=None, frame=frame)
+
+
+def _dimensions(lines: list[str]) -> Iterator[int]:
+    for line in lines:
+        if line.lower().startswith("!dimension"):
+            text = line.partition(":")[2].strip()
+            if not (text.isascii() and text.isdigit() and len(text) < 9):
+                raise ValueError(f"the dimension {text[:30]!r} is no whole number")
+            yield int(text)
+
+
+def _matrix(lines: list[str], keyword: str, size: int) -> FloatArray:
+    starts = [i for i, line in enumerate(lines) if line.lower().startswith(keyword)]
+    if len(starts) != 1:
+        raise ValueError(f"it holds {len(starts)} matrices {keyword!r}; one is needed")
+    at = starts[0] + 1
+    # older versions repeat the dimension
+    at += at < len(lines) and lines[at].startswith("!")
+    rows = [line.split() for line in lines[at : at + size]]
+    if len(rows) != size or any(len(row) != size for row in rows):
+        raise ValueError(f"the matrix {keyword!r} is not of {size} rows and columns")
+    return np.array([[float(word.replace("D", "E")) for word in row] for row in rows]).reshape(size, size)

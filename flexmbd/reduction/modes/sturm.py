@@ -1,0 +1,113 @@
+"""How many modes lie below a frequency, by the signs of a factor's pivots, and whether all of them were found.
+
+By Sylvester's law of inertia K - sigma M has as many negative pivots as there are eigenvalues below sigma.  Unknowns
+without a rigid motion, as pressures, bring one each; averages that are held at zero, C u = 0, change the count to that
+of the bordered matrix [[K - sigma M, C^T], [C, 0]] less their number; a body that nothing holds has six rigid modes.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.matrices.blocks import inner, symmetric
+from flexmbd.errors import ConvergenceError, ReductionError
+from flexmbd.reduction.modes.eigensolver import ModeSearch
+from flexmbd.reduction.modes.krylov_schur import shift_after
+from flexmbd.reduction.static_shapes.factor import Factor, TooLargeError, memory_limit
+from flexmbd.reduction.static_shapes.statics import Statics
+
+# Relative gap of eigenvalues in which a count is sound, and how often more modes are looked for to find one.
+_GAP, _MORE, _TIMES = 1e-3, 4, 4
+
+
+def principal_part(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> PETSc.Mat:
+    """Some rows of a square matrix and the same columns. Collective.
+
+    Args:
+        matrix: AIJ.
+        mask: (owned rows,).
+    """
+    first = matrix.getOwnershipRange()[0]
+    rows = PETSc.IS().createGeneral((np.flatnonzero(mask) + first).astype(PETSc.IntType), comm=matrix.comm)
+    part = matrix.createSubMatrix(rows, rows)
+    rows.destroy()
+    return part
+
+
+def count_below(statics: Statics, eigenvalue: float) -> int:
+    """Number of modes with all interfaces fixed below an eigenvalue (1/s^2). Collective.
+
+    Raises:
+        TooLargeError: on all ranks: the factor would not fit in memory.
+        ReductionError: on all ranks: the eigenvalue is one of the body's.
+    """
+    model, columns = statics.model, statics.held_averages
+    shifted = principal_part(model.K, statics.mask)
+    shifted.axpy(-eigenvalue, statics.M, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    try:
+        factor = Factor(shifted, definite=False, limit=memory_limit(model.comm))
+    finally:
+        shifted.destroy()
+    try:
+        others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
+        count = factor.negative_pivots - model.comm.allreduce(others)
+        if columns is not None:
+            small = symmetric(inner(model.comm, columns, factor.solve(columns)))
+            size = np.sqrt(abs(np.diag(small)))
+            signs = np.linalg.eigvalsh(small / np.outer(size, size)) > 0.0
+            return int(model.comm.bcast(count + int(signs.sum()) - len(small)))
+        return count - (0 if statics.interfaces else 6)
+    finally:
+        factor.destroy()
+
+
+def confirmed(statics: Statics, search: ModeSearch, count: int) -> str:
+    """Make sure that the `count` lowest modes were found, and go on with the search where not. Collective.
+
+    Returns:
+        What was done, for the record's provenance.
+
+    Raises:
+        ConvergenceError: on all ranks: modes are missing that the search does not find.
+    """
+    if not statics.has_factor:
+        return "not counted, for there is no factor"
+    if count == 0:
+        return "none"
+    for _ in range(_TIMES):
+        shift, below = _shift(search, count)
+        if below == 0:
+            return "all there are"
+        try:
+            there = count_below(statics, shift)
+        except TooLargeError:
+            return "not counted, for a second factor would not fit in memory"
+        hertz = np.sqrt(shift) / (2.0 * np.pi)
+        if there == below:
+            return f"counted, {there} below {hertz:.6g} Hz"
+        if there < below:
+            raise ReductionError(
+                f"{below} fixed-interface modes were found below {hertz:.6g} Hz, and the inertia of the stiffness "
+                f"counts {there}: round-off hides the softest of them; see whether the mesh is very thin or has slivers"
+            )
+        search.search_below(shift, there)
+    raise ConvergenceError(
+        f"modes are missing below {hertz:.6g} Hz, {there} by the inertia of the stiffness; take "
+        "eigensolver=BlockMethod(), or more modes"
+    )
+
+
+def _shift(search: ModeSearch, count: int) -> tuple[float, int]:
+    """A shift above the `count` lowest in a wide gap, and the number found below; zeros where all modes are known."""
+    for _ in range(_TIMES):
+        if search.exhausted and len(search.eigenvalues) <= count:
+            return 0.0, 0
+        if len(search.eigenvalues) > count:
+            shift, below = shift_after(search.eigenvalues, count)
+            if search.eigenvalues[below] > (1.0 + _GAP) * search.eigenvalues[below - 1] or search.exhausted:
+                break
+        search.find(count, spare=len(search.eigenvalues) - count + _MORE)
+    return shift, below

@@ -1,0 +1,195 @@
+"""Geometric stiffness of a reduced body, load by load and by its modes.
+
+A mode of small displacement theory keeps no length: without the stiffness that a load's stress adds, a
+spinning beam goes soft (Kane, Ryan & Banerjee 1987, doi:10.2514/3.20195).  K_l,ij is the integral of
+stress(u_l) : (grad phi_i^T grad phi_j) with u_l the static displacement of the whole model under the unit
+load l (Wallrapp & Schwertassek 1991, Representation of geometric stiffening in multibody system
+simulation, Int. J. Numer. Methods Eng. 32); see `flexmbd.reduction.stiffening.stress_stiffness`.
+
+A machine that multiplies K_l by the loads of the moment takes the stress to follow them at once, and has no energy to
+keep.  With the stress of the membrane fields (`flexmbd.reduction.stiffening.membrane`) in the place of the loads' the
+strain energy itself is at hand, projected on these fields' strains (`ModalStretch`), under any load and for any
+motion.  The fields hold the membrane part of the full model's static response to the loads of the body's own motion
+and of its interfaces (`flexmbd.reduction.stiffening.stretch_modes`), so that the membrane force of such a load is
+complete whatever the number of modes; under it their frequencies converge from above, as Ritz's do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStretch
+from flexmbd.reduction.static_shapes.statics import Statics
+from flexmbd.reduction.stiffening.gradient_parts import strain_over_rotation
+from flexmbd.reduction.stiffening.membrane import membrane_fields, stretching_fields
+from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
+
+_AXES = ("x", "y", "z")
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class UnitLoads:
+    """Loads of size one on a model, as the record's `GeometricStiffness` calls them.
+
+    Attributes:
+        names: (l,) of the loads.
+        forces: (owned dofs, l) nodal forces, N per unit of each load, in the mesh's axes.
+        accelerations: (l,) kg^(1/2) m/s^2, of inertia forces the norm a^T M a, to the power of 1/2, of the nodes'
+            accelerations a that they belong to; zero of other loads.
+    """
+
+    names: tuple[str, ...]
+    forces: FloatArray
+    accelerations: FloatArray
+
+    def first(self, count: int) -> UnitLoads:
+        """The first ones."""
+        return UnitLoads(self.names[:count], self.forces[:, :count], self.accelerations[:count])
+
+
+def n_inertia_loads(*, floating: bool) -> int:
+    """How many `inertia_loads` there are."""
+    return len(_PAIRS) + (0 if floating else 2 * len(_AXES))
+
+
+def inertia_loads(
+    model: LinearModel, *, p: FloatArray, R: FloatArray, floating: bool
+) -> UnitLoads:
+    """Inertia forces of the body frame's motion. Collective.
+
+    Args:
+        model: the body.
+        p: (3,) m, the body frame's origin in the mesh's axes.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+        floating: whether the frame floats on the mean axis: accelerations then deform nothing, since a rigid
+            motion's inertia forces are what loads are balanced by, and are left out.
+
+    Returns:
+        -rho e_a and -rho e_a x r for accelerations, and the centrifugal forces -rho w x (w x r) split into the six
+        products of the angular velocity: rho (r - e_a r_a), and -rho (e_a r_b + e_b r_a) for a < b.
+    """
+    nodes = model.n_owned_nodes
+    r = (model.node_x[:nodes] - p) @ R
+    fields: FloatArray = np.zeros((model.n_owned, len(_PAIRS)), order="F")
+    for column, (a, b) in enumerate(_PAIRS):
+        values = r.copy() if a == b else np.zeros_like(r)
+        values[:, a] -= r[:, b]
+        if a != b:
+            values[:, b] -= r[:, a]
+        fields[model.displacement_dofs[:nodes], column] = values @ R.T
+    names = [f"angular velocity {_AXES[a]}{_AXES[b]}" for a, b in _PAIRS]
+    if not floating:
+        fields = np.hstack([-model.rigid_motions(p, R), fields])
+        accelerations = [f"{kind} {a}" for kind in ("acceleration", "angular acceleration") for a in _AXES]
+        names = [*accelerations, *names]
+    forces = multiply(model.M, fields)
+    sizes = np.sqrt(model.comm.allreduce(np.einsum("ij,ij->j", fields, forces)))
+    return UnitLoads(tuple(names), forces, sizes)
+
+
+def interface_loads(
+    model: LinearModel, interfaces: Sequence[FoundInterface], *, R: FloatArray
+) -> UnitLoads:
+    """Unit forces and moments on interface frames, along the body frame's axes. Collective.
+
+    On a rigid interface any nodal forces of that resultant do; those linear in the position are taken.
+
+    Args:
+        model: the body.
+        interfaces: those that are loaded.
+        R: (3, 3) rotation from the body frame's axes to the mesh's.
+    """
+    names = tuple(f"{interface.name}.{dof}" for interface in interfaces for dof in FRAME_DOFS)
+    forces: FloatArray = np.zeros((model.n_owned, 6 * len(interfaces)), order="F")
+    for i, interface in enumerate(interfaces):
+        own = interface.dofs < model.n_owned
+        dofs, block = interface.dofs[own], slice(6 * i, 6 * i + 6)
+        if isinstance(interface, RigidInterface):
+            motions = model.rigid_motions(interface.p, R)[dofs]
+            forces[dofs, block] = motions @ np.linalg.inv(inner(model.comm, motions, motions))
+        else:
+            forces[dofs, block] = interface.average[own] @ np.kron(np.eye(2), R)
+    return UnitLoads(names, forces, np.zeros(len(names)))
+
+
+def joined(*loads: UnitLoads) -> UnitLoads:
+    """Several sets of loads as one."""
+    names = tuple(name for part in loads for name in part.names)
+    forces = np.asfortranarray(np.hstack([part.forces for part in loads]))
+    return UnitLoads(names, forces, np.concatenate([part.accelerations for part in loads]))
+
+
+def unit_loads(statics: Statics) -> UnitLoads:
+    """The loads of a body's motion and of its interfaces, as in `GeometricStiffness`. Collective.
+
+    Args:
+        statics: of the body. Where its frame floats all interfaces are loaded, else all but the frame's.
+    """
+    model, floating = statics.model, statics.floating
+    moving = statics.interfaces if floating else statics.interfaces[1:]
+    return joined(
+        inertia_loads(model, p=statics.p, R=statics.R, floating=floating),
+        interface_loads(model, moving, R=statics.R),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """The record's groups.
+
+    Attributes:
+        geometric: load by load.
+        stretch: by the membrane fields.
+    """
+
+    geometric: GeometricStiffness
+    stretch: ModalStretch
+
+    @property
+    def note(self) -> str:
+        """What the record's provenance says of them."""
+        return f"{len(self.geometric.loads)} loads, {len(self.stretch.strain)} membrane strains"
+
+
+def stiffening(
+    model: LinearModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray, stiffness: FloatArray
+) -> Stiffening | None:
+    """The groups from the static displacements under the loads and from the modes. Collective.
+
+    Args:
+        model: the body.
+        names: (l,) of the loads.
+        displacements: (local dofs including ghosts, l) m per unit of each load, with the body held at its frame.
+        modes: (local dofs including ghosts, n) in normal form.
+        stiffness: (n,) 1/s^2.
+
+    Returns:
+        The groups, the same to the bit on every rank; None where the formulation does not tell how a stress changes
+        the stiffness (`stress_stiffness`).
+    """
+    found = stress_stiffness(model, np.hstack([displacements, modes]), modes)
+    if found is None:
+        return None
+    by_load, by_mode = np.split(found, [len(names)])
+    stretch = _stretch(by_mode, np.sqrt(stiffness), strain_over_rotation(model, modes))
+    return Stiffening(GeometricStiffness(tuple(names), by_load), stretch)
+
+
+def _stretch(by_mode: FloatArray, omega: FloatArray, gradients: FloatArray) -> ModalStretch:
+    """Membrane strains of the modes, from P_k,ij (n, n, n), angular frequencies (n,) and `strain_over_rotation`."""
+    pairs = np.outer(omega, omega)
+    second_order = by_mode / (omega[:, None, None] * pairs)
+    fields = membrane_fields(second_order)
+    strains = np.tensordot(fields.T, second_order, 1)
+    others = np.eye(len(omega)) - fields @ fields.T
+    pure = stretching_fields(fields, gradients / pairs)
+    own = pure @ pure.T
+    P = others @ strains @ others + own @ strains @ own
+    return ModalStretch(fields.T * omega, 0.5 * (P + P.transpose(0, 2, 1)) * pairs)

@@ -1,0 +1,403 @@
+"""The static state of a body under loads, for a reduction about it.
+
+Newton's method on the formulation's own internal forces, with finite rotations: the loads are dead in the axes of
+the body frame, which is held, and rigid interfaces turn as rigid frames.  Where a load cannot be carried at once it is
+brought up in steps; a state that is not stable counts as not found, so that the load at which a body buckles
+is enclosed and not jumped over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import ArrayLike
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
+from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, followed_average, turn_less_one
+from flexmbd.continuum.matrices.blocks import FloatArray, inner
+from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
+from flexmbd.reduction.static_shapes.statics import body_statics
+from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
+from flexmbd.reduction.stiffening.stability import is_stable
+from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+
+# Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
+_STEP = 1e-6
+_STEPS = 20
+# A step that is that much larger than the one before is not converging.
+_GROWTH = 10.0
+# Relative change of the stiffness that is round-off.
+_SAME = 1e-12
+# Largest rotation, rad, up to which a formulation's rotations are taken for those of small motions.
+_ROTATION = 1e-3
+# Smallest part of the load in which it is brought up.
+_PART = 1.0 / 128.0
+
+
+def prestressed(
+    model: LinearModel,
+    *,
+    frame: str,
+    loads: Sequence[tuple[Load, float]] = (),
+    forces: Mapping[str, ArrayLike] | None = None,
+    angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
+) -> PrestressedModel:
+    """Load a body that is held at one interface, and linearise it about the state it takes. Collective.
+
+    The result is reduced like any model, `craig_bampton(prestressed(...), frame=frame, ...)`: modal coordinates are
+    then zero in the state, and the loads are in balance with the internal forces there.  They keep size and direction
+    in the body frame, and are not to be applied to the reduced body again; their resultant, where they come from
+    outside, is carried by whatever holds the frame.  The same goes for the angular velocity: its record is that of
+    a body spinning at that speed, without the softening by the centrifugal forces on displaced points and without
+    Coriolis forces, for spins that the machine does not know of.  What further loads add to the stiffness (the
+    record's geometric stiffness) is that of their stress in the body at rest.
+
+    Args:
+        model: at rest, with the interface `frame`; at least one of its interfaces is rigid.
+        frame: the interface that is held and carries the body frame.
+        loads: distributed loads, each with its size in Pa, N/m^2, ... ; a pressure keeps the normal of the
+            undeformed surface.
+        forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
+            along the mesh's axes.
+        angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
+            forces are those at the displaced points, of beams and shells without their sections' rotary inertia.
+
+    Returns:
+        The model about that state; `state.displacement` is the displacement.
+
+    Raises:
+        ConvergenceError: on all ranks: no stable state was found; says up to what part of the loads there is one, and
+            where the body moves most.
+        ReductionError: on all ranks: arguments that differ between them; loads, forces or angular velocity that are
+            not well formed; no interface is rigid; a formulation with rotations does not stay straight.
+        InterfaceError: on all ranks: no such interface.
+        MeshError: on all ranks: a load's facet group.
+    """
+    given = {"frame": frame, "loads": tuple(loads), "forces": dict(forces or {}), "angular_velocity": angular_velocity}
+    parallel.check_same(model.comm, ReductionError, **given)
+    spin = _numbers("angular_velocity", angular_velocity, 3)
+    wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
+    sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
+    named = [load for load, _ in loads]
+    texts = (
+        *(f"{load}: {size:g}" for load, size in zip(named, sizes, strict=True)),
+        *(f"force and moment on {name!r}: {_list(wrench)} N, N m" for name, wrench in wrenches.items()),
+        *((f"angular velocity: {_list(spin)} rad/s",) if spin.any() else ()),
+    )
+    dead = load_vectors(model, named) @ sizes
+    with body_statics(model, frame=frame) as statics:
+        rigid_error = statics.static.rigid_error
+    at_rest = StaticState(
+        frame=frame,
+        displacement=np.zeros(model.layout.n_local),
+        interfaces=model.interfaces,
+        balance=np.zeros(model.n_owned),
+        rigid_error=rigid_error,
+        loads=texts or ("no loads",),
+        note="at rest",
+    )
+    found = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin).state()
+    _check_rotations(model, found)
+    tangent = model.tangent(found.displacement[: model.n_owned])
+    change = tangent - model.K
+    if change.norm() <= _SAME * model.K.norm():
+        found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
+    change.destroy()
+    return PrestressedModel(model, found, tangent)
+
+
+def _check(
+    model: LinearModel, *, frame: str, loads: Sequence[tuple[Load, float]], forces: Mapping[str, FloatArray]
+) -> FloatArray:
+    """Refuse what is not well formed; the sizes of the loads. Collective."""
+    if model.state is not None:
+        raise ReductionError("the model is prestressed already: give all loads at once, to the model at rest")
+    model.interface(frame)
+    if frame in forces:
+        raise ReductionError(f"interface {frame!r} is held, so a force on it does nothing; leave it out")
+    for name in forces:
+        if not isinstance(model.interface(name), RigidInterface):
+            raise ReductionError(f"interface {name!r} is averaged: load its facets by a Traction, or make it rigid")
+    if not any(isinstance(one, RigidInterface) for one in model.interfaces):
+        raise ReductionError("no interface of the model is rigid, and a prestressed body needs one that is")
+    averaged = any(isinstance(one, AveragedInterface) for one in model.interfaces)
+    if averaged and _has_rotations(model):
+        raise ReductionError(
+            f"{model.form_name} has rotations, and how they take part in an averaged interface's place about a loaded "
+            "state is not known; make it rigid"
+        )
+    if any(not isinstance(pair, tuple) or len(pair) != 2 for pair in loads):
+        raise ReductionError(f"loads must be pairs of a load and its size, as (Pressure(...), 2e6); got {loads!r}")
+    check_loads(model, [load for load, _ in loads])
+    return np.array([_numbers(f"size of load {load.name!r}", [size], 1)[0] for load, size in loads])
+
+
+def _check_rotations(model: LinearModel, state: StaticState) -> None:
+    """Refuse a state with rotations that small motions do not simply add to. Collective."""
+    others = model.layout.kinematic.copy()
+    others[model.displacement_dofs.reshape(-1)] = False
+    largest = model.comm.allreduce(float(abs(state.displacement[others]).max(initial=0.0)), op=MPI.MAX)
+    if largest > _ROTATION:
+        raise ReductionError(
+            f"the rotations of {model.form_name} reach {largest:.2g} rad in the loaded state, and motions about it are "
+            f"only known up to {_ROTATION:g} rad, as of a straight beam under tension; reduce the loads, or use a solid"
+        )
+
+
+def _has_rotations(model: LinearModel) -> bool:
+    """Whether rigid motions move more than the displacement. Collective."""
+    more = int(model.layout.kinematic.sum()) != model.displacement_dofs.size
+    return bool(model.comm.allreduce(more, op=MPI.LOR))
+
+
+def _numbers(what: str, value: ArrayLike, count: int) -> FloatArray:
+    try:
+        numbers = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ReductionError(f"{what} must be finite, {count} in number, got {value!r}")
+    return numbers
+
+
+_BUCKLES = "the body buckles, its stiffness is not positive there"
+
+
+def _list(numbers: FloatArray) -> str:
+    return f"({', '.join(f'{number:g}' for number in numbers)})"
+
+
+class _NotFoundError(Exception):
+    """There is no stable state, the same on every rank.
+
+    Attributes:
+        displacement: (owned dofs,) where the search ended.
+    """
+
+    def __init__(self, message: str, displacement: FloatArray) -> None:
+        super().__init__(message)
+        self.displacement = displacement
+
+
+@dataclass(frozen=True, eq=False)
+class _Forms:
+    """Internal and centrifugal forces and the derivatives of both, for the values of `at` and `spin`."""
+
+    at: fem.Function
+    spin: fem.Constant
+    internal: list[fem.Form]
+    centrifugal: list[fem.Form]
+    stiffness: list[fem.Form]
+    softening: list[fem.Form]
+
+
+class _Equilibrium:
+    """The search for the static state. Constructing one is collective, and compiles.
+
+    Args:
+        model: at rest.
+        rest: its state.
+        dead: (owned dofs,) N, the distributed loads.
+        wrenches: (6,) by interface.
+        spin: (3,) rad/s.
+    """
+
+    def __init__(
+        self,
+        model: LinearModel,
+        rest: StaticState,
+        *,
+        dead: FloatArray,
+        wrenches: Mapping[str, FloatArray],
+        spin: FloatArray,
+    ) -> None:
+        self._model, self._rest = model, rest
+        self._dead, self._wrenches, self._spin = dead, wrenches, spin
+        self._forms = _forms(model, origin=model.interface(rest.frame).p, spinning=bool(spin.any()))
+
+    def state(self) -> StaticState:
+        """The state under the whole load. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks.
+        """
+        state, part, step, successes, steps = self._rest, 0.0, 1.0, 0, 0
+        while part < 1.0:
+            try:
+                state = self._solve(state, part + step)
+            except _NotFoundError as failure:
+                if step <= _PART:
+                    raise ConvergenceError(self._failure(failure, part=part, step=step)) from None
+                step, successes = step / 2.0, 0
+            else:
+                part, successes, steps = part + step, successes + 1, steps + 1
+                # twice in a row: the step has not just been found to be the largest
+                step = min(2.0 * step if successes > 1 else step, 1.0 - part)
+        if self._model.comm.allreduce(float(abs(state.displacement).max(initial=0.0)), op=MPI.MAX) == 0.0:
+            return state
+        text = f"largest displacement {self._largest(state.displacement)[0]:.4g} m"
+        return replace(state, note=text if steps == 1 else f"{text}; brought up in {steps} steps")
+
+    def _solve(self, start: StaticState, part: float) -> StaticState:
+        """The state under a part of the loads, by Newton's method from another state. Collective."""
+        state = self._with_balance(start, part)
+        size, before = 0.0, np.inf
+        for i in range(_STEPS):
+            try:
+                # the softening by a spin is left out until the tension that goes with it is there
+                energy, state = self._improved(state, part, softened=i > 0)
+            except np.linalg.LinAlgError:
+                raise _NotFoundError(_BUCKLES, state.displacement) from None
+            except (ReductionError, FormulationError) as error:
+                raise _NotFoundError(f"the tangent stiffness fails, {error}", state.displacement) from error
+            size = max(size, abs(energy))
+            if not np.isfinite(energy) or energy > _GROWTH**2 * before:
+                raise _NotFoundError("Newton's method diverges", state.displacement)
+            if abs(energy) <= _STEP**2 * size:
+                self._check_stability(state, part)
+                return state
+            before = abs(energy)
+        raise _NotFoundError(f"Newton's method has not converged in {_STEPS} steps", state.displacement)
+
+    def _improved(self, state: StaticState, part: float, *, softened: bool) -> tuple[float, StaticState]:
+        """Twice the energy of a Newton step, and the state after it. Collective."""
+        model = self._model
+        tangent = PrestressedModel(model, state, self._tangent(state, part, softened=softened))
+        lacking = -state.balance[:, None]
+        for name, wrench in self._wrenches.items():
+            unit = interface_loads(tangent, [tangent.interface(name)], R=np.eye(3))
+            lacking = lacking + part * unit.forces @ wrench[:, None]
+        try:
+            with body_statics(tangent, frame=state.frame) as statics:
+                step = statics.static_response(np.asfortranarray(lacking))
+        finally:
+            tangent.K.destroy()
+        energy = inner(model.comm, step, lacking).item()
+        return energy, self._with_balance(self._moved(tangent, state, step[:, 0]), part)
+
+    def _moved(self, tangent: PrestressedModel, state: StaticState, step: FloatArray) -> StaticState:
+        """The state after a step, in which rigid interfaces turn by finite rotations. Collective."""
+        model = self._model
+        u = state.displacement[: model.n_owned] + step
+        frames: list[FoundInterface] = []
+        for interface in state.interfaces:
+            if not isinstance(interface, RigidInterface) or interface.name == state.frame:
+                frames.append(interface)
+                continue
+            dofs = interface.dofs[interface.dofs < model.n_owned]
+            motions = tangent.rigid_motions(interface.p, np.eye(3))[dofs]
+            right = inner(model.comm, motions, step[dofs, None])
+            motion = np.asarray(np.linalg.solve(inner(model.comm, motions, motions), right)[:, 0], dtype=float)
+            turned = turn_less_one(motion[3:])
+            nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
+            before = state.displacement[model.displacement_dofs[nodes]]
+            arm = tangent.node_x[nodes] - interface.p
+            u[model.displacement_dofs[nodes]] = before + motion[:3] + arm @ turned.T
+            frames.append(replace(interface, p=interface.p + motion[:3], R=interface.R + turned @ interface.R))
+        whole = with_ghosts(model, u[:, None])[:, 0]
+        for i, rest in enumerate(model.interfaces):
+            if isinstance(rest, AveragedInterface):
+                frames[i] = followed_average(model, rest, frames[i], whole)
+        return replace(state, displacement=whole, interfaces=tuple(frames))
+
+    def _with_balance(self, state: StaticState, part: float) -> StaticState:
+        """The state with the forces of its displacement, under a part of the loads. Collective."""
+        forms = self._set(state, part)
+        outside = part * self._dead + _assembled(forms.centrifugal, self._model)
+        return replace(state, balance=_assembled(forms.internal, self._model) - outside)
+
+    def _tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
+        forms = self._set(state, part)
+        wanted = [*forms.stiffness, *(forms.softening if softened else [])]
+        return assembly.assemble({"tangent stiffness": wanted}, self._model.groups, self._model.space)[0]
+
+    def _set(self, state: StaticState, part: float) -> _Forms:
+        self._forms.at.x.array[:] = state.displacement
+        # centrifugal forces go with the square
+        self._forms.spin.value[:] = np.sqrt(part) * self._spin
+        return self._forms
+
+    def _check_stability(self, state: StaticState, part: float) -> None:
+        """Refuse a state in which some small displacement needs no force. Collective."""
+        tangent = PrestressedModel(self._model, state, self._tangent(state, part, softened=True))
+        try:
+            with body_statics(tangent, frame=state.frame) as statics:
+                stable = is_stable(statics)
+        finally:
+            tangent.K.destroy()
+        if not stable:
+            raise _NotFoundError(_BUCKLES, state.displacement)
+
+    def _largest(self, displacement: FloatArray) -> tuple[float, list[float]]:
+        """The largest displacement, and the place at rest of its node. Collective."""
+        model = self._model
+        size = np.linalg.norm(displacement[model.displacement_dofs[: model.n_owned_nodes]], axis=1)
+        # a comparison with NaN would make the ranks differ
+        size = np.where(np.isfinite(size), size, np.inf)
+        k = int(size.argmax()) if len(size) else -1
+        mine = (float(size[k]), model.node_x[k].tolist()) if len(size) else (-1.0, [0.0] * 3)
+        return max(model.comm.allgather(mine))
+
+    def _failure(self, failure: _NotFoundError, *, part: float, step: float) -> str:
+        size, place = self._largest(failure.displacement)
+        return (
+            f"no static state under {'; '.join(self._rest.loads)}: there is one up to {part:g} of the loads and "
+            f"none was found at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the "
+            f"point {[round(x, 6) for x in place]} m of the undeformed body; reduce the loads, or hold the body at more"
+        )
+
+
+def _forms(model: LinearModel, *, origin: FloatArray, spinning: bool) -> _Forms:
+    """Compile. Collective."""
+    at, v = fem.Function(model.space), ufl.TestFunction(model.space)
+    spin = fem.Constant(model.mesh.mesh, np.zeros(3))
+    work = model.internal_work(at, v)
+    centrifugal = _centrifugal_work(model, at, spin, origin=origin) if spinning else []
+    return _Forms(
+        at=at,
+        spin=spin,
+        internal=[fem.form(term) for term in work],
+        centrifugal=[fem.form(term) for term in centrifugal],
+        stiffness=assembly.derivatives(work, at),
+        softening=assembly.derivatives([-term for term in centrifugal], at),
+    )
+
+
+def _centrifugal_work(
+    model: LinearModel, at: fem.Function, spin: fem.Constant, *, origin: FloatArray
+) -> list[ufl.Form]:
+    """Virtual work of the centrifugal forces: the derivative of the kinetic energy of spin x r by r.
+
+    Without what the sections' own rotary inertia adds to it.
+    """
+    others = [ufl.zero() for _ in range(at.ufl_shape[0] - 3)]
+
+    def turned(place: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        return ufl.as_vector([*ufl.cross(spin, ufl.as_vector([place[i] for i in range(3)])), *others])
+
+    r = ufl.SpatialCoordinate(model.mesh.mesh) - fem.Constant(model.mesh.mesh, origin)
+    velocity = turned([r[i] + at[i] for i in range(3)])
+    along = turned(ufl.TestFunction(model.space))
+    forms = (ufl.derivative(energy, at, along) for energy in model.kinetic_energy(at))
+    return [ufl.replace(ufl.algorithms.expand_derivatives(form), {at: velocity}) for form in forms]
+
+
+def _assembled(forms: Sequence[fem.Form], model: LinearModel) -> FloatArray:
+    """(owned dofs,) the sum of linear forms. Collective."""
+    total = np.zeros(model.n_owned)
+    for form in forms:
+        vector = fem.assemble_vector(form)
+        vector.scatter_reverse(la.InsertMode.add)
+        total += vector.array[: model.n_owned]
+    return total
