@@ -157,9 +157,9 @@ def read_sid(path: str | Path, *, tolerance: float = AGREE) -> ReducedBody:
     """Read a SID_FEM file, ours or another program's. Not collective.
 
     The mass integrals come back from the blocks, see `flexmbd.export.sid_files.taylor_blocks`. Modes that are not
-    normalised are brought to the record's normal form; its `partition` leads back to the file's. Nodes are interfaces,
-    called as the first line says in files of ours, else node_<number>; nodes that it does not name are `modes`. The frame is
-    the interface that B rests on: at the origin, with B's axes, not moved by the modes.
+    normalised are brought to the record's normal form; its `partition` leads back to the file's. Nodes are
+    interfaces, called as the first line says in files of ours, else node_<number>; nodes that it does not name are
+    `modes`. The frame is the interface that B rests on: at the origin, with B's axes, not moved by the modes.
 
     Args:
         path: the file.
