@@ -80,6 +80,7 @@ from flexmbd.multibody.joint.enforcement import Penalty as Penalty
 from flexmbd.multibody.joint.enforcement import Way as Way
 from flexmbd.multibody.linear.ports import Input as Input
 from flexmbd.multibody.linear.working_point import WorkingPoint as WorkingPoint
+from flexmbd.multibody.motion.instant import Instant as Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene as CompiledScene
 from flexmbd.multibody.results.energy import Energy as Energy
 from flexmbd.multibody.start.consistent_start import Start as Start

@@ -24,7 +24,7 @@ ROOMS = (
 )  # fmt: skip
 PUBLIC = ("flexmbd", *(f"flexmbd.{room}" for room in ROOMS))
 #: Pages about the inside of flexmbd, for those who work on it.
-INSIDE = {"machine.md"}
+INSIDE = {"architecture.md", "machine.md"}
 
 
 def sources() -> Iterator[tuple[str, str]]:
