@@ -13,7 +13,7 @@ from flexmbd.cli import main
 
 COMM = MPI.COMM_WORLD
 GOOD = (
-    (Path(__file__).parent / "data" / "own_solid.py")
+    (Path(__file__).parents[1] / "data" / "own_solid.py")
     .read_text()
     .replace('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)')
     .replace("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}")
