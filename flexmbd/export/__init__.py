@@ -1,7 +1,8 @@
 """Reduced bodies for other programs, and from them: one format a file (docs/export.md).
 
 ``fm.export.NAME(body, path)`` writes the format NAME and returns what the file leaves out of the body;
-``fm.export.read_NAME(path)`` reads it back. Numpy only; nothing here knows DOLFINx.
+``fm.export.read_NAME(path)`` reads it back. Numpy only; nothing here knows DOLFINx.  Users enter here, commands by
+`FORMATS`; formats of one family share a room.
 """
 
 from flexmbd.export.exudyn_files.exudyn_file import exudyn as exudyn

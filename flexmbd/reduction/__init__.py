@@ -1,4 +1,8 @@
-"""Reductions: from a continuum model to a `flexmbd.record.reduced_body.ReducedBody`."""
+"""Reductions: from a continuum model to a `flexmbd.record.reduced_body.ReducedBody`.
+
+Users enter here; `flexmbd.command` the rooms.  Static shapes, modes and stiffening stand in rooms of their own; a
+reduction puts them together and changes nothing of the model.
+"""
 
 from flexmbd.continuum.finite_elements.linear_model import StaticState as StaticState
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel as PrestressedModel
