@@ -1,7 +1,7 @@
 """The continuum side: everything that needs DOLFINx, PETSc, SLEPc or mpi4py.
 
-Users enter here; the reduction, the meshes and the commands enter the rooms.  Of the machine it knows the record and the
-protocol of interiors alone.
+Users enter here; the reduction, the meshes and the commands enter the rooms.  Of the machine it knows the record
+and the protocol of interiors alone.
 """
 
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
