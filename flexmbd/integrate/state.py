@@ -153,6 +153,22 @@ def set_scales(state, groups, s, rate, limit):
 
 
 @kernel
+def pushed(response, reactions, j):
+    """The acceleration of coordinate j that reactions (m,) make of masses free of the loops.
+
+    Forces out of balance count by the acceleration that they would make of such masses, for the units of multipliers
+    say nothing, and of rows that can hardly be told apart they are large without effect.  Where accelerations and
+    reactions are corrected together, that is the acceleration's correction and what the reactions' corrections push.
+
+    ``response``: (m, n) what a unit of each reaction pushes.
+    """
+    total = 0.0
+    for r in range(response.shape[0]):
+        total += response[r, j] * reactions[r]
+    return total
+
+
+@kernel
 def own_rate(rate, before, machine_rate):
     """A coordinate's own rate (1/s) after a step that shows ``rate``, ``before`` being that of the step before.
 

@@ -101,6 +101,16 @@ def test_the_bearing_of_a_pendulum(method):
     assert lost > 0.5  # J, of about 7.5
 
 
+def test_a_pin_with_two_frictions():
+    """They add up: against the equations by hand with all of it."""
+    scene, pin = pendulum(mu=0.25 * MU, regularisation=0.3)
+    scene.add_force(fm.force.BearingFriction(pin, 0.75 * MU, 0.3, 0.05))
+    pin.position = 1.2
+    run = scene.simulate(2.0, rtol=1e-8, integrator=fm.ExplicitRungeKutta())
+    x, _ = pendulum_motion(run.t, [1.2, 0.0], regularisation=0.3)
+    np.testing.assert_allclose(run.beta(pin), x, atol=2e-7)
+
+
 def test_the_order_is_the_method_s():
     """The friction is found anew at each stage, so that errors fall by 2^5 a halving, as without it."""
     errors = []

@@ -189,3 +189,25 @@ def test_what_a_motion_by_constraints_leaves_open_is_told_in_the_stats():
     moved = run.position(cart.frame())[:, 0] - 0.2 - 0.3 * np.sin(2.0 * run.t)
     assert run.stats.constraint_residual == pytest.approx(np.abs(moved).max(), abs=1e-14)
     assert run.stats.constraint_residual < 1e-9
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.0])
+@pytest.mark.parametrize("tilt", [0.2, 0.5, 1.0, 1.3])
+def test_rolling_gives_way_to_what_holds_positions(tilt, turn):
+    """A body that slides on a plane, its disc rolling on another one that cuts it in a line.
+
+    That the touching point stands still is one condition too many for the velocities.  The touching is the one to be
+    kept: it leaves two of the three coordinates free, and all of rolling one velocity.
+    """
+    axis = Rotation.from_euler("ZX", [turn, 0.5 * np.pi - 0.2]).as_matrix()
+    plane = Rotation.from_euler("ZX", [1.7 * turn, tilt]).as_matrix()
+    down = plane[:, 2] @ axis[:, 2] * axis[:, 2] - plane[:, 2]
+    lowest = 0.3 * down / np.linalg.norm(down)
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.RigidBody(2.0, (0.1, 0.2, 0.15)), name="body")
+    scene.connect(fm.joint.Planar("z"), scene.ground.frame(), body.frame())
+    scene.connect(fm.joint.RollingDisc(0.3), scene.ground.frame(lowest, R=plane), body.frame(R=axis), name="disc")
+    linear = scene.linearize()
+    assert scene.start().scene.redundant in (("disc: no slip along x",), ("disc: no slip along y",))
+    assert linear.M.shape == (1, 1)
+    assert linear.K.shape == (1, 2)

@@ -111,8 +111,7 @@ def trial(plan, work, state, s, h, unknown, equation):
 def correct(plan, state, s, h):
     """Take Newton's correction with the factors at hand into ``s.unknown``; its largest parts over the scales.
 
-    Returns the motion's and the forces'.  Of multipliers counts what they push: together with the acceleration's own
-    correction it is what the forces out of balance would make of the machine's masses, were it free of its loops.
+    Returns the motion's and, where there are loops, that of the forces out of balance (``state.pushed``).
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
@@ -124,14 +123,13 @@ def correct(plan, state, s, h):
     unbalanced = 0.0
     for i in range(s.unknown.shape[0]):
         s.unknown[i] -= s.correction[0, i]
+    reactions = s.correction[0, nu : nu + m]
     for j in range(nu):
         k = plan.free[j]
         move = s.correction[0, j]
         part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
         if m > 0:
-            for i in range(m):
-                move += s.correction[0, nu + i] * s.direction[i, j]
-            unbalanced = max(unbalanced, abs(move) * per_v / s.scale_v[k])
+            unbalanced = max(unbalanced, abs(move + st.pushed(s.direction, reactions, j)) * per_v / s.scale_v[k])
         for i in range(m):
             part = max(
                 part,

@@ -88,10 +88,8 @@ def _close(plan, s, what, scale, rows, velocities):
     size = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        change = 0.0
-        for r in range(m):
-            change -= s.response[r, j] * s.reaction[r]
-        what[k] += change
+        change = st.pushed(s.response, s.reaction, j)
+        what[k] -= change
         size = max(size, abs(change) / scale[k])
     return size
 
@@ -100,7 +98,7 @@ def _close(plan, s, what, scale, rows, velocities):
 def _balance(plan, state, s, h):
     """Correct a and nu; the largest share of the correction, and what a relative round-off makes of such shares.
 
-    What forces are out of balance counts by the acceleration that it would make of masses free of the loops.
+    Forces out of balance count by ``state.pushed``.
     """
     m = plan.rows.shape[0]
     for j in range(plan.free.shape[0]):
@@ -116,10 +114,9 @@ def _balance(plan, state, s, h):
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         unbalanced = s.rhs_final[0, j]
-        change = unbalanced
+        change = unbalanced - st.pushed(s.response, s.reaction, j)
         weight = 0.0
         for r in range(m):
-            change -= s.response[r, j] * s.reaction[r]
             weight += abs(s.response[r, j] * s.multipliers[_LAST, r])
         s.a[_LAST, k] += change
         part = max(abs(change), abs(unbalanced)) * h / s.scale_v[k]

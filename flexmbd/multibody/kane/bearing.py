@@ -82,7 +82,7 @@ class Bearings:
                 "causes is no smaller than the one it comes from; the joint locks, take a smaller coefficient"
             )
         out: FloatArray = np.zeros(self._scene.nv)
-        out[self._coordinate] = found
+        np.add.at(out, self._coordinate, found)  # a joint may bear several
         return out
 
     def _normal_forces(

@@ -15,6 +15,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -37,12 +39,14 @@ class Place:
 
     Attributes:
         slopes: (m, free) of the rows, per full size of each free coordinate.
+        holds: (m,) which rows hold positions; the others, of rolling, hold velocities alone.
         left: (m, m) left singular vectors.
         sigma: (m,) singular values over the largest, falling; 0 beyond the free coordinates.
         blur: what of them is not known, for the loops are closed to some tolerance.
     """
 
     slopes: FloatArray
+    holds: NDArray[np.bool_]
     left: FloatArray
     sigma: FloatArray
     blur: float
@@ -59,13 +63,26 @@ class Place:
 
     def independent(self) -> list[int]:
         """``rank`` rows that carry all others, the best-conditioned that pivoting finds."""
-        order = scipy.linalg.qr(self.slopes.T, mode="economic", pivoting=True)[2]
-        return sorted(int(k) for k in order[: self.rank])
+        return self._pivoted(self.slopes, self.rank, self.blur * float(np.linalg.norm(self.slopes, 2)))
 
     def firmest(self, rank: int) -> list[int]:
         """``rank`` rows that hold firmly together, as pivoting finds them."""
-        order = scipy.linalg.qr(self.left[:, :rank].T, mode="economic", pivoting=True)[2]
-        return sorted(int(k) for k in order[:rank])
+        known = self.blur / max(float(self.sigma[rank - 1]), self.blur) if rank else 1.0
+        return self._pivoted(self.left[:, :rank], rank, known)
+
+    def _pivoted(self, rows: FloatArray, rank: int, blur: float) -> list[int]:
+        """``rank`` of the rows (m, n), known to ``blur``, by pivoting: those of positions first.
+
+        A row on velocities says nothing of positions: in place of one on positions it would hold the same velocities,
+        and let a configuration pass, or drift off, that the loops forbid.
+        """
+        held = np.flatnonzero(self.holds)
+        positions = int(np.sum(scipy.linalg.svdvals(rows[held]) > blur)) if len(held) else 0
+        first, base = _first_pivots(rows[held], min(positions, rank))
+        rolling = np.flatnonzero(~self.holds)
+        rest = rows[rolling] - (rows[rolling] @ base) @ base.T
+        more, _ = _first_pivots(rest, rank - len(first))
+        return sorted(int(k) for k in (*held[first], *rolling[more]))
 
     def firmness(self, rows: Sequence[int]) -> float:
         """How firmly these rows hold what all rows hold together, from 0 to 1."""
@@ -79,6 +96,14 @@ class Place:
         kept, there = self.left[:, : self.rank], other.left[:, : self.rank]
         known = self.blur / self.sigma[self.rank - 1] + other.blur / other.sigma[self.rank - 1]
         return float(np.abs(kept @ kept.T - there @ there.T).max()) <= _CLEAR * known
+
+
+def _first_pivots(rows: FloatArray, count: int) -> tuple[NDArray[np.int64], FloatArray]:
+    """The first ``count`` rows (m, n) in the order of pivoting, and an orthonormal basis (n, count) of what they span."""
+    if count == 0:
+        return np.zeros(0, np.int64), np.zeros((rows.shape[1], 0))
+    base, _, order = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
+    return order[:count], base[:, :count]
 
 
 class Choice(NamedTuple):
@@ -117,7 +142,8 @@ def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
     blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
-    return Place(slopes, left, sigma, blur / min(largest, 1.0))
+    holds = scene.plan.rows[:, at.ROW_LEVEL] != kinds.LEVEL_VELOCITY
+    return Place(slopes, holds, left, sigma, blur / min(largest, 1.0))
 
 
 def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:

@@ -49,6 +49,7 @@ def machines(
     closed=False,
     moving=True,
     loads=True,
+    damped_by=None,
 ):
     """A machine with a consistent start.
 
@@ -64,6 +65,7 @@ def machines(
         closed: whether some are.
         moving: whether there may be gravity, speeds, motions and loads that vary in time.
         loads: whether there may be loads.
+        damped_by: a kind of load of which there is one, damped where it may be so.
     """
     t0 = draw(st.sampled_from([0.0, 0.5, -1.25])) if moving else 0.0
     parts, links, charts, rates = [], [], [], []
@@ -112,6 +114,8 @@ def machines(
         machine = _closed(draw, _posed(machine, tree, charts, np.zeros(len(state))), planar)
         state = _matched(machine, tree, charts, state)
     machine = _posed(machine, tree, charts, state)
+    if damped_by is not None:
+        machine = replace(machine, loads=(_load(draw, machine, loads_of, only=damped_by),))
     # hypothesis shrinks towards fewer
     for _ in range(draw(st.sampled_from([0, 1, 2, 2, 3])) if loads else 0):
         load = _load(draw, machine, loads_of if moving else ("constant",), on_joints=gearbox)
@@ -249,8 +253,8 @@ def _matched(machine, tree, charts, state):
     return state + step
 
 
-def _load(draw, machine, functions_of, *, on_joints):
-    """A force, a spring or something on a joint."""
+def _load(draw, machine, functions_of, *, on_joints=False, only=None):
+    """A force, a spring or something on a joint; ``only``: of this kind, and damped."""
     joined = [link for link in machine.links if len(link.joint.start) == len(link.turns) > 0]
     carried = [link for link in joined if link.way is fm.Way.COORDINATES]
     single = [link for link in joined if len(link.turns) == 1]
@@ -260,7 +264,9 @@ def _load(draw, machine, functions_of, *, on_joints):
     kinds = [] if on_joints and (carried or single) else ["push", "spring", "bush"]
     kinds += ["coordinate spring", "friction", "friction"] * bool(carried)
     kinds += ["motor"] * bool(single) + ["pin"] * bool(pins)
-    kind = draw(st.sampled_from(kinds))
+    assume(only is None or only in kinds)
+    kind = only or draw(st.sampled_from(kinds))
+    damping = st.just(1.0) if only else st.sampled_from([0.0, 1.0])
     of = functions(functions_of, machine.start, machine.duration)
     if kind == "motor":
         return Motor(draw(st.sampled_from(single)).name, 0, of_time.in_units(draw(of), 4.0, 1.0))
@@ -271,7 +277,7 @@ def _load(draw, machine, functions_of, *, on_joints):
         link = draw(st.sampled_from(carried))
         k = draw(st.integers(0, len(link.turns) - 1))
         if kind == "coordinate spring":
-            return CoordinateSpring(link.name, k, 32.0 * draw(size), draw(grid), draw(st.sampled_from([0.0, 1.0])))
+            return CoordinateSpring(link.name, k, 32.0 * draw(size), draw(grid), draw(damping))
         coulomb = draw(size)
         sticks = (coulomb + draw(size), draw(size)) if draw(st.booleans()) else (None, None)
         return CoordinateFriction(link.name, k, coulomb, draw(size), draw(st.sampled_from([0.0, 0.5])), *sticks)
@@ -285,11 +291,11 @@ def _load(draw, machine, functions_of, *, on_joints):
         ends = mark_on(draw, other), mark_on(draw, one)
         distance = np.linalg.norm(machine.pose(ends[0]).p - machine.pose(ends[1]).p)
         assume(distance > 0.125)
-        return Spring(*ends, 64.0 * draw(size), 0.5 * draw(size), draw(st.sampled_from([0.0, 1.0])))
-    return _bush(draw, machine, mark_on(draw, other), one)
+        return Spring(*ends, 64.0 * draw(size), 0.5 * draw(size), draw(damping))
+    return _bush(draw, machine, mark_on(draw, other), one, damping)
 
 
-def _bush(draw, machine, mark, part):
+def _bush(draw, machine, mark, part, damping):
     """Turned by well under half a revolution, where its rotation vector is smooth."""
     if part.reduced:
         other = interface(part, "b")
@@ -302,4 +308,4 @@ def _bush(draw, machine, mark, part):
     assume(np.trace(R) > 0.0)
     root = np.array([[draw(grid) for _ in range(6)] for _ in range(2)])
     stiffness = 32.0 * (root.T @ root + np.diag([draw(size) for _ in range(6)]))
-    return Bush(mark, other, 0.5 * (stiffness + stiffness.T), np.diag([draw(st.sampled_from([0.0, 0.5]))] * 6))
+    return Bush(mark, other, 0.5 * (stiffness + stiffness.T), 0.5 * draw(damping) * np.eye(6))

@@ -10,7 +10,6 @@ from hypothesis import reject
 from observation import Moment, moment
 from random_machine import Built, Pseudo, build
 
-import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
 from flexmbd.run.stopped import SimulationError
@@ -43,14 +42,21 @@ class Seen:
     built: Built
 
 
-def condition(start):
-    """Largest over smallest singular value of the independent constraints."""
+def condition(start, *, usual=None):
+    """Largest over smallest singular value of the independent constraints.
+
+    ``usual``: another state of the machine, in which they are of unit length: at a dead point one may have none left.
+    """
     if len(start.scene.plan.rows) == 0:
         return 1.0
-    work = new_work(start.scene.plan)
-    jacobian = scaled_jacobian(start.scene, work, start.x)
-    sizes = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=1)[:, None], compute_uv=False)
+    lengths = np.linalg.norm(_slopes(start if usual is None else usual), axis=1)
+    sizes = np.linalg.svd(_slopes(start) / lengths[:, None], compute_uv=False)
     return float(sizes[0] / sizes[-1])
+
+
+def _slopes(start):
+    """Of the constraints, per unit of kinetic energy."""
+    return scaled_jacobian(start.scene, new_work(start.scene.plan), start.x)
 
 
 #: Uniaxially pressed below this stretch St Venant-Kirchhoff's stress falls again: the body collapses.
@@ -61,18 +67,10 @@ def _ends(machine, built, start, run):
     """Whether a machine has no further motion where a run stopped: a dead point, or a pseudo-rigid body collapsed."""
     if run is None:
         return False
-    if condition(replace(start, x=run.x[-1])) > SINGULAR:
+    if condition(replace(start, x=run.x[-1]), usual=start) > SINGULAR:
         return True
     soft = [built.bodies[part.name] for part in machine.parts if isinstance(part.body, Pseudo)]
     return any(np.linalg.svd(run.deformation_gradient(body)[-1], compute_uv=False)[-1] < COLLAPSE for body in soft)
-
-
-def _method(machine):
-    """The automatic one; but not generalized-alpha, which friction has chosen, for what deforms.
-
-    Of redundant rows on a beam it may stop, where Radau does not.
-    """
-    return fm.RadauIIA() if machine.deforms else machine.integrator
 
 
 def rtol_of(machine):
@@ -98,7 +96,7 @@ def see(machine, *, rtol=None, integrator=None, **options):
             machine.start + machine.duration,
             t_start=machine.start,
             rtol=rtol_of(machine) if rtol is None else rtol,
-            integrator=_method(machine) if integrator is None else integrator,
+            integrator=machine.integrator if integrator is None else integrator,
             **options,
         )
     except SimulationError as stop:
@@ -107,4 +105,3 @@ def see(machine, *, rtol=None, integrator=None, **options):
         raise
     ends = [moment(machine, built, run, row) for row in (0, -1)]
     return Seen(*ends, worst, inertia(start), bool(start.scene.redundant), run, built)  # type: ignore[call-arg]
-
