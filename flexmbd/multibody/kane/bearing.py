@@ -68,9 +68,12 @@ class Bearings:
         """
         answer = self._response.answer(t, x, v, self._units)
         here = self._normal_forces(t, x, v, answer.a, answer.multipliers)
+        # told by forces of the friction's own size, for beside it a unit of force may be round-off
+        size = self._factor * np.linalg.norm(here, axis=1)
+        size[size == 0.0] = 1.0
         slopes = [
-            self._normal_forces(t, x, v, answer.a + a, answer.multipliers + nu) - here
-            for a, nu in zip(answer.a_slopes, answer.multiplier_slopes, strict=True)
+            (self._normal_forces(t, x, v, answer.a + s * a, answer.multipliers + s * nu) - here) / s
+            for s, a, nu in zip(size, answer.a_slopes, answer.multiplier_slopes, strict=True)
         ]
         self._scene.refuse_failed(self._response.work)
         sliding = self._factor * np.tanh(v[self._coordinate] / self._speed)

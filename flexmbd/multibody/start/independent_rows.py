@@ -15,10 +15,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.rows import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_loops
@@ -99,7 +98,7 @@ class Place:
 
 
 def _first_pivots(rows: FloatArray, count: int) -> tuple[NDArray[np.int64], FloatArray]:
-    """The first ``count`` rows (m, n) in the order of pivoting, and an orthonormal basis (n, count) of what they span."""
+    """The first ``count`` rows (m, n) as pivoting takes them, and an orthonormal basis (n, count) of their span."""
     if count == 0:
         return np.zeros(0, np.int64), np.zeros((rows.shape[1], 0))
     base, _, order = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
@@ -142,7 +141,7 @@ def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
     blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
-    holds = scene.plan.rows[:, at.ROW_LEVEL] != kinds.LEVEL_VELOCITY
+    holds = constraint_rows(scene.plan).holds_position
     return Place(slopes, holds, left, sigma, blur / min(largest, 1.0))
 
 
