@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -22,8 +22,8 @@ class IdentityMap(MutableMapping[K, V], Generic[K, V]):
     It keeps them alive, and knows them again where it was pickled or deep-copied together with them.
     """
 
-    def __init__(self) -> None:
-        self._found: dict[int, tuple[K, V]] = {}
+    def __init__(self, pairs: Iterable[tuple[K, V]] = ()) -> None:
+        self._found: dict[int, tuple[K, V]] = {id(key): (key, value) for key, value in pairs}
 
     def __getitem__(self, key: K) -> V:
         """The value of an object; KeyError if it has none."""

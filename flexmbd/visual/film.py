@@ -145,7 +145,7 @@ def _camera(
     points = [drawn.places, *(solid.reach() for solid in drawn.solids)]
     for skin in shown:
         corners = np.array(np.meshgrid(*skin.bounds.T)).reshape(3, -1).T
-        pose = drawn.bodies[id(skin.body)]
+        pose = drawn.bodies[skin.body]
         moved = np.einsum("kij,cj->kci", pose.R, corners) + pose.p[:, None, :]
         points.append(moved.reshape(-1, 3))
     towards, up = viewing_axes(drawn.places, gravity)
@@ -233,8 +233,8 @@ def _add_skins(
             mesh.points = places[vertex]
             mesh.point_data["value"] = value[vertex] / scale
             pose = np.eye(4)
-            pose[:3, :3] = drawn.bodies[id(skin.body)].R[k]
-            pose[:3, 3] = drawn.bodies[id(skin.body)].p[k]
+            pose[:3, :3] = drawn.bodies[skin.body].R[k]
+            pose[:3, 3] = drawn.bodies[skin.body].p[k]
             actor.user_matrix = pose
 
         yield move

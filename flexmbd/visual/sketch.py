@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.visual.motion import Motion
 from flexmbd.visual.skin import surface_of
 
@@ -70,14 +71,14 @@ class Sketch:
 
     Attributes:
         solids: what moves rigidly.
-        bodies: pose of each body frame, by the body's id.
+        bodies: pose of each body frame.
         colours: colour of each body, by its name.
         places: (k, 3) m, where frames and centres of mass are met over all instants.
         size: m, the radius of a stick.
     """
 
     solids: tuple[Solid, ...]
-    bodies: Mapping[int, Pose]
+    bodies: IdentityMap[Body, Pose]
     colours: Mapping[str, str]
     places: FloatArray
     size: float
@@ -90,16 +91,13 @@ def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) ->
     """
     joints = _joints(trajectory)
     frames = _frames(trajectory, joints)
-    poses = {
-        id(f): Pose(trajectory.position(f, t=times), trajectory.rotation(f, t=times))
+    poses = IdentityMap(
+        (f, Pose(trajectory.position(f, t=times), trajectory.rotation(f, t=times)))
         for held in frames.values()
         for f in held
-    }
-    bodies = {id(body): _body_pose(trajectory, body, times) for body in trajectory.bodies.values()}
-    coms = {
-        id(body): bodies[id(body)].p + bodies[id(body)].R @ (body.moments()[0] / body.mass)
-        for body in trajectory.bodies.values()
-    }
+    )
+    bodies = IdentityMap((body, _body_pose(trajectory, body, times)) for body in trajectory.bodies.values())
+    coms = IdentityMap((body, pose.p + pose.R @ (body.moments()[0] / body.mass)) for body, pose in bodies.items())
     places = np.concatenate([pose.p for pose in poses.values()] + list(coms.values()))
     size = 0.009 * (float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0)
     heaviest = max(body.mass for body in trajectory.bodies.values())
@@ -109,8 +107,8 @@ def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) ->
         colours[name] = BODIES[k % len(BODIES)]
         if any(body is other for other in skinned):
             continue
-        com = coms[id(body)]
-        tops = [poses[id(f)].p for f in frames.get(id(body), ())]
+        com = coms[body]
+        tops = [poses[f].p for f in frames.get(body, ())]
         for a, b in _sticks(tops, com, size):
             solids.append(cylinder(a, b, size, colours[name]))
         radius = 2.4 * size * max(0.5, (body.mass / heaviest) ** (1 / 3))
@@ -158,16 +156,16 @@ def _joints(trajectory: Motion) -> list[Connection]:
     return [c for c in (*along, *topology.closures) if not any(s.kind == kinds.FREE for s in c.joint.steps)]
 
 
-def _frames(trajectory: Motion, joints: Sequence[Connection]) -> dict[int, list[Frame]]:
-    """The frames of each body, by the body's id: those of joints, and all interfaces."""
-    frames: dict[int, list[Frame]] = {}
+def _frames(trajectory: Motion, joints: Sequence[Connection]) -> IdentityMap[Body, list[Frame]]:
+    """The frames of each body: those of joints, and all interfaces."""
+    frames: IdentityMap[Body, list[Frame]] = IdentityMap()
     for joint in joints:
         for frame in (joint.parent, joint.child):
-            frames.setdefault(id(frame.body), []).append(frame)
+            frames.setdefault(frame.body, []).append(frame)
     for body in trajectory.bodies.values():
         record = body.reduced()
         if record is not None:
-            frames.setdefault(id(body), []).extend(
+            frames.setdefault(body, []).extend(
                 Frame(body, i.p_BI_B, i.R_BI, i.modes, i.name) for i in record.interfaces
             )
     return frames
@@ -205,7 +203,7 @@ def _sticks(
 
 
 def _joint_solids(
-    joint: Connection, poses: Mapping[int, Pose], size: float, colours: Mapping[str, str]
+    joint: Connection, poses: IdentityMap[Frame, Pose], size: float, colours: Mapping[str, str]
 ) -> Iterator[Solid]:
     ends = [joint.parent, joint.child]
     if ends[1].body.name not in colours:  # what is on the ground carries the other
@@ -213,7 +211,7 @@ def _joint_solids(
     grounded = ends[0].body.name not in colours
     steps = joint.joint.steps
     turn = joint.joint.turn
-    parent, child = (Pose(poses[id(f)].p, poses[id(f)].R @ turn) for f in ends)
+    parent, child = (Pose(poses[f].p, poses[f].R @ turn) for f in ends)
     kind = steps[0].kind if len(steps) == 1 else None
     axis = child.R[:, :, 2]
     if kind == kinds.REVOLUTE or kind == kinds.SCREW:

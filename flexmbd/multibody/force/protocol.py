@@ -21,7 +21,7 @@ from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 
 class Table(Protocol):
-    """Where force elements lay themselves out (``plan_forces.ForceTable``)."""
+    """Where force elements lay themselves out (``plan.forces.ForceTable``)."""
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate.

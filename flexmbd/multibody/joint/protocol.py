@@ -21,7 +21,7 @@ class Row:
     """A scalar constraint between the joint's frames.
 
     Attributes:
-        kind: layout.ROW_*.
+        kind: kinds.ROW_*.
         index: which component, as the kind counts them.
         name: in messages.
         data: parameters of the kind.
@@ -40,7 +40,7 @@ class Step:
     """One of the kernels' joints on the way from F to G.
 
     Attributes:
-        kind: layout.FIXED, REVOLUTE, PRISMATIC, SCREW, SPHERICAL or FREE.
+        kind: kinds.FIXED, REVOLUTE, PRISMATIC, SCREW, SPHERICAL or FREE.
         axis: along which it turns or slides, in the turned frames of the joint.
         pitch: advance of a screw (m/rad).
     """

@@ -1,0 +1,79 @@
+"""One instant of a machine answers alike, whoever asks: an event, a trajectory, a working point, Kane's equations."""
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.errors import SceneError
+from flexmbd.force import Kinematics
+
+MASS, ARM, J, G = 2.0, 0.5, 0.03, 9.81
+
+
+def pendulum():
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    bob = scene.add(fm.RigidBody(MASS, (J, J, J), (ARM, 0.0, 0.0)), name="bob")
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bob.frame())
+    hinge.position, hinge.velocity = 0.4, 1.5
+    return scene, hinge, bob.frame((ARM, 0.0, 0.0))
+
+
+def at_start(scene):
+    """The same instant as four callers have it."""
+    seen = []
+    watch = fm.Event(lambda moment: seen.append(moment) or 1.0)
+    run = scene.simulate(1e-3, h=1e-3, integrator=fm.GeneralizedAlpha(), events=[watch])
+    kane = Kinematics(run.scene).move(0.0, run.x[0], run.v[0], run.a[0])
+    point = fm.WorkingPoint(run.scene, 0.0, run.x[0], run.v[0], run.multipliers[0])
+    return run, [run.at(0.0), seen[0], kane, point]
+
+
+def test_a_pendulum_moves_and_pulls_as_in_closed_form():
+    scene, hinge, com = pendulum()
+    run, instants = at_start(scene)
+    beta, rate = 0.4, 1.5
+    along, across = np.array([np.cos(beta), 0.0, -np.sin(beta)]), np.array([-np.sin(beta), 0.0, -np.cos(beta)])
+    alpha = MASS * G * ARM * np.cos(beta) / (J + MASS * ARM**2)  # about y, which lowers the bob
+    for instant in instants:
+        np.testing.assert_allclose(instant.position(com), ARM * along, atol=1e-15)
+        np.testing.assert_allclose(instant.velocity(com), ARM * rate * across, atol=1e-15)
+        np.testing.assert_allclose(instant.angular_velocity(com), [0.0, rate, 0.0], atol=1e-15)
+        np.testing.assert_allclose(instant.rotation(com) @ [1.0, 0.0, 0.0], along, atol=1e-15)
+        assert (instant.beta(hinge), instant.beta_rate(hinge)) == (beta, rate)
+    for instant in instants[:3]:
+        np.testing.assert_allclose(instant.angular_acceleration(com), [0.0, alpha, 0.0], atol=1e-13)
+        expected = ARM * alpha * across - ARM * rate**2 * along
+        np.testing.assert_allclose(instant.acceleration(com), expected, atol=1e-13)
+    pull = MASS * (ARM * alpha * across - ARM * rate**2 * along + [0.0, 0.0, G])
+    R = instants[0].rotation(com)
+    for instant in instants[:2]:
+        np.testing.assert_allclose(instant.reaction(hinge), [*(R.T @ pull), 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(instants[0].reaction(hinge), run.reaction(hinge)[0])
+
+
+def test_what_is_not_there_is_told_alike():
+    scene, hinge, com = pendulum()
+    run, instants = at_start(scene)
+    _, foreign, elsewhere = pendulum()
+    for one in [run, *instants]:
+        with pytest.raises(SceneError, match="has no joint coordinate here: it closes a loop, or belongs to another"):
+            one.beta(foreign)
+        with pytest.raises(SceneError, match="'bob' has no modal coordinates here"):
+            one.q(com.body)
+        with pytest.raises(SceneError, match="belongs to no body of this scene"):
+            one.position(elsewhere)
+    with pytest.raises(SceneError, match=r"reaction of joint .* is not known: nobody has solved for it there"):
+        instants[2].reaction(hinge)
+    with pytest.raises(SceneError, match="outside the trajectory"):
+        run.at(1.0)
+
+
+def test_kane_s_motion_goes_on_with_frames_asked_before():
+    scene, hinge, com = pendulum()
+    compiled = scene.compile()
+    kinematics = Kinematics(compiled)
+    for beta in (0.0, 1.0, -0.7):
+        kinematics.move(0.0, np.array([beta]), np.zeros(1))
+        place = ARM * np.array([np.cos(beta), 0.0, -np.sin(beta)])
+        np.testing.assert_allclose(kinematics.position(com), place, atol=1e-15)
+        assert kinematics.beta(hinge) == beta
