@@ -18,10 +18,12 @@ IntArray = NDArray[np.int64]
 
 
 class Plan(NamedTuple):
-    """The constant arrays of a compiled scene (SI units; ``layout`` names their columns).
+    """The arrays of a compiled scene (SI units; ``layout`` names their columns), constant but for two things.
 
-    Only ``flag`` (1,) changes: a user's function that fails sets it, and the step stops.  FLAG_PYTHON: an exception
-    that ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
+    ``flag`` (1,) is set by a user's function that fails, and the step stops.  FLAG_PYTHON: an exception that
+    ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
+    Of ``data`` what the interiors of bodies with history exert changes with each step, where ``Interiors.places`` says;
+    an array of its own would be handed from kernel to kernel, which costs small machines several percent of a step.
     """
 
     tree: IntArray
