@@ -21,7 +21,8 @@ def test_the_page(tmp_path, monkeypatch, capsys):
     history, stopped = found["history"], found["stopped"]
     # 6000 N/s times the arm to the first nodes that are watched, 5 mm from the clamped end
     assert history.first.t == pytest.approx(250e6 * MODULUS / (0.395 * 6000.0), rel=0.05)
-    assert stopped.t[-1] == pytest.approx(history.first.t, rel=1e-6)
+    # the one between the rows of a run, the other where a step of another length ends: alike to the rtol of both
+    assert stopped.t[-1] == pytest.approx(history.first.t, rel=1e-5)
     (slab,) = found["slabs"]
     reach = 0.4 - 0.9 * 250e6 * MODULUS / 1200.0
     assert slab.cuts == pytest.approx((reach + 0.02 * 2**0.5,), abs=0.01)
