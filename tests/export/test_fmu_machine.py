@@ -223,7 +223,7 @@ def test_closed_loops_leave_as_well(tmp_path, integrator):
     unit = Unit(tmp_path / "a" / "crank.fmu", tmp_path / "unzipped")
     assert list(unit.references)[1] == "shaft.torque"
     for torque in (0.5, -0.8):
-        expected, finer = (crank_motion(torque, integrator, rtol) for rtol in (1e-9, 1e-10))
+        expected = crank_motion(torque, integrator)
         one = unit.instance(**{"shaft.torque": torque})
         found = []
         for _ in range(50):
@@ -231,19 +231,20 @@ def test_closed_loops_leave_as_well(tmp_path, integrator):
             found.append(one.get(outputs_of(unit)))
         one.free()
         assert np.abs(expected[:, 6]).max() > 2.0 * np.pi
-        # where rounding decides on an iteration more or less, Newton's own tolerance is between them
-        newton = np.abs(finer - expected).max(axis=0)
-        assert (
-            np.abs(np.array(found) - expected).max(axis=0) <= np.maximum(1e-8 * np.abs(expected).max(), newton)
-        ).all()
+        bound = 1e-8 * np.abs(expected).max()
+        if integrator == IMPLICIT:
+            # rounding decides when factors are renewed, and with them the directions in which loops are closed: that
+            # is a small part of what the step itself leaves
+            bound += 0.05 * np.abs(crank_motion(torque, integrator, halved=1) - expected).max(axis=0)
+        assert (np.abs(np.array(found) - expected).max(axis=0) <= bound).all()
 
 
-def crank_motion(torque, integrator, rtol):
-    """What the outputs of the slider-crank's unit are in a run of ours, each 50 steps."""
+def crank_motion(torque, integrator, *, halved=0):
+    """What the outputs of the slider-crank's unit are in a run of ours, each 50 steps; the step halved so often."""
     scene, _, shaft, piston = slider_crank(torque)
-    run = scene.simulate(0.5 + H, h=H, rtol=rtol, integrator=integrator)
+    run = scene.simulate(0.5 + H, h=H / 2**halved, rtol=1e-9, integrator=integrator)
     parts = run.position(piston), run.velocity(piston), run.beta(shaft)[:, None], run.beta_rate(shaft)[:, None]
-    return np.hstack(parts)[50:2501:50]
+    return np.hstack(parts)[: 2501 << halved : 50 << halved][1:]
 
 
 ELSEWHERE = """
