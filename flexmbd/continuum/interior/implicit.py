@@ -25,7 +25,7 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.linear_interior import linear_equations
-from flexmbd.errors import SceneError
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame, Memory, Scheme
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
@@ -215,7 +215,14 @@ class ImplicitContinuum:
             return matrix
 
         guess = self._guess(now, auxiliary, h, scheme, pose=pose)
-        solution = self._solve(guess, motion, forces, tangent)
+        try:
+            solution = self._solve(guess, motion, forces, tangent)
+        except ConvergenceError:
+            # accelerations of vibrations shorter than the step lead astray: begin from the body as it is deformed
+            if not guess.any():
+                raise
+            self._newton.factorise_next()
+            solution = self._solve(np.zeros_like(guess), motion, forces, tangent)
         body.check_increment(solution.increment)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
