@@ -21,6 +21,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
+from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import Keep, craig_bampton
@@ -85,6 +86,12 @@ def reduced(case, *, alone=False):
     return Case(ContinuumModel(mesh, form, parameters, degree=degree, interfaces=interfaces), ends)
 
 
+def mixed(case, count):
+    """How much of the first mode left out may be in those kept: what is left of K^-1 M over the gap to it."""
+    flexibility = case.plain(count + 2).frequencies(case.ends) ** -2.0
+    return TOLERANCE * flexibility[0] / (flexibility[count - 1] - flexibility[count])
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("case", CASES)
 def test_matrices_and_record_do_not_depend_on_the_number_of_ranks(case):
@@ -94,7 +101,7 @@ def test_matrices_and_record_do_not_depend_on_the_number_of_ranks(case):
         assert abs(matrix(together.model, one) - expected).max() < 1e-12 * abs(expected).max()
     body, expected = together.plain(6), alone.plain(6)
     for clamped in ((), together.ends[:1], together.ends):
-        assert body.frequencies(clamped) == pytest.approx(expected.frequencies(clamped), rel=1e-10)
+        assert body.frequencies(clamped) == pytest.approx(expected.frequencies(clamped), rel=10.0 * mixed(alone, 6))
     # modes for stretch are differences of static responses, and carry more of the round-off
     body, expected = together.body(), alone.body()
     assert body.frequencies() == pytest.approx(expected.frequencies(), rel=1e-8)
