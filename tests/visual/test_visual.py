@@ -342,7 +342,7 @@ def test_a_pseudo_rigid_body_is_drawn_as_it_deforms(solid):
     run, body = rubber(solid, stretch=np.diag([1.3, 0.8, 1.0]))
     times = np.array([0.0, 0.1, 0.2])
     (skin,) = skins(run, times, {}, amplification=1.0)
-    pose = sketch.sketch(run, times, skinned=[body]).bodies[id(body)]
+    pose = sketch.sketch(run, times, skinned=[body]).bodies[body]
     F = run.deformation_gradient(body, t=times)
     assert np.linalg.norm(F[2] - np.eye(3)) > 0.05
     a, b, c = np.moveaxis(skin.triangle, 1, 0)
