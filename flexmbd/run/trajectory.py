@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
@@ -177,8 +178,10 @@ class Trajectory:
         """The machine at a time (s), which answers what its joints pass on at the ends of steps alone.
 
         Raises:
-            SceneError: a time outside the trajectory.
+            SceneError: a time outside the trajectory, or what is no single time.
         """
+        if not is_number(t):
+            raise SceneError(f"one time in s is wanted, got {t!r:.100}")
         x, v, a = self.motion(t)
         rows = np.flatnonzero(self.t == t)
         known = self.multipliers[rows[0]] if len(rows) and self.scene.interiors is None else None
@@ -260,9 +263,11 @@ class Trajectory:
         values at the steps' ends, or a fixed step.  Closed loops are open by as much.
 
         Raises:
-            SceneError: a time outside the trajectory.
+            SceneError: a time outside the trajectory, or what is no time.
         """
-        wanted = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        wanted = np.atleast_1d(numbers(t))
+        if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():
+            raise SceneError(f"a time, or an array (k,) of times, in s is wanted, got {t!r:.100}")
         slack = 1e-12 * float(np.abs(self.t[[0, -1]]).max())
         if wanted.min() < self.t[0] - slack or wanted.max() > self.t[-1] + slack:
             raise SceneError(

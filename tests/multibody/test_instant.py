@@ -66,6 +66,12 @@ def test_what_is_not_there_is_told_alike():
         instants[2].reaction(hinge)
     with pytest.raises(SceneError, match="outside the trajectory"):
         run.at(1.0)
+    for wrong in (np.nan, "0.0", False, [0.0, 0.0]):
+        with pytest.raises(SceneError, match="one time in s is wanted, got"):
+            run.at(wrong)
+    for wrong in (np.nan, "0.0", False, [], [0.0, np.inf], [[0.0]]):
+        with pytest.raises(SceneError, match=r"a time, or an array .* of times, in s is wanted, got"):
+            run.position(com, t=wrong)
 
 
 def test_kane_s_motion_goes_on_with_frames_asked_before():
