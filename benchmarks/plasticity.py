@@ -30,7 +30,7 @@ import plasticity_peers as case
 from dolfinx import fem
 
 from flexmbd import meshes
-from flexmbd.continuum.history.newton import Newton
+from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import PathError, StaticPath, follow, held_dofs
 from flexmbd.continuum.history.tangent_solver import TangentSolver

@@ -22,9 +22,9 @@ from flexmbd.reduction import Solver, craig_bampton
 
 # The functions whose time makes the columns of the table; those of geometric stiffness run only where that is wanted.
 STAGES = (
-    ("flexmbd.reduction.static_shapes.interior", "_factor", "factor"),
-    ("flexmbd.reduction.static_shapes.interior", "_iteration", "factor"),
-    ("flexmbd.reduction.static_shapes.interior", "continued", "static"),
+    ("flexmbd.reduction.static_shapes.interior_stiffness", "_factor", "factor"),
+    ("flexmbd.reduction.static_shapes.interior_stiffness", "_iteration", "factor"),
+    ("flexmbd.reduction.static_shapes.interior_stiffness", "continued", "static"),
     ("flexmbd.reduction.modes.truncation", "fixed_interface_modes", "modes"),
     ("flexmbd.reduction.optional_groups", "responses", "geometric"),
     ("flexmbd.reduction.stiffening.stretch_modes", "stretch_modes", "geometric"),

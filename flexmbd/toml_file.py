@@ -1,6 +1,6 @@
 """TOML files that people write: read whole, and asked key by key, so that each fault is named by its place.
 
-A `Section` is one table of the file. Whoever reads it says which keys it may have, so that a slip of the pen is
+A `TomlSection` is one table of the file. Whoever reads it says which keys it may have, so that a slip of the pen is
 answered with the key that was meant; a value of another type is named with its path and what was expected.
 """
 
@@ -26,7 +26,7 @@ _LARGEST = 2**24
 
 
 @dataclass(frozen=True)
-class Section:
+class TomlSection:
     """A table of a TOML file.
 
     Attributes:
@@ -124,20 +124,20 @@ class Section:
         value = self.need(key)
         if not isinstance(value, list) or len(value) != size or not all(isinstance(row, list) for row in value):
             self.fail(key, f"must be a list of {size} rows of {size} numbers, got {_shown(value)}")
-        rows = Section({f"{key}[{i}]": row for i, row in enumerate(value)}, self.place, self.file, self.kind)
+        rows = TomlSection({f"{key}[{i}]": row for i, row in enumerate(value)}, self.place, self.file, self.kind)
         return tuple(rows.numbers(row, count=size) for row in rows.values)
 
-    def table(self, key: str) -> Section:
+    def table(self, key: str) -> TomlSection:
         """A table below this one."""
         return self.table_of(self.need(key), key)
 
-    def table_of(self, value: object, key: str) -> Section:
+    def table_of(self, value: object, key: str) -> TomlSection:
         """A value, which stands at a key, as a table."""
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, got {_shown(value)}")
-        return Section(value, self._path(key), self.file, self.kind)
+        return TomlSection(value, self._path(key), self.file, self.kind)
 
-    def tables(self, key: str) -> tuple[Section, ...]:
+    def tables(self, key: str) -> tuple[TomlSection, ...]:
         """The tables [[key]]; none where the key is not there."""
         value = self.values.get(key, [])
         if not isinstance(value, list):
@@ -145,7 +145,7 @@ class Section:
         return tuple(self.table_of(one, f"{key}[{i}]") for i, one in enumerate(value))
 
 
-def read_toml(path: str | Path, *, kind: type[FlexmbdError]) -> Section:
+def read_toml(path: str | Path, *, kind: type[FlexmbdError]) -> TomlSection:
     """A TOML file, as the section at its top. Not collective.
 
     Args:
@@ -166,7 +166,7 @@ def read_toml(path: str | Path, *, kind: type[FlexmbdError]) -> Section:
     if len(data) > _LARGEST:
         raise kind(f"cannot read {file}: it has more than {_LARGEST} bytes")
     try:
-        return Section(tomllib.loads(data.decode("utf-8")), "", file, kind)
+        return TomlSection(tomllib.loads(data.decode("utf-8")), "", file, kind)
     except UnicodeDecodeError as error:
         raise kind(f"{file} is no TOML: it is not UTF-8 at byte {error.start}") from error
     except (ValueError, RecursionError) as error:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.errors import MeshError
-from flexmbd.meshes.listing import Elements, Listing
+from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh
 
 IntArray = npt.NDArray[np.int64]
 
@@ -54,26 +54,26 @@ class _Block:
     lines: list[str]
 
 
-def read_abaqus(path: Path) -> Listing:
+def read_abaqus(path: Path) -> ForeignMesh:
     """What an input file lists: one part, or one instance of one part in its place; not collective.
 
     Raises:
         MeshError: the file cannot be read or understood, or holds several parts.
     """
-    return _Reader(path).listing()
+    return _Reader(path).foreign()
 
 
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._blocks = list(_of_one_part(path, list(_blocks(path, depth=0))))
-        self._elements: list[Elements] = []
+        self._elements: list[ElementBlock] = []
         # by the name in capitals: as the file first has it, and the parts of the set
         self._element_sets: dict[str, tuple[str, list[IntArray]]] = {}
         self._node_sets: dict[str, tuple[str, list[IntArray]]] = {}
         self._surfaces: dict[str, tuple[str, list[tuple[IntArray, str]]]] = {}
 
-    def listing(self) -> Listing:
+    def foreign(self) -> ForeignMesh:
         numbers: list[IntArray] = []
         points: list[npt.NDArray[np.float64]] = []
         for block in self._blocks:
@@ -92,7 +92,7 @@ class _Reader:
         for block in self._blocks:
             if block.keyword == "SURFACE":
                 self._add_surface(block)
-        return Listing(
+        return ForeignMesh(
             self._path,
             np.concatenate(numbers),
             np.concatenate(points),
@@ -132,7 +132,7 @@ class _Reader:
         if len(every) % (columns + 1) != 0:
             raise MeshError(f"{self._path}: an element of type {kind} needs {columns} nodes")
         rows = self._whole(every, "*ELEMENT").reshape(-1, columns + 1)
-        self._elements.append(Elements(name, rows[:, 0], rows[:, 1:]))
+        self._elements.append(ElementBlock(name, rows[:, 0], rows[:, 1:]))
         if "ELSET" in block.options:
             _append(self._element_sets, block.options["ELSET"], rows[:, 0])
 

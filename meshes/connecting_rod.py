@@ -19,7 +19,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-from flexmbd.meshes.extrusion import Slab, Wall, extrude, mesh_profile
+from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
 def connecting_rod(
@@ -146,17 +146,17 @@ def connecting_rod(
         of_eyes = {tag for piece in pieces[1:] for _, tag in piece}
         profile = mesh_profile(h=h, degree=degree)
         step = (thickness - shank_thickness) / 2
-        slabs = [Slab(shank_thickness, intervals(shank_thickness, h), every)]
+        layers = [ExtrudedLayer(shank_thickness, intervals(shank_thickness, h), every)]
         if step > 0:
-            outer = Slab(step, intervals(step, h), of_eyes)
-            slabs = [outer, *slabs, outer]
+            outer = ExtrudedLayer(step, intervals(step, h), of_eyes)
+            layers = [outer, *layers, outer]
         return extrude(
             profile,
-            slabs,
+            layers,
             z=-thickness / 2,
             walls=[
-                Wall("big_end", _circle(0.0, big_bore / 2), range(len(slabs))),
-                Wall("small_end", _circle(length, small_bore / 2), range(len(slabs))),
+                Wall("big_end", _circle(0.0, big_bore / 2), range(len(layers))),
+                Wall("small_end", _circle(length, small_bore / 2), range(len(layers))),
             ],
             rest="surface",
             name="rod",

@@ -19,7 +19,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-from flexmbd.meshes.extrusion import Slab, Wall, extrude, mesh_profile
+from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
 def crank(
@@ -120,9 +120,9 @@ def crank(
         add.synchronize()
         of_web, of_journal, of_pin = ({tag for _, tag in piece} for piece in pieces)
         profile = mesh_profile(h=h, degree=degree)
-        outer = Slab(journal_length, intervals(journal_length, h), of_journal)
-        cheek = Slab(web_thickness, intervals(web_thickness, h), of_web)
-        middle = Slab(pin_length, intervals(pin_length, h), of_pin)
+        outer = ExtrudedLayer(journal_length, intervals(journal_length, h), of_journal)
+        cheek = ExtrudedLayer(web_thickness, intervals(web_thickness, h), of_web)
+        middle = ExtrudedLayer(pin_length, intervals(pin_length, h), of_pin)
         around_journal, around_pin = _outline(of_journal), _outline(of_pin)
         return extrude(
             profile,

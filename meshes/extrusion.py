@@ -1,7 +1,7 @@
-"""Hexahedra from a planar mesh of quadrilaterals, drawn up in slabs.
+"""Hexahedra from a planar mesh of quadrilaterals, extruded in layers.
 
 A part whose profiles at all heights are made of the same planar pieces is meshed without a free mesh
-in space: each quadrilateral becomes a column of hexahedra in those slabs that its piece is in.
+in space: each quadrilateral becomes a column of hexahedra in those layers that its piece is in.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Slab:
+class ExtrudedLayer:
     """Part of an extruded solid between two heights.
 
     Attributes:
@@ -74,12 +74,12 @@ class Wall:
     Attributes:
         name: of the group.
         curves: gmsh's tags.
-        slabs: the numbers of the slabs where it stands.
+        layers: the numbers of the layers where it stands.
     """
 
     name: str
     curves: Collection[int]
-    slabs: Collection[int]
+    layers: Collection[int]
 
 
 def mesh_profile(*, h: float | None, degree: int) -> Profile:
@@ -165,7 +165,7 @@ def _lowest_quality(profile: Profile) -> float:
 
 def extrude(
     profile: Profile,
-    slabs: Sequence[Slab],
+    layers: Sequence[ExtrudedLayer],
     *,
     z: float,
     walls: Sequence[Wall],
@@ -174,12 +174,12 @@ def extrude(
     end: str | None = None,
     name: str,
 ) -> MeshInput:
-    """Draw a profile up in slabs, the lowest first.
+    """Extrude a profile in layers, the lowest first.
 
     Args:
         profile: the planar mesh.
-        slabs: from below.
-        z: height of the lowest slab's foot, m.
+        layers: from below.
+        z: height of the lowest layer's foot, m.
         walls: groups of facets that stand on curves.
         start: name of the group of facets at the lowest height; None if they are of the rest.
         end: of those at the greatest height, likewise.
@@ -187,17 +187,17 @@ def extrude(
         name: of the one group of cells.
     """
     d = profile.degree
-    floors = [0, *np.cumsum([slab.intervals for slab in slabs])]
-    heights = _heights(slabs, d, z)
+    floors = [0, *np.cumsum([layer.intervals for layer in layers])]
+    heights = _heights(layers, d, z)
     n = len(profile.points)
     points = np.column_stack(
         (np.tile(profile.points, (len(heights), 1)), np.repeat(heights, n))
     )
     in_plane = np.argsort(_lexicographic("quadrilateral", d))
     cells = []
-    for floor, slab in zip(floors, slabs, strict=False):
-        quads = profile.quads[np.isin(profile.pieces, list(slab.pieces))][:, in_plane]
-        for k in range(floor, floor + slab.intervals):
+    for floor, layer in zip(floors, layers, strict=False):
+        quads = profile.quads[np.isin(profile.pieces, list(layer.pieces))][:, in_plane]
+        for k in range(floor, floor + layer.intervals):
             cells.append(np.hstack([quads + n * (d * k + layer) for layer in range(d + 1)]))
     hexahedra = np.concatenate(cells)[:, _lexicographic("hexahedron", d)]
     used, rows = np.unique(hexahedra, return_inverse=True)
@@ -207,7 +207,7 @@ def extrude(
     named = [(start, (level == 0).all(axis=1)), (end, (level == len(heights) - 1).all(axis=1))]
     for wall in walls:
         stands = _stands_on(foot, np.concatenate([profile.curves[tag] for tag in wall.curves]), n)
-        for i in wall.slabs:
+        for i in wall.layers:
             inside = (level >= d * floors[i]) & (level <= d * floors[i + 1])
             named.append((wall.name, stands & inside.all(axis=1)))
     tags = np.zeros(len(facets), dtype=np.int32)
@@ -231,13 +231,13 @@ def extrude(
     )
 
 
-def _heights(slabs: Sequence[Slab], degree: int, z: float) -> npt.NDArray[np.float64]:
+def _heights(layers: Sequence[ExtrudedLayer], degree: int, z: float) -> npt.NDArray[np.float64]:
     """Heights of all layers of nodes, m."""
     heights = [np.array([z])]
-    for slab in slabs:
-        layers = degree * slab.intervals
+    for layer in layers:
+        intervals = degree * layer.intervals
         foot = heights[-1][-1]
-        heights.append(foot + slab.height * np.arange(1, layers + 1) / layers)
+        heights.append(foot + layer.height * np.arange(1, intervals + 1) / intervals)
     return np.concatenate(heights)
 
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from flexmbd.beams.layout import Beam, Layout, Point, lay_out
+from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.meshes.dimension import check_arguments, require_degree
@@ -37,31 +37,31 @@ def frame(
         comm: the communicator of the mesh; one rank where more than two beams meet in a point.
 
     Raises:
-        MeshError: on all ranks; as `flexmbd.beams.layout.lay_out`, or an argument is out of range or not
+        MeshError: on all ranks; as `flexmbd.beams.frame_mesh.mesh_frame`, or an argument is out of range or not
             the same on all ranks, or a frame with branches is to be spread over ranks.
     """
     arguments = dict(locals())
 
     def check() -> None:
         require_degree(degree)
-        lay_out(points, beams, divisions=divisions)
+        mesh_frame(points, beams, divisions=divisions)
 
     check_arguments(comm, arguments, check)
-    return spread(comm, from_root(comm, lambda: _input(lay_out(points, beams, divisions=divisions), degree)))
+    return spread(comm, from_root(comm, lambda: _input(mesh_frame(points, beams, divisions=divisions), degree)))
 
 
-def _input(layout: Layout, degree: int) -> MeshInput:
-    n, m = len(layout.x), len(layout.elements)
+def _input(mesh: FrameMesh, degree: int) -> MeshInput:
+    n, m = len(mesh.x), len(mesh.elements)
     curved = degree == 2
-    points = np.arange(layout.points)
+    points = np.arange(mesh.points)
     return MeshInput(
         cell="interval",
         degree=degree,
-        points=np.vstack([layout.x, layout.middles]) if curved else layout.x,
-        cells=np.hstack([layout.elements, n + np.arange(m)[:, None]]) if curved else layout.elements,
-        cell_tags=(layout.group + 1).astype(np.int32),
-        cell_groups={name: i + 1 for i, name in enumerate(layout.groups)},
+        points=np.vstack([mesh.x, mesh.middles]) if curved else mesh.x,
+        cells=np.hstack([mesh.elements, n + np.arange(m)[:, None]]) if curved else mesh.elements,
+        cell_tags=(mesh.group + 1).astype(np.int32),
+        cell_groups={name: i + 1 for i, name in enumerate(mesh.groups)},
         facets=points[:, None],
         facet_tags=(points + 1).astype(np.int32),
-        facet_groups={name: i + 1 for i, name in enumerate(layout.names[: layout.points])},
+        facet_groups={name: i + 1 for i, name in enumerate(mesh.names[: mesh.points])},
     )

@@ -15,12 +15,12 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus
 from flexmbd.meshes.dimension import check_arguments, require_positive
+from flexmbd.meshes.foreign_mesh import ForeignMesh, solid_input
 from flexmbd.meshes.h5_file import h5_input
-from flexmbd.meshes.listing import Listing, solid_input
 from flexmbd.meshes.msh_file import merge
 from flexmbd.meshes.nastran_file import read_nastran
 
-_LISTINGS: dict[str, Callable[[Path], Listing]] = {
+_READERS: dict[str, Callable[[Path], ForeignMesh]] = {
     ".inp": read_abaqus,
     ".bdf": read_nastran,
     ".nas": read_nastran,
@@ -79,8 +79,8 @@ def read(
 
     def build() -> MeshInput:
         if suffix != ".msh":
-            listing = _LISTINGS[suffix](file)
-            whole = solid_input(listing, cell_groups=cell_groups, facet_groups=facet_groups)
+            foreign = _READERS[suffix](file)
+            whole = solid_input(foreign, cell_groups=cell_groups, facet_groups=facet_groups)
         else:
             with session.model():
                 merge(file)
@@ -97,7 +97,7 @@ def _check_file(path: Path) -> None:
             file.read(1)
     except OSError as error:
         raise MeshError(f"{path}: cannot be opened: {error.strerror}") from error
-    known = (".msh", ".h5", *_LISTINGS)
+    known = (".msh", ".h5", *_READERS)
     if path.suffix.lower() not in known:
         raise MeshError(
             f"{path}: files that end in {path.suffix or 'nothing'} are not known, only those in "

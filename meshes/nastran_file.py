@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.errors import MeshError
-from flexmbd.meshes.listing import KINDS, Elements, Listing
+from flexmbd.meshes.foreign_mesh import KINDS, ElementBlock, ForeignMesh
 
 IntArray = npt.NDArray[np.int64]
 
@@ -42,7 +42,7 @@ _NODES = {
 }
 
 
-def read_nastran(path: Path) -> Listing:
+def read_nastran(path: Path) -> ForeignMesh:
     """What the bulk data list; each property is a set of elements "property 7"; not collective.
 
     Raises:
@@ -77,7 +77,7 @@ def read_nastran(path: Path) -> Listing:
             raise MeshError(
                 f"{path}: element {numbers[0]} has {data.shape[1]} nodes; a {kind} needs {_NODES[kind]}"
             )
-        elements.append(Elements(kind, numbers, mesh.points_id[data]))
+        elements.append(ElementBlock(kind, numbers, mesh.points_id[data]))
         if KINDS.get(kind) is None:
             continue
         if len(owners) != len(blocks) or len(owners[i]) != len(numbers):
@@ -85,7 +85,7 @@ def read_nastran(path: Path) -> Listing:
         for owner in np.unique(owners[i]):
             held.setdefault(f"property {owner}", []).append(numbers[owners[i] == owner])
     sets = {name: np.concatenate(parts) for name, parts in held.items()}
-    return Listing(path, mesh.points_id, _three(path, mesh.points), elements, sets)
+    return ForeignMesh(path, mesh.points_id, _three(path, mesh.points), elements, sets)
 
 
 def _bulk(path: Path) -> str:

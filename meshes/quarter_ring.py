@@ -12,7 +12,7 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import check_arguments, require_counts, require_degree, require_positive
-from flexmbd.meshes.extrusion import Slab, Wall, extrude, mesh_profile
+from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
 def quarter_ring(
@@ -56,9 +56,9 @@ def quarter_ring(
     def build() -> MeshInput:
         curves = _sector((inner_radius, outer_radius), divisions[:2])
         profile = mesh_profile(h=None, degree=degree)
-        slab = Slab(height, divisions[2], {int(piece) for piece in np.unique(profile.pieces)})
+        layer = ExtrudedLayer(height, divisions[2], {int(piece) for piece in np.unique(profile.pieces)})
         walls = [Wall(name, [curve], [0]) for name, curve in curves.items()]
-        return extrude(profile, [slab], z=0.0, walls=walls, start="bottom", end="top", name="ring")
+        return extrude(profile, [layer], z=0.0, walls=walls, start="bottom", end="top", name="ring")
 
     return session.built_mesh(comm, build, unit=unit)
 

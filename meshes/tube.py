@@ -21,7 +21,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-from flexmbd.meshes.extrusion import Slab, Wall, extrude, mesh_profile
+from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
 def tube(
@@ -86,10 +86,10 @@ def tube(
         radii = (inner_radius, outer_radius)
         circles = _ring(radii, around=max(2, intervals(math.pi / 2 * outer_radius, h)), h=h)
         profile = mesh_profile(h=None, degree=degree)
-        slab = Slab(length, intervals(length, h), {int(piece) for piece in np.unique(profile.pieces)})
+        layer = ExtrudedLayer(length, intervals(length, h), {int(piece) for piece in np.unique(profile.pieces)})
         upright = extrude(
             profile,
-            [slab],
+            [layer],
             z=0.0,
             walls=[Wall(name, circles[i], [0]) for i, name in enumerate(("inner", "outer"))],
             start="start",

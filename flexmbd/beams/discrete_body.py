@@ -48,7 +48,7 @@ def discrete_body(
     """
     rows = _interface_nodes(lumped, interfaces, frame)
     basis = _basis(lumped, rows, floating=frame is None, modes=modes)
-    x = lumped.layout.x
+    x = lumped.mesh.x
     total = lumped.moments
     origin = x[rows[frame]] if frame is not None else _centre(x, total)
     shapes, k = basis.shapes, basis.stiffness
@@ -164,7 +164,7 @@ def _deflections(k: FloatArray, loads: FloatArray) -> FloatArray:
 
 def _rigid_motions(lumped: DiscreteFrame) -> FloatArray:
     """(6 nodes, r) rigid motions that the coordinates allow."""
-    x = lumped.layout.x - lumped.layout.x.mean(axis=0)
+    x = lumped.mesh.x - lumped.mesh.x.mean(axis=0)
     motions = np.zeros((len(x), 6, 6))
     motions[:] = np.eye(6)
     for i in range(3):

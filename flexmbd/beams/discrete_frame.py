@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.beams.castigliano import Section, check_section, section_axes, stiffness
-from flexmbd.beams.layout import Beam, Layout, Point, lay_out
+from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.beams.lumps import Lumping, half, nodal_mass, point
 from flexmbd.errors import SceneError
 from flexmbd.record.reduced_body import FRAME_DOFS
@@ -35,7 +35,7 @@ class DiscreteFrame:
 
     Attributes:
         points: by name, (3,) m.
-        beams: by group, the beams between points (`flexmbd.beams.layout`); arcs become chords.
+        beams: by group, the beams between points (`flexmbd.beams.frame_mesh`); arcs become chords.
         sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or what has the same attributes.
         divisions: elements a beam; one number, or one by group.
         lumping: what the nodes carry.
@@ -59,25 +59,25 @@ class DiscreteFrame:
         unknown = [one for one in self.coordinates if one not in FRAME_DOFS]
         if unknown or not self.coordinates:
             raise SceneError(f"coordinates must be some of {', '.join(FRAME_DOFS)}, got {self.coordinates!r}")
-        layout = self.layout
-        if set(self.sections) != set(layout.groups):
+        mesh = self.mesh
+        if set(self.sections) != set(mesh.groups):
             raise SceneError(
                 f"sections are given for {', '.join(map(repr, self.sections)) or 'no group'}; give one for each group "
-                f"of beams: {', '.join(map(repr, layout.groups))}"
+                f"of beams: {', '.join(map(repr, mesh.groups))}"
             )
         for name, section in self.sections.items():
             check_section(section, name)
         _ = self._axes  # refuses orientations along beams
 
     @cached_property
-    def layout(self) -> Layout:
+    def mesh(self) -> FrameMesh:
         """Nodes and elements."""
-        return lay_out(self.points, self.beams, divisions=self.divisions)
+        return mesh_frame(self.points, self.beams, divisions=self.divisions)
 
     @property
     def n_nodes(self) -> int:
         """Number of nodes."""
-        return len(self.layout.x)
+        return len(self.mesh.x)
 
     @cached_property
     def active(self) -> NDArray[np.bool_]:
@@ -89,10 +89,10 @@ class DiscreteFrame:
         """(6 nodes, 6 nodes) stiffness of all nodal coordinates, N/m, N, N m."""
         size = 6 * self.n_nodes
         whole = np.zeros((size, size))
-        for (a, b), axes, section in zip(self.layout.elements, self._axes, self._sections, strict=True):
+        for (a, b), axes, section in zip(self.mesh.elements, self._axes, self._sections, strict=True):
             turn = np.kron(np.eye(4), axes)
             rows = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
-            length = float(np.linalg.norm(self.layout.x[b] - self.layout.x[a]))
+            length = float(np.linalg.norm(self.mesh.x[b] - self.mesh.x[a]))
             whole[np.ix_(rows, rows)] += turn.T @ stiffness(section, length) @ turn
         return whole
 
@@ -100,10 +100,10 @@ class DiscreteFrame:
     def moments(self) -> FloatArray:
         """(nodes, 4, 4) integrals of rho {1, r} {1, r} of the lumps, r from their nodes, kg, kg m, kg m^2."""
         total: FloatArray = np.zeros((self.n_nodes, 4, 4))
-        for nodes, axes, section in zip(self.layout.elements, self._axes, self._sections, strict=True):
-            middle = self.layout.x[nodes].mean(axis=0)
+        for nodes, axes, section in zip(self.mesh.elements, self._axes, self._sections, strict=True):
+            middle = self.mesh.x[nodes].mean(axis=0)
             for node in nodes:
-                total[node] += half(section, middle - self.layout.x[node], axes)
+                total[node] += half(section, middle - self.mesh.x[node], axes)
         if self.lumping is Lumping.POINTS:
             total = np.array([point(one) for one in total])
         return total
@@ -122,10 +122,10 @@ class DiscreteFrame:
         Raises:
             SceneError: there is no node there; the message names the nearest one.
         """
-        names, x = self.layout.names, self.layout.x
+        names, x = self.mesh.names, self.mesh.x
         if isinstance(place, str):
             if place not in names:
-                both = names[: self.layout.points], names[self.layout.points :]
+                both = names[: self.mesh.points], names[self.mesh.points :]
                 known, inner = (", ".join(map(repr, some)) for some in both)
                 raise SceneError(f"no node {place!r}; the points are: {known}; inside the beams: {inner or 'none'}")
             return names.index(place)
@@ -179,12 +179,12 @@ class DiscreteFrame:
 
     @cached_property
     def _sections(self) -> list[Section]:
-        return [self.sections[self.layout.groups[group]] for group in self.layout.group]
+        return [self.sections[self.mesh.groups[group]] for group in self.mesh.group]
 
     @cached_property
     def _axes(self) -> FloatArray:
         """(elements, 3, 3) rows t, y, z."""
-        layout = self.layout
-        along = layout.x[layout.elements[:, 1]] - layout.x[layout.elements[:, 0]]
-        names = [layout.groups[group] for group in layout.group]
+        mesh = self.mesh
+        along = mesh.x[mesh.elements[:, 1]] - mesh.x[mesh.elements[:, 0]]
+        names = [mesh.groups[group] for group in mesh.group]
         return np.array([section_axes(*one) for one in zip(along, self._sections, names, strict=True)])

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flexmbd.errors import FormulationError
-from flexmbd.toml_file import Section, read_toml
+from flexmbd.toml_file import TomlSection, read_toml
 
 if TYPE_CHECKING:
     from flexmbd.reduction.damping import Damping
@@ -59,7 +59,7 @@ def read_material(path: Path) -> Material:
     return Material(form, parameters, damping)
 
 
-def _numbers(section: Section) -> dict[str, float]:
+def _numbers(section: TomlSection) -> dict[str, float]:
     return {key: section.number(key) for key in section.values}
 
 

@@ -14,7 +14,7 @@ from flexmbd.errors import SceneError
 from flexmbd.result_table import ResultTable, write_table
 from flexmbd.run.stopped import SimulationError
 from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
-from flexmbd.scene_file.kinds import INTEGRATORS
+from flexmbd.scene_file.entry_kinds import INTEGRATORS
 
 if TYPE_CHECKING:
     from flexmbd.integrate.protocol import Integrator

@@ -10,11 +10,11 @@ from flexmbd.continuum.contract.formulation import Quadrature as Quadrature
 from flexmbd.continuum.contract.formulation import Reference as Reference
 from flexmbd.continuum.contract.formulation import Term as Term
 from flexmbd.continuum.contract.formulation import load_form as load_form
-from flexmbd.continuum.contract_suite import Sheet as Sheet
+from flexmbd.continuum.contract_suite import FormReport as FormReport
 from flexmbd.continuum.contract_suite import check_form as check_form
+from flexmbd.continuum.contract_suite.check_report import CheckResult as CheckResult
 from flexmbd.continuum.contract_suite.outcome import Outcome as Outcome
 from flexmbd.continuum.contract_suite.outcome import Verdict as Verdict
-from flexmbd.continuum.contract_suite.sheet import Line as Line
 from flexmbd.continuum.finite_elements.cell_group import CellGroup as CellGroup
 from flexmbd.continuum.finite_elements.cell_group import Pairs as Pairs
 from flexmbd.continuum.finite_elements.cell_group import Source as Source
@@ -37,9 +37,9 @@ from flexmbd.continuum.grid.mesh_division import Cut as Cut
 from flexmbd.continuum.grid.mesh_division import PieceSummary as PieceSummary
 from flexmbd.continuum.grid.mesh_division import Region as Region
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
-from flexmbd.continuum.history.newton import Convergence as Convergence
+from flexmbd.continuum.history.displacement_newton import Convergence as Convergence
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot as HistorySnapshot
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel as NonlinearModel
-from flexmbd.continuum.history.nonlinear_model import Snapshot as Snapshot
 from flexmbd.continuum.history.static_path import Equilibrium as Equilibrium
 from flexmbd.continuum.history.static_path import PathError as PathError
 from flexmbd.continuum.history.static_path import StaticPath as StaticPath

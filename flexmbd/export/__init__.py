@@ -14,10 +14,10 @@ from flexmbd.export.formats import Format as Format
 from flexmbd.export.formats import Reader as Reader
 from flexmbd.export.formats import Writer as Writer
 from flexmbd.export.formats import format_named as format_named
-from flexmbd.export.functional_mockup.description import Fmi as Fmi
 from flexmbd.export.functional_mockup.machine_parts import Method as Method
 from flexmbd.export.functional_mockup.machine_ports import Given as Given
 from flexmbd.export.functional_mockup.machine_unit import fmu_machine as fmu_machine
+from flexmbd.export.functional_mockup.model_description import Fmi as Fmi
 from flexmbd.export.functional_mockup.reduced_unit import fmu as fmu
 from flexmbd.export.loss import Carries as Carries
 from flexmbd.export.mbdyn_files.mbdyn_deck import MbdynPendulum as MbdynPendulum

@@ -32,7 +32,7 @@ from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
-from flexmbd.record.sheet import sheet
+from flexmbd.record.summary import summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +274,7 @@ class ReducedBody:
             axes and static stiffness; the modes' frequencies, damping ratios and effective masses; the
             partition; the optional groups that are there or not, and what each is for; the provenance.
         """
-        return sheet(self)
+        return summary(self)
 
     def fingerprint(self) -> str:
         """Hexadecimal digest of the mechanical content; the same after save and load."""

@@ -22,7 +22,7 @@ from flexmbd.reduction.modes.truncation import truncation_errors as truncation_e
 from flexmbd.reduction.optional_groups import Keep as Keep
 from flexmbd.reduction.static_shapes.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.static_shapes.condensation import static_condensation as static_condensation
-from flexmbd.reduction.static_shapes.interior import Solver as Solver
+from flexmbd.reduction.static_shapes.interior_stiffness import Solver as Solver
 from flexmbd.reduction.stiffening.prestress import prestressed as prestressed
 from flexmbd.reduction.unit_loads import BodyForce as BodyForce
 from flexmbd.reduction.unit_loads import Load as Load

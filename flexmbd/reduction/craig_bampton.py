@@ -20,7 +20,7 @@ from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation, fixed_interface_modes
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
-from flexmbd.reduction.static_shapes.interior import Solver
+from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import n_inertia_loads
 from flexmbd.reduction.stiffening.stretch_modes import stretch_modes

@@ -9,7 +9,7 @@ from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.optional_groups import Keep
-from flexmbd.reduction.static_shapes.interior import Solver
+from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 

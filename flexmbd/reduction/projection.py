@@ -10,7 +10,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
-from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
@@ -20,7 +20,7 @@ from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
-from flexmbd.reduction.static_shapes.round_off import MARGIN, WORTHLESS, round_off
+from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 ``read_scene(path)`` gives the description, ``build(description)`` the ``System``; docs/command_line.md has the keys.
 """
 
-from flexmbd.scene_file.building import Built as Built
-from flexmbd.scene_file.building import build as build
-from flexmbd.scene_file.columns import plan_columns as plan_columns
-from flexmbd.scene_file.columns import tabulate as tabulate
-from flexmbd.scene_file.description import SceneFile as SceneFile
 from flexmbd.scene_file.reading import read_scene as read_scene
+from flexmbd.scene_file.result_columns import plan_columns as plan_columns
+from flexmbd.scene_file.result_columns import tabulate as tabulate
+from flexmbd.scene_file.scene_builder import Built as Built
+from flexmbd.scene_file.scene_builder import build as build
+from flexmbd.scene_file.scene_description import SceneFile as SceneFile

@@ -7,7 +7,8 @@ from pathlib import Path
 from flexmbd.errors import SceneError
 from flexmbd.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
-from flexmbd.scene_file.description import (
+from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
+from flexmbd.scene_file.scene_description import (
     GROUND,
     Element,
     JointEntry,
@@ -17,9 +18,8 @@ from flexmbd.scene_file.description import (
     RunEntry,
     SceneFile,
 )
-from flexmbd.scene_file.kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
 from flexmbd.scene_file.values import Names, nearest
-from flexmbd.toml_file import Section, read_toml
+from flexmbd.toml_file import TomlSection, read_toml
 
 _JOINT_KEYS = ("name", "parent", "child", "position", "velocity", "motion")
 FRAME_SERIES = ("positions", "velocities", "accelerations", "rotations", "angular_velocities")
@@ -53,7 +53,7 @@ def read_scene(path: str | Path) -> SceneFile:
             section.fail("name", f"{joint.name!r} is taken; give the joint a name of its own")
     names = Names(names.bodies, tuple(joint.name for joint in joints))
     run = _run(top.table("simulate"))
-    output = top.table("output") if top.has("output") else Section({}, "output", top.file, top.kind)
+    output = top.table("output") if top.has("output") else TomlSection({}, "output", top.file, top.kind)
     return SceneFile(
         Path(path),
         top.numbers("gravity", count=3) if top.has("gravity") else (0.0, 0.0, 0.0),
@@ -66,7 +66,7 @@ def read_scene(path: str | Path) -> SceneFile:
     )
 
 
-def _body(section: Section, folder: Path) -> RigidEntry | RecordEntry:
+def _body(section: TomlSection, folder: Path) -> RigidEntry | RecordEntry:
     if section.has("record"):
         section.allow(("name", "record"))
         return RecordEntry(section.text("name"), section.place, folder / section.text("record"))
@@ -83,7 +83,7 @@ def _body(section: Section, folder: Path) -> RigidEntry | RecordEntry:
     )
 
 
-def _joint(section: Section, names: Names) -> JointEntry:
+def _joint(section: TomlSection, names: Names) -> JointEntry:
     kind, arguments = read_kind(section, JOINTS, names, also=_JOINT_KEYS)
     return JointEntry(
         section.text("name"),
@@ -98,11 +98,11 @@ def _joint(section: Section, names: Names) -> JointEntry:
     )
 
 
-def _from_ground(section: Section) -> Section:
-    return Section({**section.values, "parent": GROUND}, section.place, section.file, section.kind)
+def _from_ground(section: TomlSection) -> TomlSection:
+    return TomlSection({**section.values, "parent": GROUND}, section.place, section.file, section.kind)
 
 
-def _coordinates(section: Section, key: str) -> tuple[float, ...] | None:
+def _coordinates(section: TomlSection, key: str) -> tuple[float, ...] | None:
     if not section.has(key):
         return None
     if isinstance(section.need(key), list):
@@ -110,7 +110,7 @@ def _coordinates(section: Section, key: str) -> tuple[float, ...] | None:
     return (section.number(key),)
 
 
-def _run(section: Section) -> RunEntry:
+def _run(section: TomlSection) -> RunEntry:
     section.allow(("t_end", "rtol", "h", "integrator"))
     integrator = section.text("integrator") if section.has("integrator") else None
     if integrator is not None and integrator not in INTEGRATORS:
@@ -123,7 +123,7 @@ def _run(section: Section) -> RunEntry:
     )
 
 
-def _output(section: Section, names: Names, run: RunEntry) -> OutputEntry:
+def _output(section: TomlSection, names: Names, run: RunEntry) -> OutputEntry:
     section.allow(("every", "joints", *FRAME_SERIES, "modal", "reactions", "energies", "formats", "film"))
     every = section.number("every") if section.has("every") else None
     if every is not None and every <= 0.0:

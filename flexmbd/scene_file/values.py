@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.multibody.functions.time_function import Beyond, Sine, Table, TimeFunction
-from flexmbd.scene_file.description import GROUND, BodyName, FramePlace, JointName
-from flexmbd.toml_file import Section
+from flexmbd.scene_file.scene_description import GROUND, BodyName, FramePlace, JointName
+from flexmbd.toml_file import TomlSection
 
 _FORMS = '"body", "body:interface", or { body = "name", p = [x, y, z] }'
 
@@ -30,22 +30,22 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names) or 'none'}"
 
 
-def number(section: Section, key: str, names: Names) -> float:
+def number(section: TomlSection, key: str, names: Names) -> float:
     """A finite number."""
     return section.number(key)
 
 
-def whole(section: Section, key: str, names: Names) -> int:
+def whole(section: TomlSection, key: str, names: Names) -> int:
     """A whole number."""
     return section.whole(key)
 
 
-def text(section: Section, key: str, names: Names) -> str:
+def text(section: TomlSection, key: str, names: Names) -> str:
     """A text."""
     return section.text(key)
 
 
-def axis(section: Section, key: str, names: Names) -> str | tuple[float, ...]:
+def axis(section: TomlSection, key: str, names: Names) -> str | tuple[float, ...]:
     """x, y, z, or a direction."""
     value = section.need(key)
     if value in ("x", "y", "z"):
@@ -55,12 +55,12 @@ def axis(section: Section, key: str, names: Names) -> str | tuple[float, ...]:
     return section.numbers(key, count=3)
 
 
-def time_function(section: Section, key: str, names: Names) -> TimeFunction:
+def time_function(section: TomlSection, key: str, names: Names) -> TimeFunction:
     """A number, a sine or a table over time."""
     return time_function_of(section, section.need(key), key)
 
 
-def time_function_of(section: Section, value: object, key: str) -> TimeFunction:
+def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunction:
     """A value, which stands at a key, as a function of time."""
     if not isinstance(value, dict):
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -78,14 +78,14 @@ def time_function_of(section: Section, value: object, key: str) -> TimeFunction:
     return Sine(inner.number("amplitude"), inner.number("omega"), **more)
 
 
-def stiffness(section: Section, key: str, names: Names) -> float | Table:
+def stiffness(section: TomlSection, key: str, names: Names) -> float | Table:
     """A number, or a table of the resisting force over the deflection."""
     if isinstance(section.need(key), dict):
         return _points(section.table(key), "deflection", "force")
     return section.number(key)
 
 
-def _points(inner: Section, across: str, up: str) -> Table:
+def _points(inner: TomlSection, across: str, up: str) -> Table:
     inner.allow((across, up, "monotone", "beyond"))
     monotone = inner.flag("monotone") if inner.has("monotone") else False
     table = Table(inner.numbers(across), inner.numbers(up), monotone=monotone, beyond=_beyond(inner))
@@ -95,7 +95,7 @@ def _points(inner: Section, across: str, up: str) -> Table:
     return table
 
 
-def _beyond(inner: Section) -> Beyond:
+def _beyond(inner: TomlSection) -> Beyond:
     """How a table goes on, held where nothing is said."""
     if not inner.has("beyond"):
         return Beyond.HOLD
@@ -105,7 +105,7 @@ def _beyond(inner: Section) -> Beyond:
     return known[name]
 
 
-def three_time_functions(section: Section, key: str, names: Names) -> tuple[TimeFunction, ...]:
+def three_time_functions(section: TomlSection, key: str, names: Names) -> tuple[TimeFunction, ...]:
     """Three components, each a function of time."""
     value = section.need(key)
     if not isinstance(value, list) or len(value) != 3:
@@ -113,7 +113,7 @@ def three_time_functions(section: Section, key: str, names: Names) -> tuple[Time
     return tuple(time_function_of(section, one, f"{key}[{i}]") for i, one in enumerate(value))
 
 
-def six(section: Section, key: str, names: Names) -> object:
+def six(section: TomlSection, key: str, names: Names) -> object:
     """Six numbers, or six rows of six."""
     value = section.need(key)
     if isinstance(value, list) and value and isinstance(value[0], list):
@@ -121,45 +121,45 @@ def six(section: Section, key: str, names: Names) -> object:
     return section.numbers(key, count=6)
 
 
-def joint(section: Section, key: str, names: Names) -> JointName:
+def joint(section: TomlSection, key: str, names: Names) -> JointName:
     """The name of a joint."""
     return _joint(section, section.text(key), key, names)
 
 
-def joints(section: Section, key: str, names: Names) -> tuple[JointName, ...]:
+def joints(section: TomlSection, key: str, names: Names) -> tuple[JointName, ...]:
     """A list of names of joints."""
     return tuple(_joint(section, name, key, names) for name in section.texts(key))
 
 
-def _joint(section: Section, name: str, key: str, names: Names) -> JointName:
+def _joint(section: TomlSection, name: str, key: str, names: Names) -> JointName:
     if name not in names.joints:
         section.fail(key, f"there is no joint {name!r}; {nearest(name, names.joints)}")
     return JointName(name)
 
 
-def flexible(section: Section, key: str, names: Names) -> BodyName:
+def flexible(section: TomlSection, key: str, names: Names) -> BodyName:
     """The name of a flexible body."""
     return _flexible(section, section.text(key), key, names)
 
 
-def flexibles(section: Section, key: str, names: Names) -> tuple[BodyName, ...]:
+def flexibles(section: TomlSection, key: str, names: Names) -> tuple[BodyName, ...]:
     """A list of names of flexible bodies."""
     return tuple(_flexible(section, name, key, names) for name in section.texts(key))
 
 
-def _flexible(section: Section, name: str, key: str, names: Names) -> BodyName:
+def _flexible(section: TomlSection, name: str, key: str, names: Names) -> BodyName:
     soft = [body for body, is_flexible in names.bodies.items() if is_flexible]
     if name not in soft:
         section.fail(key, f"there is no flexible body {name!r}; {nearest(name, soft)}")
     return BodyName(name)
 
 
-def frame(section: Section, key: str, names: Names) -> FramePlace:
+def frame(section: TomlSection, key: str, names: Names) -> FramePlace:
     """A frame on a body or on the ground."""
     return _frame(section, section.need(key), key, names)
 
 
-def frames(section: Section, key: str, names: Names) -> tuple[FramePlace, ...]:
+def frames(section: TomlSection, key: str, names: Names) -> tuple[FramePlace, ...]:
     """A list of frames."""
     value = section.need(key)
     if not isinstance(value, list):
@@ -167,7 +167,7 @@ def frames(section: Section, key: str, names: Names) -> tuple[FramePlace, ...]:
     return tuple(_frame(section, one, f"{key}[{i}]", names) for i, one in enumerate(value))
 
 
-def _frame(section: Section, value: object, key: str, names: Names) -> FramePlace:
+def _frame(section: TomlSection, value: object, key: str, names: Names) -> FramePlace:
     if isinstance(value, str) and value:
         body, colon, interface = value.partition(":")
         if value in names.bodies:  # a colon may be part of the name
@@ -194,7 +194,7 @@ def _label(body: str, interface: str | None, p: tuple[float, ...] | None) -> str
     return body if p is None else f"{body}({', '.join(f'{x:g}' for x in p)})"
 
 
-def _check_body(section: Section, body: str, key: str, names: Names, *, wants_interface: bool) -> None:
+def _check_body(section: TomlSection, body: str, key: str, names: Names, *, wants_interface: bool) -> None:
     if body != GROUND and body not in names.bodies:
         section.fail(key, f"there is no body {body!r}; {nearest(body, [GROUND, *names.bodies])}")
     if wants_interface and not names.bodies.get(body, False):

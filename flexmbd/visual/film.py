@@ -15,8 +15,8 @@ from flexmbd.visual import stage
 from flexmbd.visual.camera import Camera, frame_all, viewing_axes
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.library import load
-from flexmbd.visual.motion import Motion
-from flexmbd.visual.sketch import Form, Sketch, sketch
+from flexmbd.visual.recorded_motion import RecordedMotion
+from flexmbd.visual.sketch import Shape, Sketch, sketch
 from flexmbd.visual.skin import Skin, skins
 from flexmbd.visual.stress_picture import StressModel
 
@@ -34,7 +34,7 @@ _ABOVE, _BELOW = 0.08, 0.13
 
 
 def animate(
-    trajectory: Motion,
+    trajectory: RecordedMotion,
     path: str | Path,
     *,
     between: tuple[float, float] | None = None,
@@ -99,7 +99,7 @@ def animate(
 
 
 def _times(
-    trajectory: Motion,
+    trajectory: RecordedMotion,
     between: tuple[float, float] | None,
     slow_motion: float | None,
     fps: int,
@@ -142,7 +142,7 @@ def _camera(
     aspect: float,
 ) -> Camera:
     """A camera that sees everything at all instants."""
-    points = [drawn.places, *(solid.reach() for solid in drawn.solids)]
+    points = [drawn.places, *(primitive.reach() for primitive in drawn.primitives)]
     for skin in shown:
         corners = np.array(np.meshgrid(*skin.bounds.T)).reshape(3, -1).T
         pose = drawn.bodies[skin.body]
@@ -166,7 +166,7 @@ def _pictures(
     plotter = stage.open_stage(size)
     try:
         stage.place_camera(plotter, camera)
-        movers = [*_add_solids(plotter, drawn), *_add_skins(plotter, drawn, shown)]
+        movers = [*_add_primitives(plotter, drawn), *_add_skins(plotter, drawn, shown)]
         _add_legend(plotter, drawn, shown)
         words = stage.add_words(plotter, notes[0])
         plotter.show(auto_close=False)  # off-screen: only makes `render` draw from now on
@@ -180,26 +180,26 @@ def _pictures(
         plotter.close()
 
 
-def _add_solids(plotter: Any, drawn: Sketch) -> Iterator[Callable[[int], None]]:
+def _add_primitives(plotter: Any, drawn: Sketch) -> Iterator[Callable[[int], None]]:
     """Put the solids on the stage; yield what moves each to an instant."""
     pyvista = load("pyvista")
     units = {
-        Form.CYLINDER: pyvista.Cylinder(center=(0, 0, 0.5), direction=(0, 0, 1), resolution=32),
-        Form.BALL: pyvista.Sphere(radius=1.0, theta_resolution=32, phi_resolution=24),
-        Form.BOX: pyvista.Box(),
+        Shape.CYLINDER: pyvista.Cylinder(center=(0, 0, 0.5), direction=(0, 0, 1), resolution=32),
+        Shape.BALL: pyvista.Sphere(radius=1.0, theta_resolution=32, phi_resolution=24),
+        Shape.BOX: pyvista.Box(),
     }
-    units[Form.CYLINDER].points[:, :2] *= 2.0  # radius 1
-    for solid in drawn.solids:
-        smooth = solid.form is not Form.BOX
+    units[Shape.CYLINDER].points[:, :2] *= 2.0  # radius 1
+    for primitive in drawn.primitives:
+        smooth = primitive.shape is not Shape.BOX
         actor = plotter.add_mesh(
-            units[solid.form],
-            color=solid.colour,
+            units[primitive.shape],
+            color=primitive.colour,
             smooth_shading=smooth,
             split_sharp_edges=smooth,
             ambient=0.3,
         )
 
-        def move(k: int, actor: Any = actor, pose: FloatArray = solid.pose) -> None:
+        def move(k: int, actor: Any = actor, pose: FloatArray = primitive.pose) -> None:
             actor.user_matrix = pose[k]
 
         yield move

@@ -1,4 +1,4 @@
-"""A machine as simple solids that move: what a film shows of bodies that have no surface.
+"""A machine as simple shapes that move: what a film shows of bodies that have no surface.
 
 A rigid body is drawn as sticks between the frames that joints hold it by and a ball at its centre
 of mass; a revolute joint as a pin, a prismatic one as a rail and a sliding block, a spherical one
@@ -18,7 +18,7 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.scene_index import IdentityMap
-from flexmbd.visual.motion import Motion
+from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.skin import surface_of
 
 FloatArray = NDArray[np.float64]
@@ -28,8 +28,8 @@ JOINT = "#2b2b2b"
 BODIES = ("#4c72b0", "#dd8452", "#55a868", "#8172b3", "#c44e52", "#937860", "#64b5cd", "#ccb974")
 
 
-class Form(enum.Enum):
-    """Unit solids: radius 1 (a box: half sides 1); the cylinder runs from z = 0 to 1."""
+class Shape(enum.Enum):
+    """Unit shapes: radius 1 (a box: half sides 1); the cylinder runs from z = 0 to 1."""
 
     CYLINDER = enum.auto()
     BALL = enum.auto()
@@ -37,22 +37,22 @@ class Form(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
-    """A unit solid on its way.
+class Primitive:
+    """A unit shape that moves.
 
     Attributes:
-        form: which unit solid.
+        shape: which of them.
         colour: as a hexadecimal text.
-        pose: (nt, 4, 4) from the unit solid to inertial axes, scaling included (m).
+        pose: (nt, 4, 4) from the unit shape to inertial axes, scaling included (m).
     """
 
-    form: Form
+    shape: Shape
     colour: str
     pose: FloatArray
 
     def reach(self) -> FloatArray:
-        """(k, 3) m, points between which the solid stays at all instants."""
-        low = 0.0 if self.form is Form.CYLINDER else -1.0
+        """(k, 3) m, points between which it stays at all instants."""
+        low = 0.0 if self.shape is Shape.CYLINDER else -1.0
         corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [low, 1.0], [1.0])).reshape(4, -1)
         return (self.pose @ corners)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
 
@@ -70,21 +70,21 @@ class Sketch:
     """The machine at the instants of a film.
 
     Attributes:
-        solids: what moves rigidly.
+        primitives: what moves rigidly.
         bodies: pose of each body frame.
         colours: colour of each body, by its name.
         places: (k, 3) m, where frames and centres of mass are met over all instants.
         size: m, the radius of a stick.
     """
 
-    solids: tuple[Solid, ...]
+    primitives: tuple[Primitive, ...]
     bodies: IdentityMap[Body, Pose]
     colours: Mapping[str, str]
     places: FloatArray
     size: float
 
 
-def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) -> Sketch:
+def sketch(trajectory: RecordedMotion, times: FloatArray, *, skinned: Sequence[Body]) -> Sketch:
     """Draw the machine at ``times`` (nt,); bodies in ``skinned`` get no sticks, but their joints.
 
     Not collective.
@@ -101,7 +101,7 @@ def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) ->
     places = np.concatenate([pose.p for pose in poses.values()] + list(coms.values()))
     size = 0.009 * (float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0)
     heaviest = max(body.mass for body in trajectory.bodies.values())
-    solids: list[Solid] = []
+    primitives: list[Primitive] = []
     colours = {}
     for k, (name, body) in enumerate(trajectory.bodies.items()):
         colours[name] = BODIES[k % len(BODIES)]
@@ -110,15 +110,15 @@ def sketch(trajectory: Motion, times: FloatArray, *, skinned: Sequence[Body]) ->
         com = coms[body]
         tops = [poses[f].p for f in frames.get(body, ())]
         for a, b in _sticks(tops, com, size):
-            solids.append(cylinder(a, b, size, colours[name]))
+            primitives.append(cylinder(a, b, size, colours[name]))
         radius = 2.4 * size * max(0.5, (body.mass / heaviest) ** (1 / 3))
-        solids.append(ball(com, radius, colours[name]))
+        primitives.append(ball(com, radius, colours[name]))
     for joint in joints:
-        solids.extend(_joint_solids(joint, poses, size, colours))
-    return Sketch(tuple(solids), bodies, colours, places, size)
+        primitives.extend(_joint_primitives(joint, poses, size, colours))
+    return Sketch(tuple(primitives), bodies, colours, places, size)
 
 
-def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str) -> Solid:
+def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str) -> Primitive:
     """A round stick from a to b, each (nt, 3) m."""
     z = b - a
     length = np.linalg.norm(z, axis=1, keepdims=True)
@@ -128,17 +128,17 @@ def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str) -> Solid:
     norm = np.linalg.norm(x, axis=1, keepdims=True)
     x = x / np.where(norm > 0.0, norm, 1.0)
     columns = np.stack([radius * x, radius * np.cross(z, x), length * z], axis=2)
-    return Solid(Form.CYLINDER, colour, _matrix(a, columns))
+    return Primitive(Shape.CYLINDER, colour, _matrix(a, columns))
 
 
-def ball(p: FloatArray, radius: float, colour: str) -> Solid:
+def ball(p: FloatArray, radius: float, colour: str) -> Primitive:
     """A ball at p (nt, 3) m."""
-    return Solid(Form.BALL, colour, _matrix(p, np.broadcast_to(radius * np.eye(3), (len(p), 3, 3))))
+    return Primitive(Shape.BALL, colour, _matrix(p, np.broadcast_to(radius * np.eye(3), (len(p), 3, 3))))
 
 
-def box(pose: Pose, half: Sequence[float], colour: str) -> Solid:
+def box(pose: Pose, half: Sequence[float], colour: str) -> Primitive:
     """A box with half sides ``half`` (m) along the axes of a frame."""
-    return Solid(Form.BOX, colour, _matrix(pose.p, pose.R * np.asarray(half)))
+    return Primitive(Shape.BOX, colour, _matrix(pose.p, pose.R * np.asarray(half)))
 
 
 def _matrix(p: FloatArray, columns: FloatArray) -> FloatArray:
@@ -149,14 +149,14 @@ def _matrix(p: FloatArray, columns: FloatArray) -> FloatArray:
     return matrix
 
 
-def _joints(trajectory: Motion) -> list[Connection]:
+def _joints(trajectory: RecordedMotion) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
     return [c for c in (*along, *topology.closures) if not any(s.kind == kinds.FREE for s in c.joint.steps)]
 
 
-def _frames(trajectory: Motion, joints: Sequence[Connection]) -> IdentityMap[Body, list[Frame]]:
+def _frames(trajectory: RecordedMotion, joints: Sequence[Connection]) -> IdentityMap[Body, list[Frame]]:
     """The frames of each body: those of joints, and all interfaces."""
     frames: IdentityMap[Body, list[Frame]] = IdentityMap()
     for joint in joints:
@@ -171,7 +171,7 @@ def _frames(trajectory: Motion, joints: Sequence[Connection]) -> IdentityMap[Bod
     return frames
 
 
-def _body_pose(trajectory: Motion, body: Body, times: FloatArray) -> Pose:
+def _body_pose(trajectory: RecordedMotion, body: Body, times: FloatArray) -> Pose:
     frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
     return Pose(trajectory.position(frame, t=times), trajectory.rotation(frame, t=times))
 
@@ -202,9 +202,9 @@ def _sticks(
         yield foot, com
 
 
-def _joint_solids(
+def _joint_primitives(
     joint: Connection, poses: IdentityMap[Frame, Pose], size: float, colours: Mapping[str, str]
-) -> Iterator[Solid]:
+) -> Iterator[Primitive]:
     ends = [joint.parent, joint.child]
     if ends[1].body.name not in colours:  # what is on the ground carries the other
         ends.reverse()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.record.reduced_body import ReducedBody, Surface
-from flexmbd.visual.motion import Motion
+from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.stress_picture import StressModel
 
 FloatArray = NDArray[np.float64]
@@ -122,7 +122,7 @@ class StressSkin:
 
 
 def skins(
-    trajectory: Motion,
+    trajectory: RecordedMotion,
     times: FloatArray,
     models: Mapping[FlexibleBody, StressModel],
     *,

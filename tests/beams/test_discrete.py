@@ -57,13 +57,13 @@ def stations(divisions):
 def test_stiffness_is_that_of_hermites_finite_element():
     """Whose interpolation is exact for loads in the nodes; with shear by Przemieniecki's, and without."""
     lumped = frame()
-    layout = lumped.layout
-    sections = [SECTIONS[layout.groups[group]] for group in layout.group]
+    mesh = lumped.mesh
+    sections = [SECTIONS[mesh.groups[group]] for group in mesh.group]
 
     def local(section, length):
         return local_stiffness(section, length, shear=np.isfinite(section.ky))
 
-    exact = assembled(layout.x, layout.elements, sections, local)
+    exact = assembled(mesh.x, mesh.elements, sections, local)
     size = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
     assert abs((lumped.K - exact) / size).max() < 1e-13
 
@@ -112,7 +112,7 @@ def test_flexibility_by_castigliano_over_the_whole_beam():
 def test_mass_is_not_that_of_hermites_finite_element():
     """But the whole of it is: lumped and consistent mass differ in what is no rigid motion."""
     lumped = rod(3, SLENDER)
-    consistent = assembled(lumped.layout.x, lumped.layout.elements, [SLENDER] * 3, local_mass)
+    consistent = assembled(lumped.mesh.x, lumped.mesh.elements, [SLENDER] * 3, local_mass)
     assert abs(lumped.M - consistent).max() > 0.1 * abs(consistent).max()
     along_y = np.zeros(24)
     along_y[1::6] = 1.0
@@ -191,7 +191,7 @@ def test_rigid_pieces_converge_with_h_squared_and_the_consistent_mass_with_h_to_
     for divisions in (8, 16):
         lumped = rod(divisions, thin, coordinates=("y", "rz"))
         rows = np.concatenate([6 * node + np.array([1, 5]) for node in stations(divisions)[1:]])
-        mass = assembled(lumped.layout.x, lumped.layout.elements, [thin] * divisions, local_mass)
+        mass = assembled(lumped.mesh.x, lumped.mesh.elements, [thin] * divisions, local_mass)
         for m, found in ((lumped.M, by_pieces), (mass, consistent)):
             values = scipy.linalg.eigh(lumped.K[np.ix_(rows, rows)], m[np.ix_(rows, rows)], eigvals_only=True)
             found.append(np.sqrt(values[:3]) / BETA**2 - 1)

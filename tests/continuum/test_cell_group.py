@@ -16,7 +16,7 @@ from full_model import FullModel, gather
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel
-from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.errors import FormulationError, MeshError
 from flexmbd.forms import solid_linear
 

@@ -174,7 +174,7 @@ def test_what_only_a_mesh_shows_to_have_no_value_ends_the_checks(tmp_path):
     changes = [('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("hexahedron",)')]
     changes += [("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}"), energy(density)]
     sheet = check_form(form_file(tmp_path, LINEAR, *changes), comm=MPI.COMM_SELF)
-    first, *others = sheet.lines
+    first, *others = sheet.results
     assert first.verdict is Verdict.FAIL
     assert "hexahedron 1: not finite at u = 0: force, tangent, derivative of the tangent" in first.text()
     assert {line.verdict for line in others} == {Verdict.SKIP}
@@ -200,7 +200,7 @@ def _no_energy("""
     changes += [('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)')]
     sheet = check_form(form_file(tmp_path, LINEAR, *changes), comm=MPI.COMM_SELF)
     assert sheet.passed
-    verdicts = {line.name: line.verdict for line in sheet.lines}
+    verdicts = {line.name: line.verdict for line in sheet.results}
     assert verdicts["symmetry"] is verdicts["tangent against differences"] is Verdict.PASS
     assert verdicts["geometric stiffness"] is verdicts["a history is kept"] is Verdict.NOTE
     assert verdicts["the same step twice"] is Verdict.SKIP

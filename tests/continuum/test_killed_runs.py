@@ -14,7 +14,7 @@ from half_way import TIMES, bar, run
 
 import flexmbd as fm
 from flexmbd.continuum import ExplicitRun, RegularCheckpoints, RigidPlane
-from flexmbd.continuum.history.body_file import load_body, save_body
+from flexmbd.continuum.history.history_file import load_body, save_body
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.forms import hencky_plasticity
 

@@ -12,7 +12,7 @@ from dolfinx.fem.petsc import assemble_matrix
 
 from flexmbd import meshes
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.history.newton import Balance, Convergence, Newton
+from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver

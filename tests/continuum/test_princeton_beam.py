@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import follow, held_dofs
 from flexmbd.forms import st_venant_kirchhoff as solid

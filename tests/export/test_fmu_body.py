@@ -19,7 +19,7 @@ from units import Instance, Unit, library
 
 import flexmbd as fm
 from flexmbd.errors import ExportError
-from flexmbd.export.functional_mockup import building
+from flexmbd.export.functional_mockup import unit_build
 
 WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 PLACES = ("x", "y", "z", "rx", "ry", "rz")
@@ -42,7 +42,7 @@ BODIES = {"bar": soft_bar, "rod": damped_rod, "coupled": coupled_rod}
 def no_warnings():
     """The compiler's warnings are errors here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, "COMPILE", (*building.COMPILE, "-Wpedantic", "-Werror"))
+        patch.setattr(unit_build, "COMPILE", (*unit_build.COMPILE, "-Wpedantic", "-Werror"))
         yield
 
 
@@ -333,7 +333,7 @@ def test_null_pointers_are_errors(unit, fmi):
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_compiler_agrees_with_the_standards_headers(fmi, tmp_path):
     """Our definitions against the prototypes of the standard, and no warnings."""
-    for name in building.layer_sources(fmi):
+    for name in unit_build.layer_sources(fmi):
         shutil.copy(str(resources.files("flexmbd.export.functional_mockup") / name), tmp_path / name)
     shutil.copy(str(resources.files("flexmbd.export.functional_mockup") / "linear_body.c"), tmp_path)
     shutil.copy(str(resources.files("flexmbd.export.functional_mockup") / "linear_body.h"), tmp_path)

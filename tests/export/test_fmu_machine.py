@@ -18,7 +18,7 @@ from units import Unit, library
 
 import flexmbd as fm
 from flexmbd.errors import ExportError, SceneError
-from flexmbd.export.functional_mockup import building
+from flexmbd.export.functional_mockup import unit_build
 from flexmbd.multibody.linear.working_point import WorkingPoint
 
 EXPLICIT, IMPLICIT = fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(rho=0.9)
@@ -65,7 +65,7 @@ class Arm:
 def no_warnings():
     """The compiler's warnings are errors here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, "COMPILE", (*building.COMPILE, "-Wpedantic", "-Werror"))
+        patch.setattr(unit_build, "COMPILE", (*unit_build.COMPILE, "-Wpedantic", "-Werror"))
         yield
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.finite_elements.assembly import integral
-from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import FormulationError, RecordError, ReductionError

@@ -9,12 +9,12 @@ import pytest
 
 import flexmbd.forms
 from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract_suite.check_report import places
 from flexmbd.continuum.contract_suite.checks import CHECKS
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import history_place, history_trials, keeps_strains
 from flexmbd.continuum.contract_suite.outcome import Verdict, attempt, verdict
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
-from flexmbd.continuum.contract_suite.sheet import places
 from flexmbd.continuum.contract_suite.trial import Trial
 
 FORMS = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__) if info.name[0] != "_"]

@@ -94,7 +94,7 @@ def test_a_sheet_has_what_yields(tmp_path):
     _, wrong, _, _ = TRAPS["half of the flow is remembered"]
     changes = [*ONE_CELL, (LAWS, "laws = (Linear(p.E / 50),)"), *wrong]
     sheet = check_form(form_file(tmp_path, SMALL, changes), comm=MPI.COMM_SELF)
-    verdicts = {line.name: line.verdict for line in sheet.lines}
+    verdicts = {line.name: line.verdict for line in sheet.results}
     assert [check.name for check in HISTORY_CHECKS] == list(verdicts)[-1 - len(HISTORY_CHECKS) : -1]
     assert not sheet.passed
     assert verdicts["a history is kept"] is Verdict.PASS

@@ -8,7 +8,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
-from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import clamped_dofs, follow
 from flexmbd.forms import beam_exact

@@ -26,9 +26,9 @@ from flexmbd.continuum import (
     RegularCheckpoints,
     RigidPlane,
 )
-from flexmbd.continuum.history.body_file import load_body, save_body
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.newton import Convergence
+from flexmbd.continuum.history.displacement_newton import Convergence
+from flexmbd.continuum.history.history_file import load_body, save_body
 from flexmbd.continuum.history.static_path import follow, held_dofs
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 

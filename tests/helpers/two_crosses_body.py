@@ -19,6 +19,8 @@ SPRING, TORSION = 5.0e4, 800.0
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
 # Modes by column, in displacement and rotation of B: axial, torsion; of unit modal mass.
 SHAPE_B = np.zeros((6, 2))
+SHAPE_B[0, 0] = 1 / np.sqrt(MASS_B)
+SHAPE_B[3, 1] = 1 / np.sqrt(TURN_B)
 
 
 def displacements():

@@ -110,8 +110,8 @@ def shown(module: str) -> dict[str, Any]:
 ASKED_BY_THE_MACHINE = {"rows", "steps", "lay", "stepper", "check", "rule", "force_elements", "tableau"}
 #: Types that users pass on and do not look into, or that belong to the compiled machine.
 OPAQUE = {
-    "Choice", "Signature", "Snapshot", "Strain", "LinearEquations", "Kept", "Row", "Field", "WrenchSource", "Slots",
-    "Machine",
+    "Choice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "Kept", "Row", "Field",
+    "WrenchSource", "Slots", "Machine",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 

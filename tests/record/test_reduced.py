@@ -29,15 +29,6 @@ from flexmbd.errors import InterfaceError, RecordError
 from flexmbd.record.file import read_tree, write_tree
 from flexmbd.record.reduced_body import InterfaceFrame, NodalModes, ReducedBody
 
-SHAPE_B[0, 0] = 1 / np.sqrt(MASS_B)
-SHAPE_B[3, 1] = 1 / np.sqrt(TURN_B)
-
-
-
-
-
-
-
 
 def hertz(*eigenvalues):
     return np.sort(np.sqrt(eigenvalues)) / (2 * np.pi)

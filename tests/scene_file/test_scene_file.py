@@ -12,7 +12,7 @@ from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.scene_file import build, read_scene
-from flexmbd.scene_file.kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS
+from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS
 
 BODIES = """\
 gravity = [0, 0, -9.81]

@@ -256,20 +256,20 @@ def test_solids_are_where_the_bodies_are(machine):
     drawn = sketch.sketch(machine, times, skinned=[])
     crank, rod, piston = (machine.bodies[name] for name in ("crank", "rod", "piston"))
     by_colour = {
-        (solid.form, solid.colour): solid for solid in drawn.solids if solid.colour in drawn.colours.values()
+        (solid.shape, solid.colour): solid for solid in drawn.primitives if solid.colour in drawn.colours.values()
     }
-    stick = by_colour[sketch.Form.CYLINDER, drawn.colours["rod"]]
+    stick = by_colour[sketch.Shape.CYLINDER, drawn.colours["rod"]]
     ends = np.einsum("kij,jn->kni", stick.pose, np.array([[0, 0], [0, 0], [0, 1], [1, 1.0]]))[:, :, :3]
     np.testing.assert_allclose(ends[:, 0], machine.position(crank.frame((0.08, 0, 0)), t=times), atol=1e-12)
     np.testing.assert_allclose(ends[:, 1], machine.position(rod.frame((0.3, 0, 0)), t=times), atol=1e-12)
-    block = by_colour[sketch.Form.BOX, drawn.colours["piston"]]
+    block = by_colour[sketch.Shape.BOX, drawn.colours["piston"]]
     np.testing.assert_allclose(block.pose[:, :3, 3], machine.position(piston.frame(), t=times), atol=1e-12)
-    ball = by_colour[sketch.Form.BALL, drawn.colours["crank"]]
+    ball = by_colour[sketch.Shape.BALL, drawn.colours["crank"]]
     np.testing.assert_allclose(
         ball.pose[:, :3, 3], machine.position(crank.frame((0.03, 0, 0)), t=times), atol=1e-12
     )
     # the bearing and the rail
-    assert [solid.colour for solid in drawn.solids].count(sketch.GROUND) == 2
+    assert [solid.colour for solid in drawn.primitives].count(sketch.GROUND) == 2
 
 
 def test_cylinder_runs_between_its_ends():

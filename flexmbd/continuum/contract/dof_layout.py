@@ -137,7 +137,7 @@ class DofLayout:
         Returns:
             (local dofs including ghosts, 6): three translations by 1 m, three rotations by 1 rad.
         """
-        motion = self._motion
+        motion = self._rigid_field
         motion.origin.value[:] = np.asarray(origin, dtype=float)
         columns = np.zeros((self.n_local, 6), order="F")
         for i in range(6):
@@ -152,11 +152,11 @@ class DofLayout:
         return columns
 
     @cached_property
-    def _motion(self) -> _Motion:
-        return _Motion(self)
+    def _rigid_field(self) -> _RigidMotionField:
+        return _RigidMotionField(self)
 
 
-class _Motion:
+class _RigidMotionField:
     """A rigid motion as expressions, one a field, whose constants can be set."""
 
     def __init__(self, layout: DofLayout) -> None:

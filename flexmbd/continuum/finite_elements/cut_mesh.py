@@ -8,7 +8,7 @@ from functools import partial
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import Interface
-from flexmbd.continuum.grid.mesh_division import Cut, Division, Listing, PieceSummary, Region, divide
+from flexmbd.continuum.grid.mesh_division import Cut, Division, PieceSummary, Region, WholeMesh, divide
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.coupling import Coupling
@@ -96,7 +96,7 @@ def cut_mesh(mesh: TaggedMesh, regions: Mapping[str, Region]) -> CutMesh:
     comm = mesh.comm
     described = [(name, _described(region)) for name, region in regions.items()]
     parallel.check_same(comm, MeshError, regions=described)
-    whole = Listing.of(mesh)
+    whole = WholeMesh.of(mesh)
     found: Division | None = None
 
     def run() -> tuple[tuple[str, ...], tuple[Cut, ...], dict[str, PieceSummary], int]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.mesh_outline import outline_of
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh

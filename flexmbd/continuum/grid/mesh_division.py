@@ -61,7 +61,7 @@ class PieceSummary:
 
 
 @dataclass(frozen=True, eq=False)
-class Listing:
+class WholeMesh:
     """A whole mesh as its input listed it; on rank 0, empty arrays elsewhere.
 
     Attributes:
@@ -79,7 +79,7 @@ class Listing:
     groups: Mapping[str, Mapping[str, int]]
 
     @classmethod
-    def of(cls, mesh: TaggedMesh) -> Listing:
+    def of(cls, mesh: TaggedMesh) -> WholeMesh:
         """Gather a mesh. Collective."""
         arrays = {name: parallel.gather_rows(mesh.comm, block) for name, block in mesh_blocks(mesh)}
         return cls(
@@ -137,7 +137,7 @@ class Division:
         crumbs: as in `CutMesh`.
     """
 
-    whole: Listing
+    whole: WholeMesh
     names: tuple[str, ...]
     yielding: tuple[str, ...]
     piece: IntArray
@@ -206,7 +206,7 @@ class Division:
         return np.concatenate(rows), np.concatenate([tags, *new]).astype(np.int32), named
 
 
-def divide(whole: Listing, regions: Mapping[str, Region]) -> Division:
+def divide(whole: WholeMesh, regions: Mapping[str, Region]) -> Division:
     """Cells to pieces, and the cuts; on rank 0."""
     cells, points = whole.arrays["cells"], whole.arrays["points"]
     names = list(regions)
@@ -237,7 +237,7 @@ def divide(whole: Listing, regions: Mapping[str, Region]) -> Division:
     return Division(whole, in_order, tuple(names), rank[piece], cuts, facets, int((labels != wanted).sum()))
 
 
-def _labels(whole: Listing, regions: Mapping[str, Region]) -> IntArray:
+def _labels(whole: WholeMesh, regions: Mapping[str, Region]) -> IntArray:
     """(m,) number of each cell's region, from 1, and 0 for the rest."""
     if not regions:
         raise MeshError("cut_mesh needs a region that may yield")

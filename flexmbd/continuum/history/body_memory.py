@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.nodes import node_numbers
-from flexmbd.continuum.history.nonlinear_model import NonlinearModel, Snapshot
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class BodyMemory:
         """Back to (local nodes including ghosts, m)."""
         return np.ascontiguousarray(values[self._node])
 
-    def gather(self, snapshot: Snapshot) -> dict[str, FloatArray]:
+    def gather(self, snapshot: HistorySnapshot) -> dict[str, FloatArray]:
         """A snapshot as arrays of the whole body. Collective."""
         arrays = {"displacement": self.gather_nodes(snapshot.displacement.reshape(-1, 3))}
         for k, history in enumerate(snapshot.history):
@@ -50,14 +50,14 @@ class BodyMemory:
                 arrays[f"history {k}"] = self._gather(self._cell[: self._cells], rows, self._cell_count)
         return arrays
 
-    def scatter(self, arrays: dict[str, FloatArray]) -> Snapshot:
+    def scatter(self, arrays: dict[str, FloatArray]) -> HistorySnapshot:
         """This rank's part of a snapshot of the whole body."""
         histories = []
         for k, now in enumerate(self._body.snapshot().history):
             if f"history {k}" in arrays:
                 now.reshape(self._all_cells, -1)[:] = arrays[f"history {k}"][self._cell]
             histories.append(now)
-        return Snapshot(self.scatter_nodes(arrays["displacement"]).reshape(-1), tuple(histories))
+        return HistorySnapshot(self.scatter_nodes(arrays["displacement"]).reshape(-1), tuple(histories))
 
     def _gather(self, places: NDArray[np.int64], rows: FloatArray, count: int) -> FloatArray:
         whole = np.empty((count, *rows.shape[1:]))

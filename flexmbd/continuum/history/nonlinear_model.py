@@ -50,7 +50,7 @@ class LargeIncrementError(ConvergenceError):
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class HistorySnapshot:
     """What a body remembers after an accepted step: this rank's part.
 
     Attributes:
@@ -321,13 +321,13 @@ class NonlinearModel:
         for history in self._histories:
             history.revert()
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> HistorySnapshot:
         """Copy what the body remembers."""
-        return Snapshot(
+        return HistorySnapshot(
             self.displacement.copy(), tuple(history.snapshot() for history in self._histories)
         )
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: HistorySnapshot) -> None:
         """Go back to a snapshot of this body."""
         self.displacement[:] = snapshot.displacement
         for history, kept in zip(self._histories, snapshot.history, strict=True):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.newton import (
+from flexmbd.continuum.history.displacement_newton import (
     DEFAULT_CONVERGENCE,
     Balance,
     Convergence,

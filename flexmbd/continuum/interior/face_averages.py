@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
-from flexmbd.continuum.history.newton import Conditions
+from flexmbd.continuum.history.displacement_newton import Conditions
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion

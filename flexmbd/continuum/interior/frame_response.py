@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.newton import Newton
+from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.newton import Balance, Convergence, Newton, Solution
+from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton, Solution
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
@@ -43,7 +43,7 @@ _AT_REST = (np.inf, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class _NodalState:
     """Nodes at an instant: (local nodes including ghosts, 3) each, in inertial axes.
 
     Attributes:
@@ -67,7 +67,7 @@ class _Motion:
 class _Trial:
     """A step's end that was solved for."""
 
-    motion: _Motion
+    motion: _NodalState
     increment: FloatArray
 
 
@@ -115,7 +115,7 @@ class ImplicitContinuum:
         # a residual of this size's `round_off` is rounding's, and good
         self._least = self._round_off() / _TIGHT.round_off
         self._gravity: FloatArray = np.zeros(3)
-        self._state: _Motion | None = None
+        self._state: _NodalState | None = None
         self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
         self._trial: _Trial | None = None
 
@@ -129,7 +129,7 @@ class ImplicitContinuum:
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
-        self._state = _Motion(t, x, v, v, v, 0.0, v)
+        self._state = _NodalState(t, x, v, v, v, 0.0, v)
         return self._let_go(motion, np.zeros(body.n_owned))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
@@ -157,7 +157,7 @@ class ImplicitContinuum:
         solution = self._solve(guess, motion, forces, body.tangent)
         x: FloatArray = self._places(solution.increment, pose)
         v = still + motion.v[0]
-        self._trial = _Trial(_Motion(t, x, v, still, still, 0.0, still), solution.increment)
+        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0, still), solution.increment)
         response = self._frames.respond(
             lambda: body.tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
@@ -198,11 +198,11 @@ class ImplicitContinuum:
         a_bonds = bonds.accelerations(motion)[~bonds.averaged]
         per_x, _ = scheme.slopes(h)
 
-        def motion_of(increment: FloatArray) -> _Motion:
+        def motion_of(increment: FloatArray) -> _NodalState:
             x = self._places(increment, pose)
             a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
             a[self._bonded] = a_bonds
-            return _Motion(t_end, x, now.v, a, auxiliary, h, now.a)
+            return _NodalState(t_end, x, now.v, a, auxiliary, h, now.a)
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment)
@@ -267,7 +267,7 @@ class ImplicitContinuum:
         nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
         t, h = (float(value) for value in arrays["times"])
         self._gravity = arrays["gravity"].copy()
-        self._state = _Motion(t=t, h=h, **nodal)
+        self._state = _NodalState(t=t, h=h, **nodal)
         self._trial = None
         self._newton.factorise_next()
 
@@ -291,17 +291,17 @@ class ImplicitContinuum:
                 "found only where one interface is rigid (Coupling.RIGID)"
             )
 
-    def _started(self) -> _Motion:
+    def _started(self) -> _NodalState:
         if self._state is None:
             raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
         return self._state
 
-    def _foretold(self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
+    def _foretold(self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
         """Positions at the step's end if no node had a true acceleration there."""
         return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
 
     def _guess(
-        self, now: _Motion, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
+        self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """Displacement in body axes to begin with: the last trial's, or with unchanged accelerations."""
         if self._trial is not None:

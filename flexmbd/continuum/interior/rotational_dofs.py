@@ -71,7 +71,7 @@ class ExplicitOperator:
     rotations: NDArray[np.int32]
     moving: Mask
     bonds: tuple[Bond, ...]
-    _product: _Product
+    _product: _StiffnessProduct
     _condensed: _Condensed | None
 
     @property
@@ -127,7 +127,7 @@ def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOper
     """
     rotations, turning = _rotations(model)
     bonds, bound = _bonds(model)
-    masses, product = lumped_mass(model), _Product(model.K)
+    masses, product = lumped_mass(model), _StiffnessProduct(model.K)
     if raised:
         of_displacements = _row_sums(model.K, ~turning) / masses[~turning]
         fastest = model.comm.allreduce(of_displacements.max(initial=0.0), op=MPI.MAX)
@@ -157,7 +157,7 @@ def condensed_rotations(model: LinearModel) -> ExplicitOperator:
     bonds, bound = _bonds(model)
     masses = np.where(turning, 0.0, lumped_mass(model))
     condensed = _Condensed(model, turning & ~bound)
-    return ExplicitOperator(model, masses, rotations, ~turning & ~bound, bonds, _Product(model.K), condensed)
+    return ExplicitOperator(model, masses, rotations, ~turning & ~bound, bonds, _StiffnessProduct(model.K), condensed)
 
 
 def _fastest(operator: ExplicitOperator, frames: Sequence[FloatArray] | None) -> float:
@@ -241,7 +241,7 @@ def _indices(matrix: PETSc.Mat, chosen: Mask) -> PETSc.IS:
     return PETSc.IS().createGeneral((first + np.flatnonzero(chosen)).astype(PETSc.IntType), comm=matrix.comm)
 
 
-class _Product:
+class _StiffnessProduct:
     """A matrix times plain arrays."""
 
     def __init__(self, matrix: PETSc.Mat) -> None:
@@ -261,7 +261,7 @@ class _Condensed:
     def __init__(self, model: LinearModel, free: Mask) -> None:
         self._free = free
         rows = _indices(model.K, free)
-        self._rows = _Product(model.K.createSubMatrix(rows))
+        self._rows = _StiffnessProduct(model.K.createSubMatrix(rows))
         stiffness = model.K.createSubMatrix(rows, rows)
         self._empty = stiffness.getSize()[0] == 0
         self._right, self._left = stiffness.createVecs()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.continuum import parallel
-from flexmbd.continuum.history.body_file import fingerprint
+from flexmbd.continuum.history.history_file import fingerprint
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import RecordError, SceneError
 

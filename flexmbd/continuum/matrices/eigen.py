@@ -122,7 +122,7 @@ class BlockLanczos:
         self._comm = mass.comm.tompi4py()
         self._massless = _has_massless_rows(mass)
         self._limit = min(limit, mass.getSize()[0])
-        self._basis = _Basis(mass, len(start))
+        self._basis = _LanczosBasis(mass, len(start))
         self._projected: FloatArray = np.zeros((0, 0))
         # Ritz values and vectors of K^-1 M, descending, and their residuals
         self._values: FloatArray = np.zeros(0)
@@ -291,7 +291,7 @@ class BlockLanczos:
         )
 
 
-class _Basis:
+class _LanczosBasis:
     """M-orthonormal vectors, of which each rank holds its rows."""
 
     def __init__(self, mass: PETSc.Mat, rows: int) -> None:

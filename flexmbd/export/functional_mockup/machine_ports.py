@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from flexmbd.errors import ExportError
-from flexmbd.export.functional_mockup.description import Causality, Variable
 from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
+from flexmbd.export.functional_mockup.model_description import Causality, Variable
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad

@@ -10,8 +10,6 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.functional_mockup.building import compile_library, layer_sources, source, zipped
-from flexmbd.export.functional_mockup.description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.kernel_code import Kernel, Memory, c_call, kernel_for, lay_out, object_code
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
@@ -23,7 +21,9 @@ from flexmbd.export.functional_mockup.machine_ports import (
     observed_by,
     replaced,
 )
+from flexmbd.export.functional_mockup.model_description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
+from flexmbd.export.functional_mockup.unit_build import compile_library, layer_sources, source, zipped
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.functional_mockup.building import (
+from flexmbd.export.functional_mockup.model_description import (
+    Causality,
+    Description,
+    Fmi,
+    Variable,
+    identifier_of,
+    model_description,
+)
+from flexmbd.export.functional_mockup.unit_build import (
     binary_folder,
     build_description,
     c_array,
@@ -19,14 +27,6 @@ from flexmbd.export.functional_mockup.building import (
     layer_sources,
     source,
     zipped,
-)
-from flexmbd.export.functional_mockup.description import (
-    Causality,
-    Description,
-    Fmi,
-    Variable,
-    identifier_of,
-    model_description,
 )
 from flexmbd.export.loss import Carries, check_body, settle_losses
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody

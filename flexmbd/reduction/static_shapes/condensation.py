@@ -14,7 +14,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
-from flexmbd.reduction.static_shapes import interior
+from flexmbd.reduction.static_shapes.interior_stiffness import continued, factorised
 from flexmbd.reduction.static_shapes.support import is_held
 
 _COMPONENTS = ("x", "y", "z")
@@ -67,8 +67,8 @@ def static_condensation(
             "the retained dofs leave the body free to move as a rigid one, so its interior stiffness is "
             "singular: retain enough of them, as all components of three nodes not in one line"
         )
-    with interior.factorised(model, boundary) as inside:
-        shapes, forces = interior.continued(model, inside, unit)
+    with factorised(model, boundary) as inside:
+        shapes, forces = continued(model, inside, unit)
     stiffness = inner(model.comm, shapes, forces)
     mass = inner(model.comm, shapes, multiply(model.M, shapes))
     return CondensedMatrices(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply, total
 from flexmbd.errors import ConvergenceError
 from flexmbd.reduction.static_shapes.multigrid import Multigrid, multigrid
-from flexmbd.reduction.static_shapes.round_off import MARGIN, round_off
+from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
 
 # Residual, relative to the load and in the norm of the multigrid cycle, about that of the strain energy: at which the
 # iteration stops, and which the solution must fulfil where round-off does not let the first be true.

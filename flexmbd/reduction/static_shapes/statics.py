@@ -1,6 +1,6 @@
 """Statics of a body with its interfaces: one factor for shapes, modes and loads.
 
-Rigid interfaces are the boundary of `flexmbd.reduction.static_shapes.interior`. Averaged ones stay inside, held by
+Rigid interfaces are the boundary of `interior_stiffness`. Averaged ones stay inside, held by
 multipliers (`flexmbd.reduction.static_shapes.constraint`). A body without rigid interfaces is held by six dofs that
 keep it from moving and no more; a load in equilibrium calls no reaction there, so that, with the
 rigid modes' part taken off loads and displacements, A = P K_s^-1 P^T with P = 1 - R (R^T M R)^-1 R^T M
@@ -29,9 +29,15 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symme
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.constraint import Constraint, constrain
 from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor
-from flexmbd.reduction.static_shapes.interior import Interior, Solver, continued, equilibrated, factorised
+from flexmbd.reduction.static_shapes.interior_stiffness import (
+    InteriorStiffness,
+    Solver,
+    continued,
+    equilibrated,
+    factorised,
+)
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes, rigid_modes
-from flexmbd.reduction.static_shapes.round_off import MARGIN, WORTHLESS, round_off
+from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 from flexmbd.reduction.static_shapes.support import AT_REST, is_held
 
 
@@ -74,7 +80,7 @@ class Statics:
     rigid: RigidModes | None
     mask: NDArray[np.bool_]
     M: PETSc.Mat
-    _interior: Interior
+    _interior: InteriorStiffness
     _constraint: Constraint | None
 
     @property
@@ -295,7 +301,7 @@ def _averaged(interfaces: Sequence[FoundInterface]) -> list[AveragedInterface]:
     return [one for one in interfaces if isinstance(one, AveragedInterface)]
 
 
-def _flexibility(interior: Interior, free: RigidModes | None, block: FloatArray) -> FloatArray:
+def _flexibility(interior: InteriorStiffness, free: RigidModes | None, block: FloatArray) -> FloatArray:
     """A times a block: K_II^-1, or the elastic flexibility of a body that nothing holds. Collective."""
     if free is None:
         return interior.solve(block)

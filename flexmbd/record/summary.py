@@ -85,7 +85,7 @@ class _Record(Protocol):
     def modal_mass(self) -> FloatArray: ...
 
 
-def sheet(body: _Record) -> str:
+def summary(body: _Record) -> str:
     """The sheet, with a newline at its end; see `ReducedBody.inspect`."""
     sections = (
         _title(body),

@@ -28,7 +28,7 @@ _EPSILON = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
-class RoundOff:
+class StiffnessRoundOff:
     """The measure of round-off of one stiffness K; made by `round_off`.
 
     Attributes:
@@ -82,7 +82,7 @@ class RoundOff:
 
 
 @contextmanager
-def round_off(stiffness: PETSc.Mat) -> Iterator[RoundOff]:
+def round_off(stiffness: PETSc.Mat) -> Iterator[StiffnessRoundOff]:
     """The measure of round-off of a stiffness (AIJ), for a `with` block. Collective."""
     sizes = stiffness.duplicate()
     rows, columns, values = stiffness.getValuesCSR()
@@ -95,6 +95,6 @@ def round_off(stiffness: PETSc.Mat) -> Iterator[RoundOff]:
         # a pressure without compliance has none of its own
         of_others = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0.0)[:, None]
         root = np.where(root > 0.0, root, multiply(sizes, of_others)[:, 0])
-        yield RoundOff(np.where(root > 0.0, root, 1.0), sizes)
+        yield StiffnessRoundOff(np.where(root > 0.0, root, 1.0), sizes)
     finally:
         sizes.destroy()

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element, SubElement
 
 from flexmbd.errors import ExportError
-from flexmbd.export.functional_mockup.description import Fmi
+from flexmbd.export.functional_mockup.model_description import Fmi
 
 #: The program, in ways that do not depend on the processor that compiles: no fused multiplication and addition.
 COMPILE = ("gcc", "-std=c99", "-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-Wall", "-Wextra")

@@ -14,7 +14,7 @@ from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.library import load
-from flexmbd.visual.motion import Motion
+from flexmbd.visual.recorded_motion import RecordedMotion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ _EVENT_STYLES = ("--", ":", "-.")
 
 
 def plot_series(
-    trajectory: Motion,
+    trajectory: RecordedMotion,
     series: Sequence[tuple[str, Drawn]] = (),
     *,
     path: str | Path | None = None,
@@ -97,7 +97,7 @@ def fine_times(t: FloatArray) -> FloatArray:
     return np.union1d(marked, np.linspace(t[0], t[-1], _INSTANTS))
 
 
-def _line(trajectory: Motion, fine: FloatArray, label: str, what: Drawn) -> tuple[str, FloatArray, FloatArray]:
+def _line(trajectory: RecordedMotion, fine: FloatArray, label: str, what: Drawn) -> tuple[str, FloatArray, FloatArray]:
     """Label, times (k,) and values (k,) or (k, m) of a series."""
     if isinstance(what, Connection):
         return label, fine, trajectory.beta(what, t=fine)
@@ -114,7 +114,7 @@ def _line(trajectory: Motion, fine: FloatArray, label: str, what: Drawn) -> tupl
     return label, t, values
 
 
-def _energies(trajectory: Motion, fine: FloatArray) -> list[tuple[str, FloatArray, FloatArray]]:
+def _energies(trajectory: RecordedMotion, fine: FloatArray) -> list[tuple[str, FloatArray, FloatArray]]:
     energy = trajectory.energy(t=fine)
     parts = {name: getattr(energy, name) for name in ("kinetic", "elastic", "gravitational", "spring")}
     # parts that a machine does not have are left out
@@ -138,7 +138,7 @@ def _draw(axes: Axes, t: FloatArray, label: str, values: FloatArray) -> None:
         axes.plot(t, column, label=f"{label} {name}", linewidth=1.4)
 
 
-def _mark_events(axes: Axes, trajectory: Motion) -> None:
+def _mark_events(axes: Axes, trajectory: RecordedMotion) -> None:
     """A vertical line at each event; those of one name look alike and stand in the legend once."""
     names = list(dict.fromkeys(occurrence.name for occurrence in trajectory.events))
     seen: set[str] = set()

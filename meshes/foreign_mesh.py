@@ -44,7 +44,7 @@ _FACES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Elements:
+class ElementBlock:
     """Elements of one kind.
 
     Attributes:
@@ -59,7 +59,7 @@ class Elements:
 
 
 @dataclass(frozen=True, eq=False)
-class Listing:
+class ForeignMesh:
     """A file's nodes, elements and sets, by the file's own numbers.
 
     Attributes:
@@ -75,24 +75,24 @@ class Listing:
     path: Path
     node_numbers: IntArray
     points: npt.NDArray[np.float64]
-    elements: Sequence[Elements]
+    elements: Sequence[ElementBlock]
     element_sets: Mapping[str, IntArray]
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
     surfaces: Mapping[str, Sequence[tuple[IntArray, str]]] = field(default_factory=dict)
 
 
 def solid_input(
-    listing: Listing,
+    foreign: ForeignMesh,
     *,
     cell_groups: Collection[str] | None,
     facet_groups: Collection[str] | None,
 ) -> MeshInput:
-    """The solid elements of a listing and its groups; not collective.
+    """The solid elements of a foreign mesh and its groups; not collective.
 
     Row i of the input is the file's node i + 1, or the i-th lowest where its numbers have gaps.
 
     Args:
-        listing: what the file holds.
+        foreign: what the file holds.
         cell_groups: names of the sets of solids to take; None for all.
         facet_groups: names of the surfaces, sets of shells and sets of nodes to take as groups of
             facets; None for all. Sets of nodes without a whole facet, or not taken, become groups of
@@ -103,24 +103,24 @@ def solid_input(
             name is not there; two groups of cells or of facets share some; there is no group of
             facets or vertices.
     """
-    _check_names(listing)
-    order = np.argsort(listing.node_numbers, kind="stable")
-    numbers = listing.node_numbers[order]
-    _check_numbers(listing.path, "node", numbers)
-    cells = _solids(listing)
+    _check_names(foreign)
+    order = np.argsort(foreign.node_numbers, kind="stable")
+    numbers = foreign.node_numbers[order]
+    _check_numbers(foreign.path, "node", numbers)
+    cells = _solids(foreign)
     cell, degree, _ = KINDS[cells.kind]
-    rows = _rows(listing.path, "node", numbers, cells.nodes)
+    rows = _rows(foreign.path, "node", numbers, cells.nodes)
     corners = rows[:, : len(basix.geometry(basix.CellType[cell]))]
-    cell_tags, cell_names = _cell_groups(listing, cells, cell_groups)
-    facets = _FacetSets(listing, cells, cell, corners, numbers)
+    cell_tags, cell_names = _cell_groups(foreign, cells, cell_groups)
+    facets = _FacetSets(foreign, cells, cell, corners, numbers)
     facet_rows, facet_tags, facet_names = facets.groups(facet_groups)
     vertices = facets.vertex_groups(without=facet_names)
     if not facet_names and not vertices:
         raise MeshError(
-            f"{listing.path}: there is no named set on the surface of the part; give each interface a "
+            f"{foreign.path}: there is no named set on the surface of the part; give each interface a "
             "surface, a set of nodes or of shell elements"
         )
-    points, rows = complete(listing.points[order], rows, cells.kind)
+    points, rows = complete(foreign.points[order], rows, cells.kind)
     return MeshInput(
         cell=cell,
         degree=degree,
@@ -136,24 +136,24 @@ def solid_input(
     )
 
 
-def _check_names(listing: Listing) -> None:
-    kinds = [one.kind for one in listing.elements if KINDS.get(one.kind, ("", 0, 3))[2] == 3]
+def _check_names(foreign: ForeignMesh) -> None:
+    kinds = [one.kind for one in foreign.elements if KINDS.get(one.kind, ("", 0, 3))[2] == 3]
     known = [kind for kind, (_, _, dim) in KINDS.items() if dim == 3]
     if not kinds:
-        raise MeshError(f"{listing.path}: the mesh has no three-dimensional cells")
+        raise MeshError(f"{foreign.path}: the mesh has no three-dimensional cells")
     if len(set(kinds)) > 1 or kinds[0] not in known:
         raise MeshError(
-            f"{listing.path}: the mesh has cells of the kinds {', '.join(sorted(set(kinds)))}; all must "
+            f"{foreign.path}: the mesh has cells of the kinds {', '.join(sorted(set(kinds)))}; all must "
             f"be of one of these: {', '.join(known)}"
         )
 
 
-def _solids(listing: Listing) -> Elements:
+def _solids(foreign: ForeignMesh) -> ElementBlock:
     """All solid elements, which are of one kind."""
-    parts = [one for one in listing.elements if KINDS[one.kind][2] == 3]
+    parts = [one for one in foreign.elements if KINDS[one.kind][2] == 3]
     numbers = np.concatenate([one.numbers for one in parts])
-    _check_numbers(listing.path, "element", np.sort(numbers))
-    return Elements(parts[0].kind, numbers, np.concatenate([one.nodes for one in parts]))
+    _check_numbers(foreign.path, "element", np.sort(numbers))
+    return ElementBlock(parts[0].kind, numbers, np.concatenate([one.nodes for one in parts]))
 
 
 def _check_numbers(path: Path, what: str, numbers: IntArray) -> None:
@@ -177,14 +177,14 @@ def _rows(path: Path, what: str, numbers: IntArray, wanted: IntArray) -> IntArra
 
 
 def _cell_groups(
-    listing: Listing, cells: Elements, names: Collection[str] | None
+    foreign: ForeignMesh, cells: ElementBlock, names: Collection[str] | None
 ) -> tuple[npt.NDArray[np.int32], dict[str, int]]:
-    inside = {name: np.isin(cells.numbers, held) for name, held in listing.element_sets.items()}
+    inside = {name: np.isin(cells.numbers, held) for name, held in foreign.element_sets.items()}
     inside = {name: mask for name, mask in inside.items() if mask.any()}
-    taken = chosen("cell", inside, names, listing.path)
+    taken = chosen("cell", inside, names, foreign.path)
     for one, other in combinations(taken, 2):
         if (shared := int((inside[one] & inside[other]).sum())) > 0:
-            raise _overlap(listing.path, "cell", one, other, shared)
+            raise _overlap(foreign.path, "cell", one, other, shared)
     tags = np.zeros(len(cells.numbers), dtype=np.int32)
     groups = {name: tag for tag, name in enumerate(taken, start=1)}
     for name, tag in groups.items():
@@ -203,9 +203,9 @@ class _FacetSets:
     """The sets of a file as facets or vertices of its solids."""
 
     def __init__(
-        self, listing: Listing, cells: Elements, cell: str, corners: IntArray, numbers: IntArray
+        self, foreign: ForeignMesh, cells: ElementBlock, cell: str, corners: IntArray, numbers: IntArray
     ) -> None:
-        self._listing, self._cells, self._cell = listing, cells, cell
+        self._foreign, self._cells, self._cell = foreign, cells, cell
         self._corners, self._numbers = corners, numbers
         self._order = np.argsort(cells.numbers)
         faces = _FACES[cell]
@@ -216,24 +216,24 @@ class _FacetSets:
         self._boundary = every[np.sort(first[count == 1])]
         self._is_vertex = np.zeros(len(numbers), dtype=bool)
         self._is_vertex[corners] = True
-        self._nodes = {name: self._members(held) for name, held in listing.node_sets.items()}
+        self._nodes = {name: self._members(held) for name, held in foreign.node_sets.items()}
 
     def groups(
         self, names: Collection[str] | None
     ) -> tuple[IntArray, npt.NDArray[np.int32], dict[str, int]]:
         """Vertices and tags of the facets of all groups, and the groups' tags."""
         shells = {
-            name: rows for name in self._listing.element_sets if len(rows := self._shells(name)) > 0
+            name: rows for name in self._foreign.element_sets if len(rows := self._shells(name)) > 0
         }
         nodes = {
             name: rows
             for name, inside in self._nodes.items()
             if len(rows := self._boundary[inside[self._boundary].all(axis=1)]) > 0
         }
-        there = dict.fromkeys([*self._listing.surfaces, *shells, *nodes])
+        there = dict.fromkeys([*self._foreign.surfaces, *shells, *nodes])
         found = {}
-        for name in chosen("facet", there, names, self._listing.path):
-            if name in self._listing.surfaces:
+        for name in chosen("facet", there, names, self._foreign.path):
+            if name in self._foreign.surfaces:
                 found[name] = self._surface(name)
             else:
                 found[name] = shells[name] if name in shells else nodes[name]
@@ -259,8 +259,8 @@ class _FacetSets:
     def _shells(self, name: str) -> IntArray:
         """Vertices of the shells of a set of elements."""
         width = self._boundary.shape[1]
-        held, rows = self._listing.element_sets[name], [np.empty((0, width), dtype=np.int64)]
-        for one in self._listing.elements:
+        held, rows = self._foreign.element_sets[name], [np.empty((0, width), dtype=np.int64)]
+        for one in self._foreign.elements:
             cell, _, dim = KINDS[one.kind]
             corners = len(basix.geometry(basix.CellType[cell]))
             inside = np.isin(one.numbers, held)
@@ -268,18 +268,18 @@ class _FacetSets:
                 continue
             if corners != width:
                 raise MeshError(
-                    f"{self._listing.path}: the set {name!r} has shells of {corners} vertices, and the "
+                    f"{self._foreign.path}: the set {name!r} has shells of {corners} vertices, and the "
                     f"faces of the cells have {width}; mesh both together"
                 )
             vertices = one.nodes[inside, :corners]
-            rows.append(_rows(self._listing.path, "node", self._numbers, vertices))
+            rows.append(_rows(self._foreign.path, "node", self._numbers, vertices))
         return np.concatenate(rows)
 
     def _surface(self, name: str) -> IntArray:
         """Vertices of the faces of a surface."""
-        path, faces = self._listing.path, _FACES[self._cell]
+        path, faces = self._foreign.path, _FACES[self._cell]
         rows = [np.empty((0, self._boundary.shape[1]), dtype=np.int64)]
-        for held, label in self._listing.surfaces[name]:
+        for held, label in self._foreign.surfaces[name]:
             if label not in {f"S{i}" for i in range(1, len(faces) + 1)}:
                 raise MeshError(
                     f"{path}: surface {name!r} has the face {label!r}; a {self._cell} has the faces S1 to "
@@ -300,4 +300,4 @@ class _FacetSets:
         }
         for one, other in combinations(found, 2):
             if shared := len(keys[one] & keys[other]):
-                raise _overlap(self._listing.path, "facet", one, other, shared)
+                raise _overlap(self._foreign.path, "facet", one, other, shared)

@@ -11,8 +11,8 @@ from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.scene_file.description import BodyName, FramePlace, JointName, RigidEntry, SceneFile
-from flexmbd.scene_file.kinds import COUPLINGS, FORCES, JOINTS
+from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, JOINTS
+from flexmbd.scene_file.scene_description import BodyName, FramePlace, JointName, RigidEntry, SceneFile
 from flexmbd.system import System
 
 

@@ -16,7 +16,7 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.scene_file import values as v
 from flexmbd.scene_file.values import Names, nearest
-from flexmbd.toml_file import Section
+from flexmbd.toml_file import TomlSection
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Key:
         argument: what the class calls it, where that is another name.
     """
 
-    read: Callable[[Section, str, Names], object]
+    read: Callable[[TomlSection, str, Names], object]
     argument: str = ""
 
 
@@ -40,7 +40,7 @@ class Kind:
     keys: Mapping[str, Key]
 
 
-def _kind(make: Callable[..., Any], **keys: Callable[[Section, str, Names], object] | Key) -> Kind:
+def _kind(make: Callable[..., Any], **keys: Callable[[TomlSection, str, Names], object] | Key) -> Kind:
     return Kind(make, {name: key if isinstance(key, Key) else Key(key) for name, key in keys.items()})
 
 
@@ -119,7 +119,7 @@ INTEGRATORS: dict[str, Callable[[], Integrator]] = {
 }
 
 
-def read_kind(section: Section, kinds: Mapping[str, Kind], names: Names, *, also: tuple[str, ...] = ()) -> Any:
+def read_kind(section: TomlSection, kinds: Mapping[str, Kind], names: Names, *, also: tuple[str, ...] = ()) -> Any:
     """The kind's name and arguments of a table.
 
     Args:

@@ -15,8 +15,8 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.result_table import ResultTable
 from flexmbd.rotation import to_quaternion
 from flexmbd.run.trajectory import Trajectory
-from flexmbd.scene_file.building import Built
-from flexmbd.scene_file.description import OutputEntry
+from flexmbd.scene_file.scene_builder import Built
+from flexmbd.scene_file.scene_description import OutputEntry
 
 FloatArray = NDArray[np.float64]
 #: Of a trajectory, at given times or at the ends of its steps.
@@ -49,7 +49,7 @@ _SERIES = {
 
 
 @dataclass(frozen=True)
-class Columns:
+class ResultColumns:
     """Columns that come together.
 
     Attributes:
@@ -62,7 +62,7 @@ class Columns:
     values: Values
 
 
-def plan_columns(built: Built, output: OutputEntry) -> tuple[Columns, ...]:
+def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]:
     """The columns that ``output`` asks for.
 
     Raises:
@@ -83,7 +83,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[Columns, ...]:
     return columns
 
 
-def tabulate(run: Trajectory, columns: tuple[Columns, ...], *, every: float | None) -> ResultTable:
+def tabulate(run: Trajectory, columns: tuple[ResultColumns, ...], *, every: float | None) -> ResultTable:
     """The table of a trajectory, at the ends of its steps or each ``every`` s."""
     t = run.t if every is None else _times(run, every)
     at = None if every is None else t
@@ -101,7 +101,7 @@ def _times(run: Trajectory, every: float) -> FloatArray:
     return t if end - t[-1] <= 1e-9 * every else np.append(t, end)
 
 
-def _of_joints(built: Built, output: OutputEntry) -> Iterator[Columns]:
+def _of_joints(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     """Coordinates and their rates."""
     slots = built.system.compile().index.joints
     if output.joints is None:
@@ -116,7 +116,7 @@ def _of_joints(built: Built, output: OutputEntry) -> Iterator[Columns]:
         yield from _of_joint(joint)
 
 
-def _of_joint(connection: Connection) -> Iterator[Columns]:
+def _of_joint(connection: Connection) -> Iterator[ResultColumns]:
     joint = connection.joint
     rates = [name.replace(" ", "_") for name in joint.velocity_names]
     turns = ["rad" if angular else "m" for angular in joint.angular]
@@ -131,42 +131,42 @@ def _of_joint(connection: Connection) -> Iterator[Columns]:
         yield _named(connection.name, rates, per_second, lambda run, t: run.beta_rate(connection, t=t))
 
 
-def _of_frames(built: Built, output: OutputEntry) -> Iterator[Columns]:
+def _of_frames(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     for key, places in output.frames.items():
         series = _SERIES[key]
         for place in places:
             yield _of_frame(place.label, built.frame(place), series)
 
 
-def _of_frame(label: str, frame: Frame, series: _Series) -> Columns:
+def _of_frame(label: str, frame: Frame, series: _Series) -> ResultColumns:
     units = [series.unit] * len(series.endings)
     return _named(label, series.endings, units, lambda run, t: series.values(run, frame, t))
 
 
-def _of_modes(built: Built, output: OutputEntry) -> Iterator[Columns]:
+def _of_modes(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     for name in output.modal:
         body = built.bodies[name.name]
         if isinstance(body, FlexibleBody):
             yield _of_body(body)
 
 
-def _of_body(body: FlexibleBody) -> Columns:
+def _of_body(body: FlexibleBody) -> ResultColumns:
     endings = [f"q{i + 1}" for i in range(body.record.n_modes)]
     return _named(body.name, endings, ["kg^(1/2) m"] * len(endings), lambda run, t: run.q(body, t=t))
 
 
-def _of_reactions(built: Built, output: OutputEntry) -> Iterator[Columns]:
+def _of_reactions(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     for name in output.reactions:
         yield _of_reaction(built.joints[name.name])
 
 
-def _of_reaction(joint: Connection) -> Columns:
+def _of_reaction(joint: Connection) -> ResultColumns:
     endings = ("fx", "fy", "fz", "mx", "my", "mz")
     units = ["N"] * 3 + ["N m"] * 3
     return _named(f"{joint.name}.reaction", endings, units, lambda run, _: run.reaction(joint))
 
 
-def _of_energies() -> Columns:
+def _of_energies() -> ResultColumns:
     def values(run: Trajectory, t: FloatArray | None) -> FloatArray:
         energy = run.energy(t=t)
         return np.column_stack([getattr(energy, name) for name in _ENERGIES])
@@ -174,5 +174,5 @@ def _of_energies() -> Columns:
     return _named("energy", _ENERGIES, ["J"] * len(_ENERGIES), values)
 
 
-def _named(owner: str, endings: tuple[str, ...] | list[str], units: list[str], values: Values) -> Columns:
-    return Columns(tuple(f"{owner}.{ending}" for ending in endings), tuple(units), values)
+def _named(owner: str, endings: tuple[str, ...] | list[str], units: list[str], values: Values) -> ResultColumns:
+    return ResultColumns(tuple(f"{owner}.{ending}" for ending in endings), tuple(units), values)

@@ -29,7 +29,7 @@ class Marked(Protocol):
         """When (s)."""
 
 
-class Motion(Protocol):
+class RecordedMotion(Protocol):
     """A machine on its way; times ``t`` are (k,) s, and nt instants where none are given."""
 
     @property

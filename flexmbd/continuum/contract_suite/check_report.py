@@ -37,7 +37,7 @@ _WIDTH = max(len(check.name) for check in CHECKS) + 2
 
 
 @dataclass(frozen=True)
-class Line:
+class CheckResult:
     """One check on all cells and degrees.
 
     Attributes:
@@ -65,20 +65,20 @@ class Line:
         }
         if failed:
             places = "" if len(self.outcomes) == 1 else f" on {len(failed)} of {len(self.outcomes)} elements"
-            told = [f"      {cell} {degree}: {_told(outcome)}" for (cell, degree), outcome in failed.items()]
+            lines = [f"      {cell} {degree}: {_outcome_text(outcome)}" for (cell, degree), outcome in failed.items()]
             # an error says itself what is wrong
             if not all(isinstance(outcome, Raised) for outcome in failed.values()):
-                told.append(f"      remedy: {self.remedy}")
-            return "\n".join([f"{head}failed{places}", *told])
+                lines.append(f"      remedy: {self.remedy}")
+            return "\n".join([f"{head}failed{places}", *lines])
         figures = [outcome for outcome in self.outcomes.values() if not isinstance(outcome, Remark)]
         if figures:
             return head + "; ".join(map(str, _worst(figures)))
-        remarks = dict.fromkeys(_told(outcome) for outcome in self.outcomes.values())
+        remarks = dict.fromkeys(_outcome_text(outcome) for outcome in self.outcomes.values())
         return head + "; ".join(remarks)
 
 
 @dataclass(frozen=True)
-class Sheet:
+class FormReport:
     """What the contract suite found about one form file.
 
     Attributes:
@@ -87,29 +87,29 @@ class Sheet:
     """
 
     name: str
-    lines: Sequence[Line]
+    results: Sequence[CheckResult]
 
     @property
     def passed(self) -> bool:
         """Whether no check failed."""
-        return all(line.verdict is not Verdict.FAIL for line in self.lines)
+        return all(line.verdict is not Verdict.FAIL for line in self.results)
 
     def text(self) -> str:
         """For a person to read: a line a check, with the worst figures of all cells and degrees."""
-        places = dict.fromkeys(place for line in self.lines for place in line.outcomes)
+        places = dict.fromkeys(place for line in self.results for place in line.outcomes)
         elements = ", ".join(f"{cell} {degree}" for cell, degree in places)
-        counts = [sum(line.verdict is one for line in self.lines) for one in (Verdict.PASS, Verdict.FAIL)]
+        counts = [sum(line.verdict is one for line in self.results) for one in (Verdict.PASS, Verdict.FAIL)]
         return "\n".join(
             [
                 f"{self.name}: {elements}",
                 f"PASS  {'names, signatures and results':<{_WIDTH}}",
-                *(line.text() for line in self.lines),
+                *(line.text() for line in self.results),
                 f"{self.name}: {counts[0] + 1} passed, {counts[1]} failed",
             ]
         )
 
 
-def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WORLD) -> Sheet:
+def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WORLD) -> FormReport:
     """Run the contract suite on a form file. Collective.
 
     All checks but the last run on rank 0; the last compares the ranks, and needs two.
@@ -128,8 +128,8 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     except FormulationError as caught:
         error = caught
     parallel.raise_collectively(comm, error)
-    lines = parallel.on_root(comm, lambda: _try_all(form))
-    return Sheet(cast(ModuleType, form).__name__.rpartition(".")[2], [*lines, _try_ranks(form, comm)])
+    results = parallel.on_root(comm, lambda: _try_all(form))
+    return FormReport(cast(ModuleType, form).__name__.rpartition(".")[2], [*results, _try_ranks(form, comm)])
 
 
 def places(form: Formulation) -> list[Place]:
@@ -137,15 +137,15 @@ def places(form: Formulation) -> list[Place]:
     return [(cell, degree) for cell in form.CELLS for degree in orders(form, cell)]
 
 
-def _try_all(form: Formulation) -> list[Line]:
+def _try_all(form: Formulation) -> list[CheckResult]:
     outcomes = {place: _try_place(form, *place) for place in places(form)}
-    lines = [
-        Line(check.name, {place: found[check.name] for place, found in outcomes.items()}, check.remedy)
+    results = [
+        CheckResult(check.name, {place: found[check.name] for place, found in outcomes.items()}, check.remedy)
         for check in CHECKS
     ]
-    if not keeps_strains(form) or lines[0].verdict is Verdict.FAIL:
-        return lines
-    return [*lines, *_try_history(form, history_place(places(form)))]
+    if not keeps_strains(form) or results[0].verdict is Verdict.FAIL:
+        return results
+    return [*results, *_try_history(form, history_place(places(form)))]
 
 
 def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
@@ -159,21 +159,21 @@ def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
     return {**outcomes, **{check.name: attempt(check, trial) for check in others}}
 
 
-def _try_history(form: Formulation, place: Place) -> list[Line]:
+def _try_history(form: Formulation, place: Place) -> list[CheckResult]:
     """What yields, on one cell and degree: history lies at points."""
     try:
         trials = history_trials(form, *place)
     except Exception as error:  # noqa: BLE001  (a form file is foreign code)
         why = Raised(Verdict.FAIL, f"{type(error).__name__}: {error}")
-        return [Line(HISTORY_CHECKS[0].name, {place: why}, HISTORY_CHECKS[0].remedy)]
-    return [Line(check.name, {place: attempt(check, trials)}, check.remedy) for check in HISTORY_CHECKS]
+        return [CheckResult(HISTORY_CHECKS[0].name, {place: why}, HISTORY_CHECKS[0].remedy)]
+    return [CheckResult(check.name, {place: attempt(check, trials)}, check.remedy) for check in HISTORY_CHECKS]
 
 
-def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
+def _try_ranks(form: Formulation, comm: MPI.Comm) -> CheckResult:
     """Collective."""
     if comm.size == 1:
         why = Remark(Verdict.SKIP, "needs two ranks: mpirun -n 2 flexmbd check ...")
-        return Line(_RANKS, dict.fromkeys(places(form), why), _SAME)
+        return CheckResult(_RANKS, dict.fromkeys(places(form), why), _SAME)
     outcomes: dict[Place, Outcome] = {}
     for cell, degree in places(form):
         error: Exception | None = None
@@ -184,10 +184,10 @@ def _try_ranks(form: Formulation, comm: MPI.Comm) -> Line:
         failures = [text for text in comm.allgather(error and f"{type(error).__name__}: {error}") if text]
         if failures:
             outcomes[cell, degree] = Raised(Verdict.FAIL, failures[0])
-    return Line(_RANKS, outcomes, _SAME)
+    return CheckResult(_RANKS, outcomes, _SAME)
 
 
-def _told(outcome: Outcome) -> str:
+def _outcome_text(outcome: Outcome) -> str:
     if isinstance(outcome, Remark):
         return outcome.text
     return "; ".join(str(figure) for figure in outcome if not figure.passed or verdict(outcome) is Verdict.PASS)

@@ -22,7 +22,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.conjugate_gradients import conjugate_gradients
 from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeError, memory_limit
-from flexmbd.reduction.static_shapes.round_off import MARGIN, round_off
+from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
 
 
 class Solver(Enum):
@@ -46,7 +46,7 @@ class Inverse(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Interior:
+class InteriorStiffness:
     """The interior dofs of a model and the inverse of their stiffness.
 
     Attributes:
@@ -67,7 +67,7 @@ class Interior:
 @contextmanager
 def factorised(
     model: LinearModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None
-) -> Iterator[Interior]:
+) -> Iterator[InteriorStiffness]:
     """Split the dofs and make the inverse of the interior's stiffness, for a `with` block. Collective.
 
     Args:
@@ -96,7 +96,7 @@ def factorised(
                 inverse = _factor(model, rows, stack, needed=solver is Solver.DIRECT or not model.is_definite)
             if inverse is None:
                 inverse = _iteration(model, mask, stack)
-            yield Interior(mask, mass, inverse)
+            yield InteriorStiffness(mask, mass, inverse)
     finally:
         # on several ranks nothing else does, since it takes all of them
         for item in (mass, rows):
@@ -134,7 +134,7 @@ def _iteration(model: LinearModel, mask: NDArray[np.bool_], stack: ExitStack) ->
 
 
 def continued(
-    model: LinearModel, interior: Interior, boundary: FloatArray
+    model: LinearModel, interior: InteriorStiffness, boundary: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Continue displacements of the boundary into the interior in equilibrium. Collective.
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import PictureError
 from flexmbd.multibody.team import Team
 from flexmbd.visual.destination import checked_path, save
-from flexmbd.visual.series import SUFFIXES, bare, new_figure
+from flexmbd.visual.series_plot import SUFFIXES, bare, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leggauss
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel
-from flexmbd.continuum.finite_elements.inertia import gram_matrix
+from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.errors import FormulationError
 from flexmbd.forms import solid_linear
 

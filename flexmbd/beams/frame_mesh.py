@@ -30,7 +30,7 @@ _SAME_PLACE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class FrameMesh:
     """The nodes and elements of a frame of beams.
 
     Attributes:
@@ -53,12 +53,12 @@ class Layout:
     group: IntArray
 
 
-def lay_out(
+def mesh_frame(
     points: Mapping[str, Point],
     beams: Mapping[str, Sequence[Beam]],
     *,
     divisions: int | Mapping[str, int],
-) -> Layout:
+) -> FrameMesh:
     """Divide the beams of a frame into elements of equal length, and check that they are one frame.
 
     Args:
@@ -88,11 +88,11 @@ def lay_out(
             rows += list(pairwise(nodes))
             middles += list(at[1::2])
             group += [number] * n
-    layout = Layout(
+    mesh = FrameMesh(
         np.array(x), tuple(names), len(places), np.array(rows), np.array(middles), tuple(beams), np.array(group)
     )
-    _check_nodes(layout)
-    return layout
+    _check_nodes(mesh)
+    return mesh
 
 
 def _place(what: str, value: object) -> FloatArray:
@@ -192,9 +192,9 @@ def _along(beam: Beam, places: Mapping[str, FloatArray], s: NDArray[np.floating]
     return centre + radius * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
 
 
-def _check_nodes(layout: Layout) -> None:
+def _check_nodes(mesh: FrameMesh) -> None:
     """Refuse nodes in one place, names that stand for two, and a frame in pieces."""
-    x, names = layout.x, layout.names
+    x, names = mesh.x, mesh.names
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
     pairs = cKDTree(x).query_pairs(_SAME_PLACE * size, output_type="ndarray")
     if len(pairs) > 0:
@@ -206,7 +206,7 @@ def _check_nodes(layout: Layout) -> None:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise MeshError(f"a point is called {twice!r}, as a node inside a beam is; choose another name")
-    links = coo_array((np.ones(len(layout.elements)), tuple(layout.elements.T)), shape=(len(x),) * 2)
+    links = coo_array((np.ones(len(mesh.elements)), tuple(mesh.elements.T)), shape=(len(x),) * 2)
     count, piece = connected_components(links, directed=False)
     if count > 1:
         apart = names[int(np.flatnonzero(piece != piece[0])[0])]

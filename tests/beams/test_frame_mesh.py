@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexmbd.beams.layout import lay_out
+from flexmbd.beams.frame_mesh import mesh_frame
 from flexmbd.errors import MeshError
 
 SQUARE = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (1, 1, 0), "d": (0, 1, 0)}
@@ -11,7 +11,7 @@ SQUARE = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (1, 1, 0), "d": (0, 1, 0)}
 
 def test_nodes_of_a_frame():
     beams = {"rim": [("a", "b"), ("b", "c")], "tie": [("a", "d")], "stay": [("c", "d")]}
-    frame = lay_out(SQUARE, beams, divisions={"rim": 2, "tie": 3, "stay": 1})
+    frame = mesh_frame(SQUARE, beams, divisions={"rim": 2, "tie": 3, "stay": 1})
     assert frame.names == ("a", "b", "c", "d", "rim 1.1", "rim 2.1", "tie.1", "tie.2")
     assert frame.points == 4
     assert frame.x[4:] == pytest.approx(np.array([[0.5, 0, 0], [1, 0.5, 0], [0, 1 / 3, 0], [0, 2 / 3, 0]]))
@@ -29,7 +29,7 @@ def test_an_arc_goes_through_its_place(turn):
     def at(angle):
         return centre + 2 * (np.cos(angle) * first + np.sin(angle) * second)
 
-    frame = lay_out({"a": at(0), "b": at(turn)}, {"arc": [("a", at(0.3 * turn), "b")]}, divisions=5)
+    frame = mesh_frame({"a": at(0), "b": at(turn)}, {"arc": [("a", at(0.3 * turn), "b")]}, divisions=5)
     assert frame.x == pytest.approx(np.array([at(turn * part) for part in (0, 1, 0.2, 0.4, 0.6, 0.8)]))
     assert frame.middles == pytest.approx(np.array([at(turn * (k + 0.5) / 5) for k in range(5)]))
 
@@ -59,4 +59,4 @@ def test_an_arc_goes_through_its_place(turn):
 )
 def test_frames_that_are_none(points, beams, divisions, message):
     with pytest.raises(MeshError, match=message):
-        lay_out(points, {"g": beams}, divisions=divisions)
+        mesh_frame(points, {"g": beams}, divisions=divisions)
