@@ -42,6 +42,7 @@ from flexmbd.multibody.kernels.reading.motion import joint_turn
 from flexmbd.multibody.kernels.reading.rows import is_driven
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import row_sizes
 
 FloatArray = NDArray[np.float64]
 
@@ -99,7 +100,7 @@ class EnergyMomentum:
         """See ``integrate.protocol.Integrator``."""
         plan = scene.plan
         stored = storing_plan(plan)
-        scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored))
+        scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
         loops = new_loops(plan, state)
         bind(plan, stored, work, loops, state, groups, scratch)
 

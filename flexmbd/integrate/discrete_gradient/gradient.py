@@ -59,6 +59,7 @@ class Scratch(NamedTuple):
     nu, unloaded: (m,) multipliers of the step; zeros.
     phi, rate, rate2: (m,) residuals of the constraint rows and their derivatives.
     row_end: (m, 2) what prescribes a row and its rate, at the end.  nu_end: (m,) multipliers there.
+    row_size: (m,) full size of each row's residual, m or rad.
     unknown, equation: (free + m,) u and nu h / 2; the step's equations times h / 2, and residuals over h.
     matrix: (free + m, free + m) factors of the iteration matrix.  floor: (1,) what round-off makes of a correction.
     full: (nv, nv) tangent, or the mass matrix.  mass: (free, free) its factors.  right: (1, free) and
@@ -95,6 +96,7 @@ class Scratch(NamedTuple):
     rate: FloatArray
     rate2: FloatArray
     row_end: FloatArray
+    row_size: FloatArray
     nu_end: FloatArray
     unknown: FloatArray
     equation: FloatArray
@@ -123,7 +125,9 @@ class Scratch(NamedTuple):
     tangent: TangentWork
 
 
-def new_scratch(plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray) -> Scratch:
+def new_scratch(
+    plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray, row_size: FloatArray
+) -> Scratch:
     """Allocate the work arrays of a step for ``plan``."""
     zeros = np.zeros
     free, bodies, m = len(plan.free), len(plan.tree), len(plan.rows)
@@ -161,6 +165,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray)
         rate=zeros(m),
         rate2=zeros(m),
         row_end=zeros((m, 2)),
+        row_size=row_size,
         nu_end=zeros(m),
         unknown=zeros(n),
         equation=zeros(n),

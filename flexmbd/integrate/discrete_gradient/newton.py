@@ -130,7 +130,8 @@ def _probe_round_off(plan, state, groups, s, h):
     """Write ``s.floor``: the size of the corrections that rounding of the summed terms causes.
 
     Terms: momenta, of which neighbours may cancel, as large as |p_k| <= (M_kk p.v)^(1/2); what `_stiff_forces` left;
-    reactions; in rows, lengths of the machine's size over the step.
+    reactions; in rows, over the step, the lengths or angles that a residual is a difference of, however little the row
+    moves with a coordinate, and what the rounding of the coordinates themselves adds.
     """
     n = plan.free.shape[0]
     p = state.memory[MOMENTUM]
@@ -147,6 +148,8 @@ def _probe_round_off(plan, state, groups, s, h):
                 for j in range(s.nu.shape[0]):
                     size += abs(s.tangent.jacobian[j, k] * s.unknown[n + j])
             else:
+                if holds_position(plan.rows[i - n]):
+                    size = s.row_size[i - n] / h
                 for j in range(n):
                     k = plan.free[j]
                     size += abs(s.tangent.jacobian[i - n, k]) * groups.full[groups.of[k]] / h
