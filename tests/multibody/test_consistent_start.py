@@ -322,3 +322,36 @@ def test_rates_of_a_machine_at_rest_are_round_off(gravity):
         else:
             with pytest.raises(SceneError, match="contradict"):
                 scene.start()
+
+
+@pytest.mark.parametrize(("rate", "told"), [(1e-3, True), (1e-30, False)])
+def test_rates_at_rest_are_round_off_beside_those_that_gravity_gives(rate, told):
+    scene, (crank, coupler, rocker) = four_bar(
+        coupler=fm.RigidBody(0.3, (1e-4, 4e-3, 4e-3), com=(0.2, 0, 0)), gravity=10.0
+    )
+    for joint, angle in zip((crank, coupler, rocker), assembled(ANGLE), strict=True):
+        joint.position = angle
+    crank.velocity = rate
+    moved = {name for name, _, _ in scene.start().moved if name.startswith("rate of")}
+    assert moved == ({"rate of j2.angle", "rate of j4.angle"} if told else set())
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("rate", "leads_out"), [(0.0, False), (0.5, True)])
+def test_a_rod_across_its_slide_starts_from_rest(rate, leads_out, seed):
+    """The rod's row has no hold on the slide: at rest nothing opens it but the rounding of gravity."""
+    random = np.random.default_rng(seed)
+    turn, skew = Rotation.from_rotvec(random.uniform(-2.0, 2.0, (2, 3))).as_matrix()
+    p = random.uniform(-1.0, 1.0, 3)
+    foot = np.array([-0.4375, -0.4375, 0.25])
+    scene = fm.System(gravity=(-8.75, 10.0, 7.5))
+    carriage = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="carriage")
+    slide = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(p=foot, R=turn), carriage.frame(p=p, R=skew))
+    rod = scene.ground.frame(p=foot + turn @ [0.3, 0.225, 1.0])
+    scene.connect(fm.joint.Distance(0.375), carriage.frame(p=p), rod)
+    slide.position, slide.velocity = 1.0, rate
+    if leads_out:
+        with pytest.raises(SceneError, match="lead out of the loops at once"):
+            scene.start()
+    else:
+        assert scene.start().v == pytest.approx(0.0, abs=1e-15)

@@ -41,7 +41,7 @@ _WORTH = 0.5  # a more intrusive stage must close more than this share of what t
 _STILL = 1e-6  # of what is open: smaller steps than this close no more of it
 _ASIDE = 0.2  # how far (of each coordinate's size) it is tried from beside the wanted configuration
 _TRIALS = 5  # how often
-_SAME_RATE = 1e-13  # of the machine's rates: round-off
+SAME_RATE = 1e-13  #: of the machine's rates: round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +244,7 @@ def match_velocities(
     rate = max(_largest(v / size), _largest(gap))  # 1/s, the machine's
     change: FloatArray = np.zeros(scene.nv)
     for stage in _stages(scene, held, np.ones(scene.nv) * (modal_stiffness(scene) > 0.0)):
-        if _largest(gap) <= _SAME_RATE * rate:
+        if _largest(gap) <= SAME_RATE * rate:
             break
         if given.velocities and (stage.movable & held).any():
             continue
@@ -254,7 +254,7 @@ def match_velocities(
         left = gap + slopes @ step
         if _largest(left) < _WORTH * _largest(gap):
             change, gap = change + step, left
-    if _largest(gap) <= CLOSED * rate or _largest(gap) <= _SAME_RATE * _own_rate(scene, work, x):
+    if _largest(gap) <= CLOSED * rate or _largest(gap) <= SAME_RATE * own_rate(scene, work, x):
         return v + change
     if given.velocities:
         near = match_velocities(scene, work, x, v, held)
@@ -268,7 +268,7 @@ def match_velocities(
     )
 
 
-def _own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
+def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
     """1/s: the rate that the machine's forces and motions give it from rest within a coordinate's full size.
 
     Beside it the rates of a machine at rest are round-off, whatever they are to each other.

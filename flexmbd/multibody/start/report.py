@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
-from flexmbd.multibody.start.loop_closing import CLOSED
+from flexmbd.multibody.start.loop_closing import CLOSED, own_rate
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -74,18 +74,28 @@ def tell_strain(
 
 
 def tell_moved(
-    scene: CompiledScene, x: FloatArray, x_new: FloatArray, v: FloatArray, v_new: FloatArray, held: Mask
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    x_new: FloatArray,
+    v: FloatArray,
+    v_new: FloatArray,
+    *,
+    held: Mask,
 ) -> tuple[tuple[str, float, float], ...]:
-    """(coordinate, from, to) of positions, then of velocities; ``held`` (nv,): those set by the user."""
+    """(coordinate, from, to) of positions, then of velocities; ``held`` (nv,): those set by the user.
+
+    Changes of velocities count beside the machine's own rate as well: at rest all of them are round-off.
+    """
     old, new = coordinate_values(scene, x), coordinate_values(scene, x_new)
     size = coordinate_sizes(scene)
     enough = np.where(held, _SET, CLOSED) * size
     rate = float(np.abs(np.concatenate([v / size, v_new / size])).max(initial=0.0))
     told = [(scene.velocity_names[k], k, old, new) for k in np.flatnonzero(np.abs(new - old) > enough)]
-    told += [
-        (f"rate of {scene.velocity_names[k]}", k, v, v_new)
-        for k in np.flatnonzero(np.abs(v_new - v) > _SET * size * rate)
-    ]
+    changes = np.abs(v_new - v) / size
+    if (changes > _SET * rate).any():
+        rate = max(rate, own_rate(scene, work, x_new))
+    told += [(f"rate of {scene.velocity_names[k]}", k, v, v_new) for k in np.flatnonzero(changes > _SET * rate)]
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
 
 

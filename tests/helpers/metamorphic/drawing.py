@@ -238,7 +238,8 @@ def _matched(machine, tree, charts, state):
     movable = jacobian[:, free]
     assume(movable.size)
     u, sizes, vt = np.linalg.svd(movable, full_matrices=False)
-    largest = max(np.linalg.norm(jacobian, 2), 1e-300)
+    # the rows are of unit length for twists in rad/s and m/s: where all are far below that, they are round-off
+    largest = max(np.linalg.norm(jacobian, 2), INDEPENDENT)
     shares = sizes / largest
     held = shares > INDEPENDENT
     assume(not ((shares > DEPENDENT) & ~held).any())
