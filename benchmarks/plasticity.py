@@ -143,7 +143,7 @@ def ring(divisions, *, form, hardening, means=True):
     if form is solid_linear:
         p = form.Parameters(**elastic)
     else:
-        p = form.Parameters(**elastic, yield_stress=case.YIELD, hardening=j2.Linear(hardening))
+        p = form.Parameters(**elastic, yield_stress=case.YIELD, hardening=j2.LinearHardening(hardening))
     return NonlinearModel(mesh, form, p, degree=1, cell_means=means)
 
 

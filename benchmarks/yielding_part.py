@@ -41,7 +41,7 @@ MODES, STEP = 8, 2.5e-4
 
 STEEL = forms.solid_linear.Parameters(E=MODULUS, nu=RATIO, rho=DENSITY)
 YIELDING = forms.hencky_plasticity.Parameters(
-    E=MODULUS, nu=RATIO, rho=DENSITY, yield_stress=YIELD, hardening=forms.j2_plasticity.Linear(2e8)
+    E=MODULUS, nu=RATIO, rho=DENSITY, yield_stress=YIELD, hardening=forms.j2_plasticity.LinearHardening(2e8)
 )
 ENDS = ("x_min", "x_max")
 

@@ -51,7 +51,7 @@ def say(text: str = "") -> None:
 # ## The tube in the machine
 
 steel = forms.updated_lagrangian.Parameters(
-    E=2.1e11, nu=0.3, rho=7850.0, yield_stress=2.5e8, hardening=forms.j2_plasticity.Linear(8e8)
+    E=2.1e11, nu=0.3, rho=7850.0, yield_stress=2.5e8, hardening=forms.j2_plasticity.LinearHardening(8e8)
 )
 mesh = meshes.crash_tube(WIDTH, WALL, LENGTH, divisions=DIVISIONS, fold=0.022, dent=5e-4, comm=comm)
 solid = NonlinearModel(mesh, forms.updated_lagrangian, steel, degree=1, interfaces=[Interface("z_max")])

@@ -46,7 +46,7 @@ def say(text: str = "") -> None:
 # Bricks, four over the height; where the hinge is the solution finds. The means of cells keep them from locking.
 
 steel = forms.hencky_plasticity.Parameters(
-    E=MODULUS, nu=0.3, rho=DENSITY, yield_stress=YIELD, hardening=forms.j2_plasticity.Linear(50e6)
+    E=MODULUS, nu=0.3, rho=DENSITY, yield_stress=YIELD, hardening=forms.j2_plasticity.LinearHardening(50e6)
 )
 mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(20, 1, 4), comm=comm)
 ends = [Interface("x_min"), Interface("x_max")]

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from flexmbd import meshes
 from flexmbd.continuum import ExplicitRun, NonlinearModel, RigidPlane, Support
 from flexmbd.forms import hencky_plasticity
-from flexmbd.forms.j2_plasticity import Linear
+from flexmbd.forms.j2_plasticity import LinearHardening
 
 LENGTH, RADIUS, SPEED = 32.4e-3, 3.2e-3, 227.0  # m, m, m/s
 END = 80e-6  # s
@@ -50,7 +50,9 @@ def largest(values: np.ndarray) -> float:
 # The wall stops the nodes that reach it, exactly; what kinetic energy the foot's layer of nodes had is lost at once,
 # and the account calls it contact.
 
-copper = hencky_plasticity.Parameters(E=117e9, nu=0.35, rho=8930.0, yield_stress=0.4e9, hardening=Linear(0.1e9))
+copper = hencky_plasticity.Parameters(
+    E=117e9, nu=0.35, rho=8930.0, yield_stress=0.4e9, hardening=LinearHardening(0.1e9)
+)
 mesh = meshes.round_bar(RADIUS, LENGTH, divisions=DIVISIONS, comm=comm)
 rod = NonlinearModel(mesh, hencky_plasticity, copper, degree=1)
 run = ExplicitRun(

@@ -6,7 +6,7 @@ No formulation: a name that begins with an underscore is none.  Forms alone impo
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import basix.ufl
 import ufl
@@ -98,6 +98,47 @@ class IsotropicElastic:
 
     def _check_nu(self) -> None:
         check_poisson(self.nu)
+
+
+def shear_modulus(p: Any) -> Expr:
+    """Shear modulus, Pa, of a material with E and nu."""
+    return p.E / (2 * (1 + p.nu))
+
+
+def bulk_modulus(p: Any) -> Expr:
+    """Bulk modulus, Pa, of a material with E and nu."""
+    return p.E / (3 * (1 - 2 * p.nu))
+
+
+def small_strain_stress(u: Expr, p: Any) -> Expr:
+    """Stress, Pa, 3 x 3, of the isotropic small-strain solid at the displacement u; nu below 1/2."""
+    strain = ufl.sym(ufl.grad(u))
+    return 2 * shear_modulus(p) * ufl.dev(strain) + bulk_modulus(p) * ufl.tr(strain) * ufl.Identity(3)
+
+
+@dataclass(frozen=True)
+class IncompressibleReference:
+    """A static problem on the unit cube whose exact displacement is known, and in which elements that lock do lock.
+
+    The volume strain is of the order of 1 - 2 nu, so that pressure and shear stress are of one size.
+
+    Attributes:
+        parameters: the material.
+    """
+
+    parameters: IsotropicElastic
+
+    def displacement(self, x: Expr) -> Expr:
+        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
+        s = [ufl.sin(ufl.pi * x[i] / 2) for i in range(3)]
+        c = [ufl.cos(ufl.pi * x[i] / 2) for i in range(3)]
+        isochoric = ufl.as_vector((s[0] * c[1] * c[2], c[0] * s[1] * c[2], -2 * c[0] * c[1] * s[2]))
+        rest = ufl.as_vector((s[0] * c[1] * s[2], c[0] * c[1] * s[2], s[0] * s[1] * c[2]))
+        return 1e-3 * (isochoric + (1 - 2 * self.parameters.nu) * rest)
+
+    def body_force(self, x: Expr) -> Expr:
+        """Body force, N/m^3, with which it is in equilibrium at small strain."""
+        return -ufl.div(small_strain_stress(self.displacement(x), self.parameters))
 
 
 def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:

@@ -36,7 +36,7 @@ import ufl
 from flexmbd.forms import j2_plasticity
 from flexmbd.forms.j2_plasticity import (
     Expr,
-    Linear,
+    LinearHardening,
     Quadrature,
     Terms,
     bulk_modulus,
@@ -46,7 +46,7 @@ from flexmbd.forms.j2_plasticity import (
     tensor,
 )
 from flexmbd.forms.j2_plasticity import local_unknowns as local_unknowns
-from flexmbd.forms.j2_plasticity import raised_yield as raised_yield
+from flexmbd.forms.j2_plasticity import scaled_yield as scaled_yield
 from flexmbd.forms.solid_linear import element as element
 from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
 from flexmbd.forms.solid_linear import rigid_motion as rigid_motion
@@ -156,7 +156,7 @@ def energies(
 
 def reference() -> Reference:
     """A steel below first yield."""
-    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12, hardening=Linear(1.0e9)))
+    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12, hardening=LinearHardening(1.0e9)))
 
 
 def logarithm(b: Expr) -> Expr:

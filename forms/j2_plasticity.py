@@ -23,14 +23,21 @@ References: Simo & Hughes 1998, Computational Inelasticity, box 3.2 (return); Na
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import ufl
 
 from flexmbd.forms import solid_linear
+from flexmbd.forms._hardening import Hardening as Hardening
+from flexmbd.forms._hardening import LinearHardening as LinearHardening
+from flexmbd.forms._hardening import TabulatedHardening as TabulatedHardening
+from flexmbd.forms._hardening import VoceHardening as VoceHardening
+from flexmbd.forms._hardening import check_yield
 from flexmbd.forms._shared import Expr as Expr
 from flexmbd.forms._shared import Terms as Terms
+from flexmbd.forms._shared import bulk_modulus as bulk_modulus
+from flexmbd.forms._shared import shear_modulus as shear_modulus
 from flexmbd.forms._shared import take_numbers
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import element as element
@@ -47,135 +54,6 @@ REFERENCE = "INITIAL"
 
 # A stress below this part of the yield stress has no direction.
 _NO_STRESS = 1e-10
-
-
-class Hardening(Protocol):
-    """How the yield stress grows over its first value with the accumulated plastic strain."""
-
-    def growth(self, alpha: Expr) -> Expr:
-        """Growth, Pa, at the accumulated plastic strain alpha (dimensionless); zero at alpha = 0."""
-
-    def work(self, alpha: Expr) -> Expr:
-        """Integral of `growth` from 0 to alpha, J/m^3."""
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Linear hardening: growth = modulus * alpha.
-
-    Attributes:
-        modulus: plastic modulus H of a uniaxial test (stress over plastic strain), Pa, at least 0.
-
-    Raises:
-        ValueError: the modulus is not finite, or below zero.
-    """
-
-    modulus: float = 0.0
-
-    def __post_init__(self) -> None:
-        take_numbers(self)
-        if not 0.0 <= self.modulus < float("inf"):
-            raise ValueError(f"the plastic modulus must be finite and at least 0 (Pa), got {self.modulus}")
-
-    def growth(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        return self.modulus * alpha
-
-    def work(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        return self.modulus / 2 * alpha**2
-
-
-@dataclass(frozen=True)
-class Voce:
-    """Saturating hardening: growth = saturation (1 - exp(-rate alpha)) + modulus alpha (Voce 1948).
-
-    Attributes:
-        saturation: what the exponential part ends at, Pa, at least 0.
-        rate: of the exponential, dimensionless, > 0.
-        modulus: of the linear part, Pa, at least 0.
-
-    Raises:
-        ValueError: a value is not a finite number inside its range.
-    """
-
-    saturation: float
-    rate: float
-    modulus: float = 0.0
-
-    def __post_init__(self) -> None:
-        take_numbers(self)
-        for name, value in (("saturation", self.saturation), ("modulus", self.modulus)):
-            if not 0.0 <= value < float("inf"):
-                raise ValueError(f"{name} must be finite and at least 0 (Pa), got {value}")
-        if not 0.0 < self.rate < float("inf"):
-            raise ValueError(f"rate must be positive and finite, got {self.rate}")
-
-    def growth(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        return self.saturation * (1 - ufl.exp(-self.rate * alpha)) + self.modulus * alpha
-
-    def work(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        decay = (1 - ufl.exp(-self.rate * alpha)) / self.rate
-        return self.saturation * (alpha - decay) + self.modulus / 2 * alpha**2
-
-
-@dataclass(frozen=True)
-class Table:
-    """Hardening read from the curve of a uniaxial test: linear between its points, constant behind.
-
-    Attributes:
-        plastic_strain: (n,) of the points, ascending from 0.
-        stress: (n,) Pa, true stress at them, not falling; the first is the yield stress.
-
-    Raises:
-        ValueError: fewer than two points, or a curve that is no function, does not begin at zero
-            plastic strain, or falls.
-    """
-
-    plastic_strain: tuple[float, ...]
-    stress: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            values = tuple(float(value) for value in getattr(self, item.name))
-            if not all(abs(value) < float("inf") for value in values):
-                raise ValueError(f"{item.name} of the hardening table must be finite, got {values}")
-            object.__setattr__(self, item.name, values)
-        strain, stress = self.plastic_strain, self.stress
-        if len(strain) != len(stress) or len(strain) < 2:
-            raise ValueError(
-                "the hardening table needs two points or more, with a stress for every plastic strain; "
-                f"got {len(strain)} strains and {len(stress)} stresses"
-            )
-        if strain[0] != 0.0:
-            raise ValueError(f"the hardening table must begin at plastic strain 0, not at {strain[0]}")
-        for k in range(1, len(strain)):
-            if not strain[k] > strain[k - 1]:
-                raise ValueError(
-                    f"the hardening table is no function: plastic strain {strain[k]} follows {strain[k - 1]}"
-                )
-            if not stress[k] >= stress[k - 1]:
-                raise ValueError(
-                    f"the hardening table falls from {stress[k - 1]} to {stress[k]} Pa at plastic strain "
-                    f"{strain[k]}: softening has no unique solution"
-                )
-
-    def growth(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        return sum(bend * ufl.max_value(alpha - start, 0.0) for start, bend in self._bends())
-
-    def work(self, alpha: Expr) -> Expr:
-        """See `Hardening`."""
-        return sum(bend / 2 * ufl.max_value(alpha - start, 0.0) ** 2 for start, bend in self._bends())
-
-    def _bends(self) -> list[tuple[Expr, Expr]]:
-        """Where the curve bends, and by how much its slope changes there."""
-        strain, stress, n = self.plastic_strain, self.stress, len(self.stress)
-        slopes = [(stress[k + 1] - stress[k]) / (strain[k + 1] - strain[k]) for k in range(n - 1)]
-        changes = [slopes[0], *(slopes[k] - slopes[k - 1] for k in range(1, n - 1)), -slopes[-1]]
-        return [(strain[k], changes[k]) for k in range(n)]
 
 
 @dataclass(frozen=True)
@@ -198,7 +76,7 @@ class IsotropicPlasticity:
     nu: float
     rho: float
     yield_stress: float
-    hardening: Hardening = field(default_factory=Linear)
+    hardening: Hardening = field(default_factory=LinearHardening)
 
     def __post_init__(self) -> None:
         take_numbers(self)
@@ -225,21 +103,6 @@ class Parameters(IsotropicPlasticity):
             raise ValueError(f"kinematic_modulus must be finite and at least 0 (Pa), got {self.kinematic_modulus}")
 
 
-def check_yield(yield_stress: float, hardening: Hardening) -> None:
-    """Refuse a yield stress, or a hardening that does not go with it.
-
-    Raises:
-        ValueError: not positive and finite, no hardening, or a table that begins elsewhere.
-    """
-    if not 0.0 < yield_stress < float("inf"):
-        raise ValueError(f"yield_stress must be positive and finite (Pa), got {yield_stress}")
-    if not (hasattr(hardening, "growth") and hasattr(hardening, "work")):
-        raise ValueError(f"hardening must be Linear(...), Voce(...), Table(...) or the like, got {hardening!r}")
-    first = hardening.stress[0] if isinstance(hardening, Table) else yield_stress
-    if abs(first - yield_stress) > 1e-9 * yield_stress:
-        raise ValueError(f"the hardening table begins at {first} Pa and not at the yield stress, {yield_stress} Pa")
-
-
 @dataclass(frozen=True)
 class Reference:
     """The elastic problem of `solid_linear`, below first yield.
@@ -262,7 +125,7 @@ class Reference:
     def yielding(self) -> tuple[Any, ...]:
         """Materials that yield at a strain of a thousandth: with linear hardening, and with a curve."""
         p = self.parameters
-        laws = Linear(p.E / 50), Voce(p.E / 2000, 50.0)
+        laws = LinearHardening(p.E / 50), VoceHardening(p.E / 2000, 50.0)
         return tuple(replace(p, yield_stress=p.E / 1000, hardening=law) for law in laws)
 
     def _elastic(self) -> solid_linear.Reference:
@@ -277,14 +140,14 @@ def state(p: Parameters) -> Expr:
 
 def local_unknowns(p: Parameters) -> float | None:
     """The increment of the accumulated plastic strain to begin with; None where it is closed."""
-    return None if isinstance(p.hardening, Linear) else 0.0
+    return None if isinstance(p.hardening, LinearHardening) else 0.0
 
 
-def raised_yield(p: Any, factor: float) -> Any:
+def scaled_yield(p: Any, factor: float) -> Any:
     """The same material with its first yield stress `factor` times as high: of this form and others."""
     more = (factor - 1) * p.yield_stress
     law = p.hardening
-    if isinstance(law, Table):
+    if isinstance(law, TabulatedHardening):
         law = replace(law, stress=tuple(stress + more for stress in law.stress))
     return replace(p, yield_stress=p.yield_stress + more, hardening=law)
 
@@ -355,7 +218,7 @@ def energies(
 
 def reference() -> Reference:
     """A steel below first yield."""
-    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12, hardening=Linear(1.0e9)))
+    return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=1.0e12, hardening=LinearHardening(1.0e9)))
 
 
 def rule(u: Expr) -> Quadrature:
@@ -429,13 +292,3 @@ def _return(
     mu = shear_modulus(p)
     elastic = ufl.dev(ufl.sym(ufl.grad(u))) - tensor(state)
     return 2 * mu * (elastic - growth * flow), flow, growth
-
-
-def shear_modulus(p: Any) -> Expr:
-    """Shear modulus, Pa."""
-    return p.E / (2 * (1 + p.nu))
-
-
-def bulk_modulus(p: Any) -> Expr:
-    """Bulk modulus, Pa."""
-    return p.E / (3 * (1 - 2 * p.nu))

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import basix.ufl
 import ufl
 
-from flexmbd.forms._shared import IsotropicElastic, is_tetrahedron
+from flexmbd.forms._shared import IncompressibleReference, IsotropicElastic, is_tetrahedron, shear_modulus
 from flexmbd.forms._shared import Quadrature as Quadrature
 
 CELLS = ("tetrahedron", "hexahedron")
@@ -48,33 +48,6 @@ class Parameters(IsotropicElastic):
             raise ValueError(f"Poisson's ratio nu must be above -1 and at most 0.5, got {self.nu}")
 
 
-@dataclass(frozen=True)
-class Reference:
-    """A static problem on the unit cube whose exact displacement is known; it locks where it can.
-
-    Its volume changes by a part of the order of 1 - 2 nu, so that pressure and shear are of one size.
-
-    Attributes:
-        parameters: the material.
-    """
-
-    parameters: Parameters
-
-    def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
-        s = [ufl.sin(ufl.pi * x[i] / 2) for i in range(3)]
-        c = [ufl.cos(ufl.pi * x[i] / 2) for i in range(3)]
-        isochoric = ufl.as_vector(
-            (s[0] * c[1] * c[2], c[0] * s[1] * c[2], -2 * c[0] * c[1] * s[2])
-        )
-        rest = ufl.as_vector((s[0] * c[1] * s[2], c[0] * c[1] * s[2], s[0] * s[1] * c[2]))
-        return 1e-3 * (isochoric + (1 - 2 * self.parameters.nu) * rest)
-
-    def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Body force, N/m^3, with which it is in equilibrium at small strain."""
-        return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
-
-
 def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
     """Vector Lagrange element for the displacement, and one degree lower one for the pressure."""
     displacement = basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
@@ -89,7 +62,7 @@ def strain_energy(
 
     The rule integrates the stiffness at rest exactly on straight cells.
     """
-    mu = p.E / (2 * (1 + p.nu))
+    mu = shear_modulus(p)
     displacement, pi = ufl.split(u)
     h = ufl.grad(displacement)
     jacobian = ufl.det(ufl.Identity(3) + h)
@@ -125,20 +98,13 @@ def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.E
     The displacement is that relative to the body frame; `state` is None, the solid has no history.
     """
     displacement, pi = ufl.split(u)
-    mu = p.E / (2 * (1 + p.nu))
+    mu = shear_modulus(p)
     return 2 * mu * ufl.dev(ufl.sym(ufl.grad(displacement))) + mu * pi * ufl.Identity(3)
 
 
-def reference() -> Reference:
+def reference() -> IncompressibleReference:
     """A static problem of a rubber."""
-    return Reference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
-
-
-def _small_strain_stress(u: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
-    """Of the displacement u alone, for nu below 1/2."""
-    strain = ufl.sym(ufl.grad(u))
-    bulk = p.E / (3 * (1 - 2 * p.nu)) * ufl.tr(strain)
-    return p.E / (1 + p.nu) * ufl.dev(strain) + bulk * ufl.Identity(3)
+    return IncompressibleReference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
 
 
 def _degree(u: ufl.core.expr.Expr) -> int:

@@ -27,7 +27,13 @@ from dataclasses import dataclass
 
 import ufl
 
-from flexmbd.forms._shared import IsotropicElastic
+from flexmbd.forms._shared import (
+    IncompressibleReference,
+    IsotropicElastic,
+    bulk_modulus,
+    shear_modulus,
+    small_strain_stress,
+)
 from flexmbd.forms._shared import Quadrature as Quadrature
 from flexmbd.forms._shared import element as element
 from flexmbd.forms._shared import rigid_motion as rigid_motion
@@ -46,33 +52,6 @@ class Parameters(IsotropicElastic):
     """The material of this form: `IsotropicElastic`, with nu up to 0.4999, say."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """A static problem on the unit cube whose exact displacement is known; it locks where it can.
-
-    Its volume changes by a part of the order of 1 - 2 nu, so that pressure and shear are of one size.
-
-    Attributes:
-        parameters: the material.
-    """
-
-    parameters: Parameters
-
-    def displacement(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Exact displacement, m, at the point x; prescribed on the whole boundary."""
-        s = [ufl.sin(ufl.pi * x[i] / 2) for i in range(3)]
-        c = [ufl.cos(ufl.pi * x[i] / 2) for i in range(3)]
-        isochoric = ufl.as_vector(
-            (s[0] * c[1] * c[2], c[0] * s[1] * c[2], -2 * c[0] * c[1] * s[2])
-        )
-        rest = ufl.as_vector((s[0] * c[1] * s[2], c[0] * c[1] * s[2], s[0] * s[1] * c[2]))
-        return 1e-3 * (isochoric + (1 - 2 * self.parameters.nu) * rest)
-
-    def body_force(self, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Body force, N/m^3, with which it is in equilibrium at small strain."""
-        return -ufl.div(_small_strain_stress(self.displacement(x), self.parameters))
-
-
 def strain_energy(
     u: ufl.core.expr.Expr, p: Parameters
 ) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:
@@ -80,7 +59,7 @@ def strain_energy(
 
     The full rule integrates the stiffness at rest exactly on straight cells.
     """
-    mu, kappa = _moduli(p)
+    mu, kappa = shear_modulus(p), bulk_modulus(p)
     jacobian, excess = _volume_and_length(u)
     isochoric = mu / 2 * (jacobian ** (-2 / 3) * (excess + 3) - 3)
     volumetric = kappa / 2 * (jacobian - 1) ** 2
@@ -103,26 +82,15 @@ def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.E
     The pressure is meaningful at the points of the reduced rule only. The displacement is that
     relative to the body frame; `state` is None, the solid has no history.
     """
-    return _small_strain_stress(u, p)
+    return small_strain_stress(u, p)
 
 
-def reference() -> Reference:
+def reference() -> IncompressibleReference:
     """A static problem of a rubber."""
-    return Reference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
-
-
-def _moduli(p: Parameters) -> tuple[float, float]:
-    """Shear and bulk modulus, Pa."""
-    return p.E / (2 * (1 + p.nu)), p.E / (3 * (1 - 2 * p.nu))
+    return IncompressibleReference(Parameters(E=2.0e6, nu=0.4999, rho=1100.0))
 
 
 def _volume_and_length(u: ufl.core.expr.Expr) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
     """det F, and tr(F^T F) - 3 from H rather than F: no cancellation at small strain."""
     h = ufl.grad(u)
     return ufl.det(ufl.Identity(3) + h), 2 * ufl.tr(h) + ufl.inner(h, h)
-
-
-def _small_strain_stress(u: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
-    strain = ufl.sym(ufl.grad(u))
-    mu, kappa = _moduli(p)
-    return 2 * mu * ufl.dev(strain) + kappa * ufl.tr(strain) * ufl.Identity(3)

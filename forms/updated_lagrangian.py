@@ -50,7 +50,7 @@ from flexmbd.forms.j2_plasticity import (
     tensor,
 )
 from flexmbd.forms.j2_plasticity import local_unknowns as local_unknowns
-from flexmbd.forms.j2_plasticity import raised_yield as raised_yield
+from flexmbd.forms.j2_plasticity import scaled_yield as scaled_yield
 from flexmbd.forms.solid_linear import element as element
 from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
 from flexmbd.forms.solid_linear import rigid_motion as rigid_motion

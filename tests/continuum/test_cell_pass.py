@@ -41,7 +41,7 @@ def skipping():
 def moved(form, law=None, *, cell="hexahedron"):
     """A bent block that yields, its trial displacement set, and its one group's history."""
     mesh = meshes.block(1.0, 0.5, 0.5, divisions=(3, 2, 2), cell=cell, comm=MPI.COMM_SELF)
-    p = j2.Parameters(**STEEL, hardening=law or j2.Linear(2e9))
+    p = j2.Parameters(**STEEL, hardening=law or j2.LinearHardening(2e9))
     if form is hencky:
         p = hencky.Parameters(**STEEL, hardening=p.hardening)
     body = NonlinearModel(mesh, form, p, degree=1, cell_means=True)
@@ -67,7 +67,7 @@ def by_dolfinx(body):
 
 CASES = {
     "linear hardening": (j2, None, "hexahedron"),
-    "Voce": (j2, j2.Voce(0.1e9, 200.0), "hexahedron"),
+    "Voce": (j2, j2.VoceHardening(0.1e9, 200.0), "hexahedron"),
     "pieces apart": (skipping(), None, "tetrahedron"),
 }
 
@@ -87,7 +87,7 @@ def test_the_pass_is_what_dolfinx_assembles_and_evaluates(case):
 
 
 def test_local_unknowns_are_solved_at_every_point():
-    body, u = moved(j2, j2.Voce(0.1e9, 200.0))
+    body, u = moved(j2, j2.VoceHardening(0.1e9, 200.0))
     body.force(0.3 * u)
     (history,), (group,) = body._histories, body.groups
     lack = j2.local_residual(history._z, body._u, history._state, group.symbols)

@@ -11,7 +11,7 @@ from flexmbd.continuum import ExplicitRun, NonlinearModel, RigidPlane, Support
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
-from flexmbd.forms.j2_plasticity import Linear, Table, Voce
+from flexmbd.forms.j2_plasticity import LinearHardening, TabulatedHardening, VoceHardening
 
 
 def block(form, hardening, *, divisions=(1, 1, 1), cell="hexahedron", degree=1, E=1e6, yield_stress=1e6, size=1.0):
@@ -56,8 +56,8 @@ def test_damping_of_one_mode():
 def test_damping_of_a_falling_body():
     """v = g / c (1 - exp(-c t)), and no shorter stable step."""
     g, c = np.array([0.0, 0.0, -9.81]), 3.0
-    run = ExplicitRun(block(hencky_plasticity, Linear(1e5)), gravity=g, damping=c)
-    assert run.stable_step == ExplicitRun(block(hencky_plasticity, Linear(1e5))).stable_step
+    run = ExplicitRun(block(hencky_plasticity, LinearHardening(1e5)), gravity=g, damping=c)
+    assert run.stable_step == ExplicitRun(block(hencky_plasticity, LinearHardening(1e5))).stable_step
     account = run.simulate(2.0, outputs=4)
     v = run.motion.momentum(np.zeros(3))[:3] / run.motion.mass
     assert v == pytest.approx(g / c * (1.0 - np.exp(-2.0 * c)), rel=1e-4, abs=1e-12)
@@ -68,7 +68,7 @@ def test_damping_of_a_falling_body():
 
 def test_damping_and_contact_end_a_step_on_the_plane():
     run = ExplicitRun(
-        block(hencky_plasticity, Linear(1e5)),
+        block(hencky_plasticity, LinearHardening(1e5)),
         velocity=(0.0, 0.0, -1.0), gravity=(0.0, 0.0, -9.81), damping=20.0,
         planes=[RigidPlane((0.0, 0.0, -0.51), (0.0, 0.0, 1.0), penalty=None)],
     )  # fmt: skip
@@ -93,9 +93,9 @@ def test_contact_gives_back_what_it_took_when_the_step_changes(shares):
 
 
 CURVES = {
-    "Voce": (Voce(2e4, 30.0, 1e4), lambda a: 2e4 * (1.0 - np.exp(-30.0 * a)) + 1e4 * a),
+    "Voce": (VoceHardening(2e4, 30.0, 1e4), lambda a: 2e4 * (1.0 - np.exp(-30.0 * a)) + 1e4 * a),
     "Table": (
-        Table((0.0, 0.02, 0.05, 0.2), (2e4, 3e4, 3.5e4, 4e4)),
+        TabulatedHardening((0.0, 0.02, 0.05, 0.2), (2e4, 3e4, 3.5e4, 4e4)),
         lambda a: np.interp(a, (0.0, 0.02, 0.05, 0.2), (0.0, 1e4, 1.5e4, 2e4)),
     ),
 }
@@ -136,7 +136,7 @@ def bent(form, cell, yield_stress):
     mesh = meshes.block(1.0, 0.4, 0.5, divisions=(2, 1, 1), cell=cell, degree=2, comm=MPI.COMM_SELF)
     x = mesh.mesh.geometry.x
     x[:, 2] += 0.15 * x[:, 0] ** 2 + 0.1 * x[:, 1] * x[:, 0]
-    material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=Linear(1e5))
+    material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=LinearHardening(1e5))
     return NonlinearModel(mesh, form, material, degree=2)
 
 
@@ -182,4 +182,4 @@ def test_the_limit_of_degree_two(form, cell):
 
 def test_bad_damping():
     with pytest.raises(SceneError, match="damping must be finite and at least 0"):
-        ExplicitRun(block(hencky_plasticity, Linear(1e5)), damping=-1.0)
+        ExplicitRun(block(hencky_plasticity, LinearHardening(1e5)), damping=-1.0)

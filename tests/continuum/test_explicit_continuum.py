@@ -20,7 +20,7 @@ EXPLICIT = fm.CentralDifference()
 
 def body(form=hencky_plasticity, names=("x_max",), *, E=1e6, yield_stress=2e4, comm=MPI.COMM_SELF):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(3, 1, 1), comm=comm)
-    material = form.Parameters(E, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.Linear(1e5))
+    material = form.Parameters(E, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.LinearHardening(1e5))
     return NonlinearModel(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
 
 

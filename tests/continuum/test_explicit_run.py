@@ -23,7 +23,7 @@ def rod(n, comm=MPI.COMM_WORLD):
 
 def soft_block(form=hencky_plasticity, *, yield_stress=2e4, comm=MPI.COMM_WORLD, **options):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(4, 2, 2), comm=comm)
-    hardening = j2_plasticity.Linear(1e5)
+    hardening = j2_plasticity.LinearHardening(1e5)
     material = form.Parameters(E=1e6, nu=0.3, rho=1000.0, yield_stress=yield_stress, hardening=hardening)
     return NonlinearModel(mesh, form, material, degree=1, **options)
 

@@ -74,8 +74,8 @@ class TrialMotion:
 
 CASES = {
     "elastic": (ELASTIC, ELASTIC.Parameters(**STEEL), 5e-4),
-    "small strain": (J2, J2.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 2e-3),
-    "logarithmic": (HENCKY, HENCKY.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 2e-3),
+    "small strain": (J2, J2.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.LinearHardening(2.0e8)), 2e-3),
+    "logarithmic": (HENCKY, HENCKY.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.LinearHardening(2.0e8)), 2e-3),
 }
 
 
@@ -189,7 +189,7 @@ def test_small_strains_are_those_of_the_reduced_body(coupling):
 
 def test_account_of_a_swing_that_yields():
     form, _, _ = CASES["logarithmic"]
-    parameters = form.Parameters(**STEEL, yield_stress=0.5e6, hardening=J2.Linear(1.0e8))
+    parameters = form.Parameters(**STEEL, yield_stress=0.5e6, hardening=J2.LinearHardening(1.0e8))
     body = fm.ContinuumBody(ImplicitContinuum(bar(form, parameters)))
     _, run = swing(body, gravity=98.1)
     parts = run.energies(body)

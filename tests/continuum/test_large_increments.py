@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from flexmbd import meshes
-from flexmbd.continuum.history.nonlinear_model import LargeIncrementError, NonlinearModel
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.history.trial_errors import LargeIncrementError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
 HEIGHT, BORE, OUTER = 0.02, 0.1, 0.2  # m

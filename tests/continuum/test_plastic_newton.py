@@ -20,8 +20,8 @@ from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated
 
-STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0, "yield_stress": 0.24e9, "hardening": j2.Linear(2e9)}
-LAWS = {"linear": j2.Linear(2e9), "Voce": j2.Voce(0.1e9, 200.0)}
+STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0, "yield_stress": 0.24e9, "hardening": j2.LinearHardening(2e9)}
+LAWS = {"linear": j2.LinearHardening(2e9), "Voce": j2.VoceHardening(0.1e9, 200.0)}
 
 
 def rate_tangent(body):

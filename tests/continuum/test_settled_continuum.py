@@ -144,8 +144,8 @@ def moved(motion, y):
 
 CASES = {
     "elastic": (ELASTIC, ELASTIC_STEEL, 5e-4),
-    "small strain": (J2, J2.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 1e-3),
-    "logarithmic": (HENCKY, HENCKY.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.Linear(2.0e8)), 1e-3),
+    "small strain": (J2, J2.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.LinearHardening(2.0e8)), 1e-3),
+    "logarithmic": (HENCKY, HENCKY.Parameters(**STEEL, yield_stress=1.0e6, hardening=J2.LinearHardening(2.0e8)), 1e-3),
 }
 
 
@@ -222,7 +222,7 @@ def release(t):
 
 def test_a_yielded_bar_stays_bent_and_springs_back_elastically():
     """Its state goes with the equilibrium into simulations and linear equations, whatever was done before."""
-    parameters = HENCKY.Parameters(**STEEL, yield_stress=2.0e6, hardening=J2.Linear(1.0e8))
+    parameters = HENCKY.Parameters(**STEEL, yield_stress=2.0e6, hardening=J2.LinearHardening(1.0e8))
     body = fm.ContinuumBody(bar(HENCKY, parameters))
     scene, _, tip = machine(body, force=(0.0, 0.0, lambda t: 50.0 * release(t) - 1000.0))
     eq = scene.equilibrium()

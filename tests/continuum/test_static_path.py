@@ -121,7 +121,7 @@ def test_an_increment_that_inverts_cells(form, strength):
 
     Where it flowed the updated Lagrangian form would refuse such a step before a cell is turned inside out.
     """
-    p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=strength, hardening=j2.Linear(2e9))
+    p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=strength, hardening=j2.LinearHardening(2e9))
     body = NonlinearModel(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), form, p, degree=1, cell_means=False)
     held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
     pushed = np.isin(held, held_dofs(body, {"x_max": "x"}))

@@ -6,7 +6,7 @@ from driven import Driven
 from scipy.optimize import brentq
 
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
-from flexmbd.forms.j2_plasticity import Linear, Table, Voce
+from flexmbd.forms.j2_plasticity import LinearHardening, TabulatedHardening, VoceHardening
 
 E, NU, YIELD = 200e3, 0.3, 250.0
 LEGS = (0.01, -0.01, 0.01, -0.01)
@@ -46,7 +46,7 @@ def test_a_cycle_of_small_strain(moduli):
     """To round-off with one step a leg, and as the table says; the strains across are the body's own solution."""
     isotropic, kinematic = moduli
     parameters = j2_plasticity.Parameters(
-        E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=Linear(isotropic), kinematic_modulus=kinematic
+        E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=LinearHardening(isotropic), kinematic_modulus=kinematic
     )
     brick = Driven(j2_plasticity, parameters)
     for strain, exact, *table in zip(LEGS, cycle(*moduli), *CYCLES[moduli], strict=True):
@@ -59,7 +59,8 @@ def test_a_cycle_of_small_strain(moduli):
 @pytest.mark.parametrize("isotropic", [0, 2000])
 def test_a_cycle_of_logarithmic_strain(isotropic):
     """In Kirchhoff stress and logarithmic strain the same figures."""
-    parameters = hencky_plasticity.Parameters(E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=Linear(isotropic))
+    law = LinearHardening(isotropic)
+    parameters = hencky_plasticity.Parameters(E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=law)
     brick = Driven(hencky_plasticity, parameters)
     for strain, exact in zip(LEGS, cycle(isotropic, 0), strict=True):
         stretch = brick.pull(np.exp(strain))
@@ -78,9 +79,9 @@ def test_a_pull_of_truesdells_rate():
 
 
 CURVES = {
-    "Voce": (Voce(120.0, 35.0, 400.0), lambda a: 120.0 * (1 - np.exp(-35.0 * a)) + 400.0 * a),
+    "Voce": (VoceHardening(120.0, 35.0, 400.0), lambda a: 120.0 * (1 - np.exp(-35.0 * a)) + 400.0 * a),
     "Table": (
-        Table((0.0, 0.01, 0.03, 0.1), (YIELD, 300.0, 330.0, 340.0)),
+        TabulatedHardening((0.0, 0.01, 0.03, 0.1), (YIELD, 300.0, 330.0, 340.0)),
         lambda a: np.interp(a, [0.0, 0.01, 0.03, 0.1], [0.0, 50.0, 80.0, 90.0]),
     ),
 }
@@ -119,13 +120,14 @@ def test_curved_hardening_against_the_root_of_a_scalar(form, law):
 @pytest.mark.parametrize("kinematic", [0.0, 1500.0])
 def test_elastic_and_plastic_energy_are_the_work_of_small_strain(kinematic):
     parameters = j2_plasticity.Parameters(
-        E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=Linear(2000.0), kinematic_modulus=kinematic
+        E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=LinearHardening(2000.0), kinematic_modulus=kinematic
     )
     account(Driven(j2_plasticity, parameters), lambda strain: 1 + strain)
 
 
 def test_elastic_and_plastic_energy_are_the_work_of_logarithmic_strain():
-    parameters = hencky_plasticity.Parameters(E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=Linear(2000.0))
+    law = LinearHardening(2000.0)
+    parameters = hencky_plasticity.Parameters(E=E, nu=NU, rho=1.0, yield_stress=YIELD, hardening=law)
     account(Driven(hencky_plasticity, parameters), np.exp)
 
 

@@ -19,7 +19,7 @@ ONE_CELL = [
     ('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("tetrahedron",)'),
     ("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}"),
 ]
-LAWS = "laws = Linear(p.E / 50), Voce(p.E / 2000, 50.0)"
+LAWS = "laws = LinearHardening(p.E / 50), VoceHardening(p.E / 2000, 50.0)"
 FLOW = "plastic = tensor(state) + growth * flow"
 STRESS = "return 2 * mu * (elastic - growth * flow), flow, growth"
 
@@ -79,7 +79,7 @@ def test_the_trap_fails_its_check(tmp_path, trap):
     text, changes, name, told = TRAPS[trap]
     if text is SMALL:
         # one material is enough
-        law = "Voce(p.E / 2000, 50.0)" if "ufl.diff" in changes[0][0] else "Linear(p.E / 50)"
+        law = "VoceHardening(p.E / 2000, 50.0)" if "ufl.diff" in changes[0][0] else "LinearHardening(p.E / 50)"
         changes = [*changes, (LAWS, f"laws = ({law},)")]
     form = formulation.load_form(form_file(tmp_path, text, [*ONE_CELL, *changes]))
     (check,) = (check for check in HISTORY_CHECKS if check.name == name)
@@ -92,7 +92,7 @@ def test_the_trap_fails_its_check(tmp_path, trap):
 def test_a_sheet_has_what_yields(tmp_path):
     """The lines of a form with history stand after the others; the form that is wrong says what to look for."""
     _, wrong, _, _ = TRAPS["half of the flow is remembered"]
-    changes = [*ONE_CELL, (LAWS, "laws = (Linear(p.E / 50),)"), *wrong]
+    changes = [*ONE_CELL, (LAWS, "laws = (LinearHardening(p.E / 50),)"), *wrong]
     sheet = check_form(form_file(tmp_path, SMALL, changes), comm=MPI.COMM_SELF)
     verdicts = {line.name: line.verdict for line in sheet.results}
     assert [check.name for check in HISTORY_CHECKS] == list(verdicts)[-1 - len(HISTORY_CHECKS) : -1]

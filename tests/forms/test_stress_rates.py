@@ -7,7 +7,7 @@ import pytest
 from driven import Driven, turn
 
 from flexmbd.forms import hencky_plasticity, updated_lagrangian
-from flexmbd.forms.j2_plasticity import Linear
+from flexmbd.forms.j2_plasticity import LinearHardening
 
 FORMS = {"Truesdell": updated_lagrangian, "logarithmic": hencky_plasticity}
 
@@ -35,7 +35,7 @@ def shear(gamma):
 def yielding(form):
     """E, nu, yield stress and plastic slope of the objectivity problem, MPa; hardening is H = E E_t / (E - E_t)."""
     slope = 2e5 * 2000.0 / (2e5 - 2000.0)
-    return Driven(form, form.Parameters(E=2e5, nu=0.3, rho=1.0, yield_stress=200.0, hardening=Linear(slope)))
+    return Driven(form, form.Parameters(E=2e5, nu=0.3, rho=1.0, yield_stress=200.0, hardening=LinearHardening(slope)))
 
 
 def test_truesdells_rate_in_small_steps():

@@ -11,7 +11,7 @@ from dolfinx import fem
 from driven import Driven, dense
 
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
-from flexmbd.forms.j2_plasticity import Linear
+from flexmbd.forms.j2_plasticity import LinearHardening
 
 E, NU, YIELD, H = 200e3, 0.3, 250.0, 2000.0
 FORMS = {"small": j2_plasticity, "Truesdell": updated_lagrangian, "logarithmic": hencky_plasticity}
@@ -24,7 +24,7 @@ BASE = np.array([1.0, -0.4, -0.6, 0.3, -0.7, 0.5])
 
 
 def material(form, **more):
-    values = {"E": E, "nu": NU, "rho": 1.0, "yield_stress": YIELD, "hardening": Linear(H), **more}
+    values = {"E": E, "nu": NU, "rho": 1.0, "yield_stress": YIELD, "hardening": LinearHardening(H), **more}
     return form.Parameters(**values)
 
 

@@ -42,7 +42,7 @@ TIMES = {
 
 def bar(form, comm, *, names=(), yield_stress=1e4):
     mesh = meshes.block(1.0, 0.3, 0.4, divisions=(4, 2, 2), comm=comm)
-    material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.Linear(1e5))
+    material = form.Parameters(1e6, 0.3, 1000.0, yield_stress, hardening=j2_plasticity.LinearHardening(1e5))
     return NonlinearModel(mesh, form, material, degree=1, interfaces=[Interface(name) for name in names])
 
 

@@ -18,7 +18,7 @@ from flexmbd.reduction import Keep, craig_bampton
 SIDE, YIELD = 0.02, 2.5e8
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 ELASTIC = solid_linear.Parameters(**STEEL)
-PLASTIC = hencky_plasticity.Parameters(**STEEL, yield_stress=YIELD, hardening=j2_plasticity.Linear(2e8))
+PLASTIC = hencky_plasticity.Parameters(**STEEL, yield_stress=YIELD, hardening=j2_plasticity.LinearHardening(2e8))
 ENDS = ("x_min", "x_max")
 WEIGHT, PUSH = 4.0, 5e-3
 

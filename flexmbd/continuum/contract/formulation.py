@@ -99,7 +99,7 @@ class Formulation(Protocol):
                                         exact. None: these parameters have none
         cell_mean(u, state, p)          a scalar whose mean over a cell residual, update, stress and
                                         energies take as `mean`, None for the plain form
-        raised_yield(p, factor)         parameters whose yield limits are `factor` times as high, and
+        scaled_yield(p, factor)         parameters whose yield limits are `factor` times as high, and
                                         nothing else is different; a history that never yields gives p.
                                         Asked for where a body that has yielded is linearised
         increment_size(u, state, p)     a scalar: the size of the step from the accepted history to u over the

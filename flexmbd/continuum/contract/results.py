@@ -115,7 +115,7 @@ def result_faults(
         yield f"element: {type(error).__name__}: {error}"
         return
     optional: tuple[str, ...] = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
-    optional += ("raised_yield", "increment_size")
+    optional += ("scaled_yield", "increment_size")
     names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
     for name in names:
         if name in broken or not hasattr(module, name):
@@ -249,10 +249,10 @@ def _increment_size(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     yield from _expression_faults(size, (), "the shape of a scalar")
 
 
-def _raised_yield(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
+def _scaled_yield(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
     reference = module.reference()
     for p in (reference.parameters, *getattr(reference, "yielding", ())):
-        raised = module.raised_yield(p, 2.0)
+        raised = module.scaled_yield(p, 2.0)
         if not isinstance(raised, module.Parameters):
             yield f"must return an instance of Parameters, got {type(raised).__name__}"
         elif _shapes(raised, unknown) != _shapes(p, unknown):
@@ -283,7 +283,7 @@ _CHECKS: dict[str, Callable[[ModuleType, _Unknown], Iterator[str]]] = {
     "local_residual": _local_residual,
     "cell_mean": _cell_mean,
     "energies": _energies,
-    "raised_yield": _raised_yield,
+    "scaled_yield": _scaled_yield,
     "increment_size": _increment_size,
 }
 

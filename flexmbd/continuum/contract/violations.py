@@ -28,10 +28,10 @@ _REQUIRED = {
 _ENERGIES = {"strain_energy": 2, "residual": 4}
 """Exactly one of these."""
 
-_OPTIONAL = {"cell_mean": 3, "energies": 3, "raised_yield": 2, "increment_size": 3}
+_OPTIONAL = {"cell_mean": 3, "energies": 3, "scaled_yield": 2, "increment_size": 3}
 """Callables that a form may have beside."""
 
-_OF_HISTORY = ("raised_yield", "increment_size")
+_OF_HISTORY = ("scaled_yield", "increment_size")
 """Of these, those that only forms with a history may have."""
 
 _TOGETHER = (

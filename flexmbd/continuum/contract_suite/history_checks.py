@@ -130,11 +130,11 @@ def tangent(trial: HistoryTrial) -> Outcome:
 
 def unloading(trial: HistoryTrial) -> Outcome:
     """Where all points have yielded, the tangent with raised limits is the difference of the forces on the way back."""
-    if not hasattr(trial.form, "raised_yield"):
-        return Remark(Verdict.SKIP, "needs raised_yield(p, factor), without which no machine is linearised about it")
+    if not hasattr(trial.form, "scaled_yield"):
+        return Remark(Verdict.SKIP, "needs scaled_yield(p, factor), without which no machine is linearised about it")
     strain, form = _strain(trial), cast(Any, trial.form)
-    if form.raised_yield(trial.parameters, 2.0) == trial.parameters:
-        return Remark(Verdict.FAIL, "raised_yield raises nothing of a material that yields")
+    if form.scaled_yield(trial.parameters, 2.0) == trial.parameters:
+        return Remark(Verdict.FAIL, "scaled_yield raises nothing of a material that yields")
     trial.restart()
     trial.go(3 * strain * FIRST)
     way = trial.to(2.9 * strain * FIRST)
@@ -221,7 +221,7 @@ HISTORY_CHECKS = (
     Check(
         "unloading",
         _each(unloading),
-        "raised_yield must make all yield limits as many times as high as it is told, and leave the elasticity alone",
+        "scaled_yield must make all yield limits as many times as high as it is told, and leave the elasticity alone",
     ),
 )
 """Of forms with history, after the others."""

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
+from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
@@ -70,6 +71,65 @@ class DiscreteForms:
     def mesh_fingerprint(self) -> str:
         """`TaggedMesh.fingerprint` of the mesh. Collective at the first call."""
         return self.mesh.fingerprint()
+
+
+class DiscretisedBody:
+    """A body of formulations on a mesh: what a `LinearModel` and a `NonlinearModel` have in common.
+
+    Attributes:
+        forms: the formulations on the mesh, and the interfaces of the undeformed body.
+        layout: where the displacement, and what else the unknown holds, lies in the unknown's space.
+        interfaces: the frames found on the mesh.
+    """
+
+    def __init__(self, forms: DiscreteForms, *, layout: DofLayout, interfaces: tuple[FoundInterface, ...]) -> None:
+        """Keep the parts; not collective."""
+        self.forms, self.layout, self.interfaces = forms, layout, interfaces
+
+    @property
+    def mesh(self) -> TaggedMesh:
+        """The undeformed mesh and its groups."""
+        return self.forms.mesh
+
+    @property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups, each with its formulation and parameters; one with the name None where all is the same."""
+        return self.forms.groups
+
+    @property
+    def degree(self) -> int:
+        """Degree of the elements; with a formulation of the updated configuration that of the mesh's geometry too."""
+        return self.forms.degree
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The unknown's function space."""
+        return self.forms.space
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator the body is spread over."""
+        return self.mesh.comm
+
+    @property
+    def formulation(self) -> Formulation:
+        """The first group's formulation, whose element and rigid motion are those of all."""
+        return self.forms.formulation
+
+    @property
+    def form_name(self) -> str:
+        """Names of the formulations' modules."""
+        return self.forms.form_name
+
+    @property
+    def n_owned(self) -> int:
+        """Number of dofs this rank owns, which stand before its ghosts."""
+        return self.layout.n_owned
+
+    @property
+    def displacement_dofs(self) -> NDArray[np.int32]:
+        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
+        return self.layout.displacement_dofs
 
 
 def discretise(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -15,13 +14,10 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
-from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.cell_group import CellGroup
-from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.stress import StressRecovery
-from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import InterfaceError
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.stress_field import StressField
@@ -53,7 +49,7 @@ class StaticState:
     note: str
 
 
-class LinearModel:
+class LinearModel(DiscretisedBody):
     """Small displacements of a body about a state, with named interfaces; a `ContinuumModel` or a `PrestressedModel`.
 
     Nothing is changed after construction.
@@ -81,59 +77,14 @@ class LinearModel:
         state: StaticState | None,
     ) -> None:
         """Keep the parts; not collective."""
-        self.forms, self.parameters = forms, parameters
-        self.layout, self.interfaces = layout, interfaces
+        super().__init__(forms, layout=layout, interfaces=interfaces)
+        self.parameters = parameters
         self.K, self.M, self.state = K, M, state
-
-    @property
-    def mesh(self) -> TaggedMesh:
-        """The undeformed mesh and its groups."""
-        return self.forms.mesh
-
-    @property
-    def groups(self) -> tuple[CellGroup, ...]:
-        """The cell groups, each with its formulation and parameters; one with the name None where all is the same."""
-        return self.forms.groups
-
-    @property
-    def degree(self) -> int:
-        """Degree of the elements."""
-        return self.forms.degree
-
-    @property
-    def space(self) -> fem.FunctionSpace:
-        """The unknown's function space."""
-        return self.forms.space
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The communicator the model is spread over."""
-        return self.mesh.comm
-
-    @property
-    def formulation(self) -> Formulation:
-        """The first group's formulation, whose element and rigid motion are those of all."""
-        return self.forms.formulation
-
-    @property
-    def form_name(self) -> str:
-        """Names of the formulations' modules."""
-        return self.forms.form_name
-
-    @property
-    def n_owned(self) -> int:
-        """Number of dofs this rank owns, which stand before its ghosts."""
-        return self.layout.n_owned
 
     @property
     def n_owned_nodes(self) -> int:
         """Number of displacement nodes this rank owns, which stand before its ghosts."""
         return self.layout.n_owned_nodes
-
-    @property
-    def displacement_dofs(self) -> NDArray[np.int32]:
-        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
-        return self.layout.displacement_dofs
 
     @property
     def node_x(self) -> FloatArray:

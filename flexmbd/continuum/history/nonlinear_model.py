@@ -25,28 +25,25 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
-from flexmbd.continuum import compat, parallel
-from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source
-from flexmbd.continuum.finite_elements.discrete_forms import discretise
-from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface
+from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody, discretise
+from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
+from flexmbd.continuum.history.trial_errors import (
+    check_references,
+    refuse_infinite_force,
+    refuse_inverted_cell,
+    refuse_large_increment,
+)
 from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
-
-
-class InvertedCellError(ConvergenceError):
-    """A trial displacement turns a cell inside out; a smaller step may not."""
-
-
-class LargeIncrementError(ConvergenceError):
-    """A step is larger than a formulation integrates well; a smaller one is not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class HistorySnapshot:
     history: tuple[FloatArray, ...]
 
 
-class NonlinearModel:
+class NonlinearModel(DiscretisedBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 
     Constructing one is collective.
@@ -103,10 +100,9 @@ class NonlinearModel:
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
         """
-        self.forms = discretise(
-            mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True
-        )
-        self._check_references()
+        forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True)
+        super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
+        check_references(forms, has_rotations=self.has_rotations)
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)
         means = degree == 1 if cell_means is None else cell_means
@@ -115,46 +111,6 @@ class NonlinearModel:
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
         self.check_cells()
-
-    @property
-    def mesh(self) -> TaggedMesh:
-        """The undeformed mesh and its groups."""
-        return self.forms.mesh
-
-    @property
-    def groups(self) -> tuple[CellGroup, ...]:
-        """The cell groups, each with its formulation and parameters."""
-        return self.forms.groups
-
-    @property
-    def degree(self) -> int:
-        """Degree of the elements, and of the mesh's geometry where a formulation is an updated one."""
-        return self.forms.degree
-
-    @property
-    def space(self) -> fem.FunctionSpace:
-        """The unknown's function space."""
-        return self.forms.space
-
-    @property
-    def layout(self) -> DofLayout:
-        """Where the displacement lies in the space."""
-        return self.forms.layout
-
-    @property
-    def interfaces(self) -> tuple[FoundInterface, ...]:
-        """The frames found on the mesh."""
-        return self.forms.interfaces
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The communicator the body is spread over."""
-        return self.mesh.comm
-
-    @property
-    def n_owned(self) -> int:
-        """Number of dofs this rank owns, which stand before its ghosts."""
-        return self.layout.n_owned
 
     @property
     def is_updated(self) -> bool:
@@ -184,11 +140,6 @@ class NonlinearModel:
                 "or in a machine has not; it is loaded slowly, by flexmbd.continuum.history.static_path"
             )
 
-    @property
-    def displacement_dofs(self) -> NDArray[np.int32]:
-        """(local nodes including ghosts, 3) local dofs of the displacement's components at each node."""
-        return self.layout.displacement_dofs
-
     def vector(self) -> la.Vector:
         """A vector of the space with its ghosts, for scattering; not collective."""
         return fem.Function(self.space).x
@@ -217,7 +168,7 @@ class NonlinearModel:
         force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
-            self._refuse(force)
+            refuse_infinite_force(self.forms, force)
         return force
 
     def tangent(self, increment: FloatArray) -> PETSc.Mat:
@@ -240,23 +191,23 @@ class NonlinearModel:
         """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
 
         There the stress lies on the yield surface, and round-off would choose the side: with the yield limits of
-        ``raised_yield`` it lies inside, and nothing else changes.  As of `tangent`.
+        ``scaled_yield`` it lies inside, and nothing else changes.  As of `tangent`.
 
         Raises:
             FormulationError: on all ranks: a formulation keeps a history and does not say what its yield limit is.
         """
         limited = [group for group in self.groups if hasattr(group.formulation, "state")]
         for group in limited:
-            if not hasattr(group.formulation, "raised_yield"):
+            if not hasattr(group.formulation, "scaled_yield"):
                 raise FormulationError(
                     f"{group.form_name} keeps a history and does not tell its yield limit, without which there is no "
-                    "tangent of unloading; give it raised_yield(p, factor), parameters with yield limits that are "
+                    "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "
                     "factor times as high, or p itself where nothing ever yields"
                 )
         try:
             for group in limited:
                 form: Any = group.formulation
-                set_symbols(group.symbols, form.raised_yield(group.parameters, 2.0))
+                set_symbols(group.symbols, form.scaled_yield(group.parameters, 2.0))
             return self.tangent(np.zeros(self.layout.n_local))
         finally:
             for group in limited:
@@ -382,12 +333,7 @@ class NonlinearModel:
                 values = history.evaluate(stretch)
                 if values.size and not values.min() > 0.0:
                     inverted = int(history.group.cells[values.min(axis=1).argmin()])
-        error = None
-        if inverted is not None:
-            error = InvertedCellError(
-                f"{self._told(inverted)}, is turned inside out; take a smaller step, or a finer mesh there"
-            )
-        parallel.raise_collectively(self.comm, error)
+        refuse_inverted_cell(self.mesh, inverted)
 
     def check_increment(self, increment: FloatArray) -> None:
         """Refuse a step that is larger than a formulation with `increment_size` integrates well. Collective.
@@ -406,34 +352,7 @@ class NonlinearModel:
                 if values.size and not values.max() <= largest:
                     largest = float(values.max())
                     where = int(history.group.cells[values.max(axis=1).argmax()])
-        error = None
-        if where is not None:
-            error = LargeIncrementError(
-                f"the step is {largest:.3g} times as large as the formulation integrates well, in {self._told(where)}; "
-                "take a smaller step"
-            )
-        parallel.raise_collectively(self.comm, error)
-
-    def _told(self, cell: int) -> str:
-        """A cell of this rank, for messages."""
-        domain = self.mesh.mesh
-        x = domain.geometry.x[compat.cell_nodes(domain)[cell]].mean(axis=0)
-        return (
-            f"cell {domain.topology.original_cell_index[cell]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the "
-            "undeformed body"
-        )
-
-    def _refuse(self, force: FloatArray) -> None:
-        """Say where forces are not finite. Collective."""
-        bad = np.isin(self.displacement_dofs, np.flatnonzero(~np.isfinite(force))).any(axis=1)
-        error = None
-        if bad.any():
-            x = self.layout.node_x[bad][0]
-            error = ConvergenceError(
-                f"the internal forces at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body are not "
-                "finite; take a smaller step"
-            )
-        parallel.raise_collectively(self.comm, error)
+        refuse_large_increment(self.mesh, where, ratio=largest)
 
     def _run(self) -> None:
         """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
@@ -474,25 +393,6 @@ class NonlinearModel:
     def present_mesh(self) -> AbstractContextManager[None]:
         """The mesh in the configuration that the formulations refer to, within a `with` block."""
         return nullcontext() if self._moved is None else self._moved.at(self.displacement)
-
-    def _check_references(self) -> None:
-        """Refuse what cannot be stepped together; the same on every rank."""
-        references = {group.formulation.REFERENCE: group.form_name for group in self.groups}
-        if len(references) > 1:
-            raise FormulationError(
-                f"{references['INITIAL']} refers to the initial configuration and {references['UPDATED']} to the "
-                "updated one: give all cell groups formulations of one reference"
-            )
-        geometry = compat.geometry_degree(self.mesh.mesh)
-        if "UPDATED" in references and self.degree != geometry:
-            raise FormulationError(
-                f"{references['UPDATED']} moves the mesh with the body, so degree={self.degree} needs a mesh of "
-                f"degree {self.degree}, and this one has degree {geometry}"
-            )
-        if "UPDATED" in references and self.has_rotations:
-            raise FormulationError(
-                f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
-            )
 
 
 def group_has_local_unknowns(group: CellGroup) -> bool:

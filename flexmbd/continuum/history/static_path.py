@@ -15,8 +15,9 @@ from flexmbd.continuum.history.displacement_newton import (
     Newton,
     Solution,
 )
-from flexmbd.continuum.history.nonlinear_model import LargeIncrementError, NonlinearModel
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
+from flexmbd.continuum.history.trial_errors import LargeIncrementError
 from flexmbd.errors import ConvergenceError, MeshError
 
 FloatArray = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The tangent of unloading needs the yield limit, which a form tells by `raised_yield` and by no parameter's name."""
+"""The tangent of unloading needs the yield limit, which a form tells by `scaled_yield` and by no parameter's name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Parameters:
 class _Own:
     def __init__(self, p):
         self.E, self.nu, self.rho, self.yield_stress, self.kinematic_modulus = p.E, p.nu, p.rho, p.sigma_y, 0.0
-        self.hardening = object.__new__(j2.Linear)
+        self.hardening = object.__new__(j2.LinearHardening)
         object.__setattr__(self.hardening, "modulus", p.H)
 
 def state(p): return j2.state(_Own(p))
@@ -55,7 +55,7 @@ def reference():
     r = j2.reference().parameters
     return Reference(Parameters(r.E, r.nu, r.rho, r.yield_stress, 1e9))
 '''
-RAISED = "\ndef raised_yield(p, factor): return replace(p, sigma_y=factor * p.sigma_y)\n"
+RAISED = "\ndef scaled_yield(p, factor): return replace(p, sigma_y=factor * p.sigma_y)\n"
 
 
 def dense(matrix):
@@ -83,7 +83,11 @@ def own_form(tmp_path: Path, text: str) -> ModuleType:
 
 @pytest.mark.parametrize(
     "hardening",
-    [J2.Linear(1e8), J2.Voce(1e7, 50.0, 1e7), J2.Table((0.0, 0.01, 0.1), (1e7, 1.2e7, 1.5e7))],
+    [
+        J2.LinearHardening(1e8),
+        J2.VoceHardening(1e7, 50.0, 1e7),
+        J2.TabulatedHardening((0.0, 0.01, 0.1), (1e7, 1.2e7, 1.5e7)),
+    ],
     ids=["linear", "Voce", "table"],
 )
 def test_what_has_yielded_unloads_elastically(hardening):
@@ -105,16 +109,16 @@ def test_a_yield_limit_by_any_name(tmp_path):
 def test_a_form_that_does_not_tell_its_limit_is_refused_where_it_is_needed(tmp_path):
     form = own_form(tmp_path, RENAMED)
     body, _ = pulled(form, form.Parameters(2e9, 0.3, 7800.0, 1e7, 1e8))
-    with pytest.raises(FormulationError, match=r"does not tell its yield limit, .*; give it raised_yield\(p, factor\)"):
+    with pytest.raises(FormulationError, match=r"does not tell its yield limit, .*; give it scaled_yield\(p, factor\)"):
         body.unloading_tangent()
 
 
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("def raised_yield(p): return p\n", "raised_yield must take 2 positional arguments"),
-        ("def raised_yield(p, factor): return factor\n", "raised_yield: must return an instance of Parameters"),
-        ("def raised_yield(p, factor): return p.nothing\n", "raised_yield: AttributeError"),
+        ("def scaled_yield(p): return p\n", "scaled_yield must take 2 positional arguments"),
+        ("def scaled_yield(p, factor): return factor\n", "scaled_yield: must return an instance of Parameters"),
+        ("def scaled_yield(p, factor): return p.nothing\n", "scaled_yield: AttributeError"),
     ],
 )
 def test_the_contract_knows_it(tmp_path, text, fault):
@@ -123,8 +127,8 @@ def test_the_contract_knows_it(tmp_path, text, fault):
 
 
 def test_it_goes_with_a_history(tmp_path):
-    text = "from flexmbd.forms.solid_linear import *\nfrom flexmbd.forms.j2_plasticity import raised_yield\n"
-    with pytest.raises(FormulationError, match="raised_yield goes with state, which is missing: it speaks of"):
+    text = "from flexmbd.forms.solid_linear import *\nfrom flexmbd.forms.j2_plasticity import scaled_yield\n"
+    with pytest.raises(FormulationError, match="scaled_yield goes with state, which is missing: it speaks of"):
         own_form(tmp_path, text)
 
 
@@ -138,7 +142,7 @@ def test_it_goes_with_a_history(tmp_path):
     ids=["right", "raises nothing", "stiffer"],
 )
 def test_the_suite_tries_it(tmp_path, law, yielding):
-    form = own_form(tmp_path, f"{RENAMED}\ndef raised_yield(p, factor): return {law}\n")
+    form = own_form(tmp_path, f"{RENAMED}\ndef scaled_yield(p, factor): return {law}\n")
     (trial,) = history_trials(form, "hexahedron", 1)
     outcome = unloading(trial)
     assert (isinstance(outcome, list) and all(figure.value <= figure.limit for figure in outcome)) is yielding

@@ -1,0 +1,109 @@
+"""What a body with history refuses: formulations that cannot be stepped together, and trial displacements that fail."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.errors import ConvergenceError, FormulationError
+
+
+class InvertedCellError(ConvergenceError):
+    """A trial displacement turns a cell inside out; a smaller step may not."""
+
+
+class LargeIncrementError(ConvergenceError):
+    """A step is larger than a formulation integrates well; a smaller one is not."""
+
+
+def check_references(forms: DiscreteForms, *, has_rotations: bool) -> None:
+    """Refuse formulations that cannot be stepped together; the same on every rank.
+
+    Raises:
+        FormulationError: formulations of both references; with the updated one, elements of another degree
+            than the geometry, or unknowns besides the displacement.
+    """
+    references = {group.formulation.REFERENCE: group.form_name for group in forms.groups}
+    if len(references) > 1:
+        raise FormulationError(
+            f"{references['INITIAL']} refers to the initial configuration and {references['UPDATED']} to the "
+            "updated one: give all cell groups formulations of one reference"
+        )
+    geometry = compat.geometry_degree(forms.mesh.mesh)
+    if "UPDATED" in references and forms.degree != geometry:
+        raise FormulationError(
+            f"{references['UPDATED']} moves the mesh with the body, so degree={forms.degree} needs a mesh of "
+            f"degree {forms.degree}, and this one has degree {geometry}"
+        )
+    if "UPDATED" in references and has_rotations:
+        raise FormulationError(
+            f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
+        )
+
+
+def refuse_inverted_cell(mesh: TaggedMesh, cell: int | None) -> None:
+    """Raise where a rank found a cell that is turned inside out. Collective.
+
+    Args:
+        mesh: of the body.
+        cell: local number of such a cell of this rank, or None.
+
+    Raises:
+        InvertedCellError: on all ranks.
+    """
+    error = None
+    if cell is not None:
+        where = _describe_cell(mesh, cell)
+        error = InvertedCellError(f"{where}, is turned inside out; take a smaller step, or a finer mesh there")
+    parallel.raise_collectively(mesh.comm, error)
+
+
+def refuse_large_increment(mesh: TaggedMesh, cell: int | None, *, ratio: float) -> None:
+    """Raise where a rank found a step that is too large for its formulation. Collective.
+
+    Args:
+        mesh: of the body.
+        cell: local number of the cell of this rank with the largest step, or None.
+        ratio: of the step to the largest that the formulation integrates well.
+
+    Raises:
+        LargeIncrementError: on all ranks.
+    """
+    error = None
+    if cell is not None:
+        error = LargeIncrementError(
+            f"the step is {ratio:.3g} times as large as the formulation integrates well, in "
+            f"{_describe_cell(mesh, cell)}; take a smaller step"
+        )
+    parallel.raise_collectively(mesh.comm, error)
+
+
+def refuse_infinite_force(forms: DiscreteForms, force: NDArray[np.float64]) -> None:
+    """Raise where internal forces (owned dofs,) are not finite, and say where. Collective.
+
+    Raises:
+        ConvergenceError: on all ranks.
+    """
+    layout = forms.layout
+    bad = np.isin(layout.displacement_dofs, np.flatnonzero(~np.isfinite(force))).any(axis=1)
+    error = None
+    if bad.any():
+        x = layout.node_x[bad][0]
+        error = ConvergenceError(
+            f"the internal forces at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the undeformed body are not "
+            "finite; take a smaller step"
+        )
+    parallel.raise_collectively(forms.mesh.comm, error)
+
+
+def _describe_cell(mesh: TaggedMesh, cell: int) -> str:
+    """A cell of this rank by its number in the mesh file and its centre."""
+    domain = mesh.mesh
+    x = domain.geometry.x[compat.cell_nodes(domain)[cell]].mean(axis=0)
+    return (
+        f"cell {domain.topology.original_cell_index[cell]}, at ({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g}) m in the "
+        "undeformed body"
+    )
