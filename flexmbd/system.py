@@ -32,7 +32,7 @@ from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
 from flexmbd.multibody.linear.output import Output
 from flexmbd.multibody.linear.ports import Input, leave_out, refuse_followers
@@ -253,7 +253,7 @@ class System:
     def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         """The consistent start of a compiled scene: what joints and bodies are given, or a state found before."""
         if self.team.is_root:
-            announce(_STARTING)
+            announce_compilation(_STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
         if about is None:

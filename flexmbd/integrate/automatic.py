@@ -17,7 +17,7 @@ from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.reading.forces import force_elements
+from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.start.consistent_start import Start

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ExplicitInterior, ImplicitInterior
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 

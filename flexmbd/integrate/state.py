@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
-from flexmbd.multibody.kernels.reading.columns import modes_of
+from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -18,7 +18,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
-from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
+from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.sampling.series import largest_residuals
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -64,7 +64,7 @@ def run(
     purpose = type(method).__name__
     refuse_no_truth(progress=progress)
     if team.is_root:
-        announce(purpose)
+        announce_compilation(purpose)
     set_out = time.perf_counter()
     integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
     if max_step is not None:

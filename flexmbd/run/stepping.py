@@ -14,7 +14,7 @@ from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept, Row
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.reading.rows import is_driven
+from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_leaps

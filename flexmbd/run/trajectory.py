@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
-from flexmbd.multibody.kernels.reading.forces import force_elements, keep_forces
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant

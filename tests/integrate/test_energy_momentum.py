@@ -19,11 +19,11 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
 from flexmbd.integrate.discrete_gradient.newton import bind
 from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
-from flexmbd.multibody.kernels.reading.forces import storing_plan
+from flexmbd.multibody.kernels.reading.force_tables import storing_plan
 from flexmbd.multibody.plan.scene_matrices import mass_matrix, row_sizes
 
 METHOD = fm.EnergyMomentum()

@@ -8,10 +8,10 @@ from mixed_machine import mixed_scene
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import energy_series
 from flexmbd.multibody.plan.scene_matrices import mass_matrix
@@ -84,7 +84,7 @@ def test_force_is_the_lagrangians_gradient_and_momentum_its_velocity_gradient(se
     q = np.zeros(nv)
     momenta(plan, work, x, v, none, q)
     np.testing.assert_allclose(q, p, atol=1e-13 * np.abs(p).max())
-    forward(plan, work, x, none, none)
+    forward_kinematics(plan, work, x, none, none)
     assert potential_energy(plan, work, x) == pytest.approx(-lagrangian(compiled, x, none), rel=1e-12)
 
 

@@ -14,15 +14,15 @@ from scipy.spatial.transform import Rotation
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law, element_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import coordinate_law, element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.reading.forces import without_forces
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.kernels.sampling.series import energy_series
-from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
+from flexmbd.multibody.kernels.tangent.element_variations import element_wrench_variation
 from flexmbd.record.groups import DistributedLoads
 
 

@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import articulate, forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import new_row_paths, solve_rows
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.scene_matrices import constraint_values, mass_matrix
 
@@ -122,7 +122,7 @@ def test_rows_by_their_paths(make):
     assert m > 4
     aw, paths = new_articulated_work(plan), new_row_paths(plan)
     a = np.zeros(compiled.nv)
-    for part in (paths.jacobian, paths.push, paths.yielding):
+    for part in (paths.jacobian, paths.joint_force, paths.joint_acceleration):
         assert not part.any()
     matrix = mass_matrix(compiled, work, x)[np.ix_(free, free)]
     for factor in (
@@ -130,7 +130,7 @@ def test_rows_by_their_paths(make):
         lambda: forward_dynamics(plan, work, aw, x, v, a, NOTHING),
     ):
         factor()
-        forward(plan, work, x, v, a)
+        forward_kinematics(plan, work, x, v, a)
         small = np.full((m, m), np.nan)
         solve_rows(plan, work, aw, paths, small)
         for w in (v, np.cos(np.arange(compiled.nv))):
@@ -151,7 +151,7 @@ def test_respond_solves_the_loops():
     state = st.State(x, v, v, np.zeros(m), np.ones((loop_dynamics.N_MEMORY, n)), np.zeros(st.N_NUMBER), count)
     loops, aw = loop_dynamics.new_loops(kept, state), new_articulated_work(kept)
     articulate(kept, work, aw, x)
-    forward(kept, work, x, v, v)
+    forward_kinematics(kept, work, x, v, v)
     solve_rows(kept, work, aw, loops.paths, loops.small)
     rank = factor_semidefinite(loops.small, loops.order, loops.scale)
     rates = np.arange(1.0, m + 1.0)

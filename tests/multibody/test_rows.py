@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
-from flexmbd.multibody.kernels.physics.rows import row_value, row_wrench, row_wrench_variation
-from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
+from flexmbd.multibody.kernels.physics.constraint_laws import row_value, row_wrench, row_wrench_variation
+from flexmbd.multibody.kernels.tangent.element_variations import element_wrench_variation
 
 DATA = 0.37
 KINDS = {

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, factor_tree, pays, solve_tree
+from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, factor_tree, is_cheaper_than_dense, solve_tree
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
 
 # central differences of order 8
@@ -213,8 +213,8 @@ def test_the_trees_factors_are_taken_where_they_pay():
                 link = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"{i}, {k}")
                 scene.connect(fm.joint.Revolute("y"), end, link.frame())
                 end = link.frame(p=(1.0, 0.0, 0.0))
-    assert pays(ancestors(branched.compile().plan))
-    assert not pays(ancestors(chain.compile().plan))
+    assert is_cheaper_than_dense(ancestors(branched.compile().plan))
+    assert not is_cheaper_than_dense(ancestors(chain.compile().plan))
 
 
 def branched_scene():

@@ -10,19 +10,20 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.inertia import inertia_times, rigid_second_moment
+from flexmbd.multibody.kernels.physics.inertial_forces import inertia_times, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan import compiled_scene as plan_module
 
-NEVER, BALANCED, IN_PLANE, FREELY = kinds.NEVER, kinds.BALANCED, kinds.IN_PLANE, kinds.FREELY
+NEVER, BALANCED = kinds.NONROTATING, kinds.BALANCED_ROTATION
+IN_PLANE, FREELY = kinds.PLANAR_ROTATION, kinds.FREE_ROTATION
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
 SKEWED = np.array([[0.3, 0.0, 0.04], [0.0, 0.4, 0.0], [0.04, 0.0, 0.5]])
 joint = fm.joint
@@ -117,7 +118,7 @@ def found(request):
 def forced(plan):
     """The plan with all bodies free to turn."""
     tree = plan.tree.copy()
-    tree[:, at.TURNING] = FREELY
+    tree[:, at.ROTATION] = FREELY
     return plan._replace(tree=tree)
 
 
@@ -133,7 +134,7 @@ def states(scene, count=4):
 
 def test_the_plan_tells_how_bodies_turn(found):
     scene, expected = found
-    assert scene.plan.tree[:, at.TURNING].tolist() == expected
+    assert scene.plan.tree[:, at.ROTATION].tolist() == expected
 
 
 def test_what_the_plan_promises_is_so(found):
@@ -142,9 +143,9 @@ def test_what_the_plan_promises_is_so(found):
     plan, work = scene.plan, new_work(scene.plan)
     spins = []
     for x, v, a in states(scene):
-        forward(plan, work, x, v, a)
+        forward_kinematics(plan, work, x, v, a)
         spins.append(work.body[:, at.B_W : at.B_W + 3].copy())
-    for i, kind in enumerate(plan.tree[:, at.TURNING]):
+    for i, kind in enumerate(plan.tree[:, at.ROTATION]):
         w = np.array(spins)[:, i]
         if kind == NEVER:
             assert not w.any()
@@ -194,7 +195,7 @@ def test_an_unbalanced_rotor_still_shakes_its_bearing():
     bearing = scene.connect(hinge(), scene.ground.frame(), rotor.frame())
     bearing.velocity = 30.0
     run = scene.simulate(0.1, h=0.01)
-    assert scene.compile().plan.tree[0, at.TURNING] == IN_PLANE
+    assert scene.compile().plan.tree[0, at.ROTATION] == IN_PLANE
     expected = np.zeros((len(run.t), 6))
     expected[:, 4] = SKEWED[0, 2] * 30.0**2
     np.testing.assert_allclose(run.reaction(bearing), expected, atol=1e-9)

@@ -62,8 +62,8 @@ def test_each_purpose_is_announced_until_it_is_compiled(tmp_path):
     """Once in a process, again in the next one, and not where it has been compiled to the end."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     compiling_twice = (
-        "from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled\n"
-        "print(announce('a'), announce('a'), announce('b'))\nmark_compiled('b')"
+        "from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled\n"
+        "print(announce_compilation('a'), announce_compilation('a'), announce_compilation('b'))\nmark_compiled('b')"
     )
     said = [
         subprocess.run(

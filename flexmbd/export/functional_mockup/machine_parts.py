@@ -22,7 +22,7 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
-from flexmbd.multibody.kernels.reading.forces import force_elements, time_kinds
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, time_kinds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start

@@ -21,7 +21,12 @@ from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.reading.forces import constant_place, force_elements, joint_force_times, keep_forces
+from flexmbd.multibody.kernels.reading.force_tables import (
+    constant_place,
+    force_elements,
+    joint_force_times,
+    keep_forces,
+)
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.linear.output import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

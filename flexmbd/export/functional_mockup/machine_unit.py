@@ -27,8 +27,8 @@ from flexmbd.export.functional_mockup.unit_build import compile_library, layer_s
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.base.compiling import announce, mark_compiled
-from flexmbd.multibody.kernels.reading.forces import constant_place, is_constant
+from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
+from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.output import Output
 from flexmbd.system import System
 
@@ -89,7 +89,7 @@ def fmu_machine(
     observed = [one for name, output in named(outputs) for one in observed_by(start.scene, output, name, parts)]
     variables = (*(drive.variable for drive in drives), *(one.variable for one in observed))
     memory = lay_out([parts.run.arguments, parts.refresh.arguments, *(one.call.arguments for one in parts.frames)])
-    announce(type(integrator).__name__)
+    announce_compilation(type(integrator).__name__)
     code = _compiled(parts)
     mark_compiled(type(integrator).__name__)
     data = _data(parts, memory, code, drives, observed, h)

@@ -11,8 +11,8 @@ from __future__ import annotations
 from flexmbd.integrate.alpha.step import solve_step
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
-from flexmbd.multibody.kernels.reading.columns import (
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.reading.plan_entries import (
     augmented_gap,
     augmented_stiffness,
     augmented_tolerance,
@@ -27,7 +27,7 @@ _LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
 @part_of_kernel
 def _is_open(plan, work, s):
     """Whether a row stays open by more than its enforcement allows, at the step's end in ``s``."""
-    forward(plan, work, s.x, s.v, s.a)
+    forward_kinematics(plan, work, s.x, s.v, s.a)
     constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]

@@ -11,10 +11,10 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.separate import address_of
-from flexmbd.multibody.kernels.reading.columns import holds_position, is_augmented
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, pays
+from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
 
 FloatArray = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = F
 def _lines(plan: Plan) -> NDArray[np.int64]:
     """Ancestors of the unknowns where the tree's own factors pay; without rows elsewhere."""
     lines = ancestors(plan)
-    return lines if len(plan.rows) == 0 and pays(lines) else lines[:0]
+    return lines if len(plan.rows) == 0 and is_cheaper_than_dense(lines) else lines[:0]
 
 
 @kernel

@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
-from flexmbd.multibody.kernels.reading.columns import augmented_stiffness, is_augmented
+from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 

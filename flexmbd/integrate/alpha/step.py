@@ -36,7 +36,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.columns import augmented_stiffness, is_augmented
+from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step

@@ -33,13 +33,13 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.reading.columns import driven_time, spin_of, time_of_row
-from flexmbd.multibody.kernels.reading.forces import storing_plan
-from flexmbd.multibody.kernels.reading.motion import joint_turn
-from flexmbd.multibody.kernels.reading.rows import is_driven
+from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
+from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
+from flexmbd.multibody.kernels.reading.force_tables import storing_plan
+from flexmbd.multibody.kernels.reading.plan_entries import driven_time, spin_of, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
@@ -115,7 +115,7 @@ class EnergyMomentum:
             survey(scene, state, work)
             state.memory[step.BEFORE] = state.a
             momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
-            forward(plan, work, state.x, scratch.none, scratch.none)
+            forward_kinematics(plan, work, state.x, scratch.none, scratch.none)
             kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
             state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
 

@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
-from flexmbd.multibody.kernels.reading.columns import (
+from flexmbd.multibody.kernels.reading.plan_entries import (
     driven_place,
     flexible_of,
     joint_of,

@@ -14,7 +14,7 @@ from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
-from flexmbd.multibody.kernels.reading.columns import driven_place
+from flexmbd.multibody.kernels.reading.plan_entries import driven_place
 
 
 @kernel

@@ -42,7 +42,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
-from flexmbd.multibody.kernels.reading.columns import driven_place, holds_position, modes_of
+from flexmbd.multibody.kernels.reading.plan_entries import driven_place, holds_position, modes_of
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 
 _MAX_ITERATIONS = 20

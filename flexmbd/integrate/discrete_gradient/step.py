@@ -30,7 +30,7 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain,
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
-from flexmbd.multibody.kernels.reading.columns import holds_position, time_of_row
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
 
 _EPSILON = 2.0**-52
 _DEAD = 32.0 * _EPSILON  # of all energy: what sums of it do not resolve

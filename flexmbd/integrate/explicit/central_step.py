@@ -17,7 +17,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     note_scales,
     project,
 )
-from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
@@ -65,7 +65,7 @@ def foretell(plan, work, plain, quaternions, state, s, h):
     for k in range(s.v.shape[0]):
         s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
         s.v[k] = state.v[k] + h * state.a[k]
-    move(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
+    from_local_coordinates(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
     evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
     if plan.flag[0] == 0:
         drive(plan, work, s.x, s.v, s.a)

@@ -33,16 +33,16 @@ from flexmbd.integrate.explicit.loop_dynamics import (
 from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.history import refuse_interiors
 from flexmbd.multibody.kernels.algebra import rotation_update
-from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, move, turn_rates
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import (
+    begin_spin,
+    despun_rates,
     round_axes,
-    slow_rates,
-    spin_on,
-    spin_vectors,
-    steady_spin,
+    to_spinning_axes,
+    vectors_to_spinning_axes,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -219,8 +219,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rat
                 for k in range(s.u.shape[0]):
                     s.error_x[e, k] += share * s.rate_x[j, k]
                     s.error_v[e, k] += share * s.rate_v[j, k]
-        spin_vectors(quaternions, s.axes, s.spins, s.error_x[e])
-        spin_vectors(quaternions, s.axes, s.spins, s.error_v[e])
+        vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_x[e])
+        vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_v[e])
         if plan.rows.shape[0] > 0:
             drop_normal_part(plan, work, aw, loops, s.error_x[e])
             drop_normal_part(plan, work, aw, loops, s.error_v[e])
@@ -266,15 +266,15 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     for k in range(s.v.shape[0]):
         s.rate_x[0, k] = state.v[k]
         s.rate_v[0, k] = state.a[k]
-    steady_spin(quaternions, s.axes, state.v, s.spins)
-    slow_rates(quaternions, s.axes, s.spins, s.rate_x[0], s.rate_v[0])
+    begin_spin(quaternions, s.axes, state.v, s.spins)
+    despun_rates(quaternions, s.axes, s.spins, s.rate_x[0], s.rate_v[0])
     instant = np.nan
     for i in range(1, stages + 1):
         end = i == stages
         _combine(tableau, i, state, s, h)
-        move(plain, quaternions, way, state.x, s.u, s.x)
+        from_local_coordinates(plain, quaternions, way, state.x, s.u, s.x)
         node = tableau.nodes[i]
-        spin_on(quaternions, s.axes, s.spins, node * h, s.x, s.v)
+        to_spinning_axes(quaternions, s.axes, s.spins, node * h, s.x, s.v)
         if node != instant:
             t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
             evaluate_times(plan, st.latest(state.numbers, t), work.time)
@@ -299,9 +299,9 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         for k in range(s.v.shape[0]):
             s.rate_x[i, k] = s.v[k]
             s.rate_v[i, k] = s.a[k]
-        slow_rates(quaternions, s.axes, s.spins, s.rate_x[i], s.rate_v[i])
+        despun_rates(quaternions, s.axes, s.spins, s.rate_x[i], s.rate_v[i])
         if quaternions.shape[0] > 0:
-            turn_rates(quaternions, way, s.u, s.rate_x[i])
+            to_local_rates(quaternions, way, s.u, s.rate_x[i])
     if uses_end and not fixed:
         ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
     return ratio if _finite(s) else np.inf

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
-from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, move
+from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import scaled_jacobian
 
@@ -123,7 +123,7 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     run_forward_dynamics(plan, work, aw, x, v, a, loops.none)
     if m == 0:
         return
-    forward(plan, work, x, v, a)
+    forward_kinematics(plan, work, x, v, a)
     constraints(plan, work, loops.phi, loops.rate, loops.rate2)
     solve_rows(plan, work, aw, loops.paths, loops.small)
     for i in range(m):
@@ -211,7 +211,7 @@ def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v
     closed = True
     before = np.inf
     for _ in range(2 * _MAX_ITERATIONS):
-        forward(plan, work, x, v, v)
+        forward_kinematics(plan, work, x, v, v)
         constraints(plan, work, loops.phi, loops.rate, loops.rate2)
         respond(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
         size = 0.0
@@ -231,7 +231,7 @@ def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v
             before = np.inf
         elif on_positions:
             before = size
-            move(plain, quaternions, EXPONENTIAL, x, loops.move, x)
+            from_local_coordinates(plain, quaternions, EXPONENTIAL, x, loops.move, x)
         else:
             before = size
             for k in range(v.shape[0]):

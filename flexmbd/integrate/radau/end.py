@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.columns import holds_position
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _LAST = STAGES - 1
 _MAX_ITERATIONS = 10

@@ -11,7 +11,7 @@ from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.integrate.radau.stages import NEWTON, RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
-from flexmbd.multibody.kernels.reading.columns import holds_position
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the most seen, on tops
 # Roughness over that of the steps before: what still is a smooth motion; what a step that was none leaves at most.

@@ -10,7 +10,7 @@ from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT, TANGENT_AFTER
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
-from flexmbd.multibody.kernels.reading.columns import holds_position
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 
 @kernel

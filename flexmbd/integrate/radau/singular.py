@@ -17,7 +17,7 @@ from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
-from flexmbd.multibody.kernels.reading.columns import holds_position
+from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _UNEVEN = math.log(2.0)  # rows whose volumes differ by more than this factor from stage to stage are worth evening out
 

@@ -18,7 +18,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.response import Response
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
-from flexmbd.multibody.kernels.reading.forces import without_function
+from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.kernels.reading.tree import joint_frame
 from flexmbd.multibody.motion.machine import Machine
 

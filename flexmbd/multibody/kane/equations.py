@@ -18,9 +18,14 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion, load_frame
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
+    backward_forces,
+    forward_kinematics,
+    frame_motion,
+    load_frame,
+)
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
-from flexmbd.multibody.kernels.reading.motion import asked_wrenches
+from flexmbd.multibody.kernels.reading.evaluated_motion import required_wrenches
 from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.machine import Contribution, Machine
@@ -62,7 +67,7 @@ class Kinematics(Instant):
         work, rest = new_work(plan), np.zeros(nv)
         linear, angular = np.zeros((2, len(rows), 3, nv))
         for r, unit in enumerate(np.eye(nv)):
-            forward(plan, work, self.x, unit, rest)
+            forward_kinematics(plan, work, self.x, unit, rest)
             for k, row in enumerate(rows):
                 _, R, velocity, spin, _, _ = frame_motion(plan, work, row)
                 linear[k, :, r] = np.reshape(R, (3, 3)) @ velocity
@@ -79,11 +84,11 @@ class Kinematics(Instant):
         rows = [self._frames.row(frame) for frame, _, _ in loads]
         plan, work = self._frames.evaluated()
         out = np.zeros(self.scene.nv)
-        asked_wrenches(work)[:] = 0.0
+        required_wrenches(work)[:] = 0.0
         for row, (_, force, torque) in zip(rows, loads, strict=True):
             R = np.reshape(frame_motion(plan, work, row)[1], (3, 3))
             load_frame(plan, work, row, _triple(R.T @ force), _triple(R.T @ torque), out)
-        backward(plan, work, out)
+        backward_forces(plan, work, out)
         return out
 
 

@@ -16,7 +16,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kane.equations import Kinematics
 from flexmbd.multibody.kane.response import Response
-from flexmbd.multibody.kernels.reading.forces import without_function
+from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.motion.machine import Contribution, Machine
 
 FloatArray = NDArray[np.float64]

@@ -11,9 +11,9 @@ from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.kernels.sampling.series import constraint_matrix
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Response:
         constraint_matrix(plan, self.work, x, np.zeros(self._nv), np.zeros(self._nv), np.zeros((4, m)), jacobian)
         solve_mass(plan, self.work, self._articulated, jacobian, yielding)
         values = np.zeros((3, m))
-        forward(plan, self.work, x, v, a)
+        forward_kinematics(plan, self.work, x, v, a)
         constraints(plan, self.work, *values)
         opening = np.vstack([values[2], slopes @ jacobian.T])
         sizes = self._sizes

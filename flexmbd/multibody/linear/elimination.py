@@ -18,7 +18,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 

@@ -18,7 +18,7 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.rows import driven_coordinates
+from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
 from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.output import Output, Slopes, observe

@@ -14,8 +14,8 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.reading.forces import without_loads
-from flexmbd.multibody.kernels.reading.rows import three_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import three_rows
+from flexmbd.multibody.kernels.reading.force_tables import without_loads
 from flexmbd.multibody.kernels.reading.tree import with_frame
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion

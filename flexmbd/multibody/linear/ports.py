@@ -17,8 +17,8 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.forces import force_elements, joint_force_times, keep_forces, without_loads
-from flexmbd.multibody.kernels.reading.rows import constraint_rows, driven_coordinates, penalty_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, driven_coordinates, penalty_rows
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, joint_force_times, keep_forces, without_loads
 from flexmbd.multibody.linear.elimination import Prescribed
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

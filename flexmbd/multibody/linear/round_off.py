@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.motion import asked_wrenches
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
+from flexmbd.multibody.kernels.reading.evaluated_motion import required_wrenches
 from flexmbd.multibody.kernels.reading.tree import frame_owner, masses, modal_places, parents, tree_joints
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination
@@ -34,7 +34,7 @@ def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
     """
     scene, plan = point.scene, point.scene.plan
     residual(plan, work, point.x, point.v, np.zeros(scene.nv), point.multipliers, np.zeros(scene.nv))
-    length, wrenches = scene.extent, asked_wrenches(work)[: len(plan.tree)]
+    length, wrenches = scene.extent, required_wrenches(work)[: len(plan.tree)]
     passed = length * np.linalg.norm(wrenches[:, :3], axis=1)
     passed += np.linalg.norm(wrenches[:, 3:], axis=1)
     at_play = passed + length * masses(plan) * np.linalg.norm(plan.gravity)

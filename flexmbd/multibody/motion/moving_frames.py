@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
-from flexmbd.multibody.kernels.reading.forces import without_forces
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.scene_index import IdentityMap
 
@@ -78,6 +78,6 @@ class MovingFrames:
     def evaluated(self) -> tuple[Plan, Work]:
         """The plan with all frames asked for so far, and scratch that holds the motion."""
         if self._stale:
-            forward(self._plan, self._work, *self._state)
+            forward_kinematics(self._plan, self._work, *self._state)
             self._stale = False
         return self._plan, self._work

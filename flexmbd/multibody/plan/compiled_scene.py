@@ -18,7 +18,7 @@ from flexmbd.multibody.functions.time_function import TimeRow, as_row
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coupling import Coupling
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.motion.machine import WrenchSource
@@ -246,7 +246,7 @@ def build(
     tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
     frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
     rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
-    tree[:, at.TURNING] = decide_turning(tree, frames, frame_of, rigid)
+    tree[:, at.ROTATION] = decide_turning(tree, frames, frame_of, rigid)
     plan = Plan(
         tree=tree,
         frames=frames,

@@ -13,7 +13,7 @@ from flexmbd.multibody.functions.time_function import Compiled, TimeRow
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, step_turn
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
@@ -69,7 +69,7 @@ class Numbering:
             step = joint.steps[k]
             pitch = self.add_data(np.array([step.pitch])) if step.kind == kinds.SCREW else 0
             ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
-            self.tree.append([*ends, -1, -1, -1, pitch, kinds.FREELY])
+            self.tree.append([*ends, -1, -1, -1, pitch, kinds.FREE_ROTATION])
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
             if after is not None:

@@ -15,7 +15,7 @@ from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.protocol import Row
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.topology import Topology
@@ -84,7 +84,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
         line = [f, g, row.kind, row.index, data, row.level, time, 0]
         name = f"{closure.name}: {row.name}"
         if isinstance(closure.enforce, AugmentedLagrangian):
-            line[at.ROW_HOLD] = b.add_data(_hold(b.extent, row, closure.enforce, name))
+            line[at.ROW_ENFORCEMENT] = b.add_data(_hold(b.extent, row, closure.enforce, name))
         if isinstance(closure.enforce, Penalty):
             rows.penalties.append(line)
             rows.penalised.append((name, _yield(b.extent, row, closure.enforce, name)))
@@ -105,7 +105,7 @@ def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name:
 
 
 def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
-    """(N_HOLD,) what an augmented Lagrangian enforces a row by."""
+    """(N_ENFORCEMENT,) parameters of the augmented Lagrangian that enforces a row."""
     size = 1.0 if row.kind in kinds.ROWS_IN_RAD else extent
     return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.forces import without_forces
-from flexmbd.multibody.kernels.reading.rows import constraint_rows, coupling_rows, coupling_terms
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, coupling_rows, coupling_terms
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.kernels.sampling.series import constraint_matrix
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -25,7 +25,7 @@ def constraint_values(
     """Residuals (m,) of all rows and their first and second time derivatives."""
     m = len(scene.plan.rows)
     values = np.zeros((3, m))
-    forward(scene.plan, work, x, v, np.zeros(scene.nv) if a is None else a)
+    forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv) if a is None else a)
     constraints(scene.plan, work, *values)
     return values[0], values[1], values[2]
 

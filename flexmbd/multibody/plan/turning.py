@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -22,23 +22,23 @@ _SLIDES = (kinds.FIXED, kinds.PRISMATIC)
 
 
 def decide_turning(tree: IntArray, frames: FloatArray, frame_of: IntArray, rigid: FloatArray) -> IntArray:
-    """(bodies,) layout.NEVER, BALANCED, IN_PLANE or FREELY of each row of ``tree``.
+    """(bodies,) ``kinds.NONROTATING`` to ``kinds.FREE_ROTATION`` of each row of ``tree``.
 
     A frame turns about one axis n of its body if its joint is a hinge about n on a parent that turns about n as well
     or not at all, or a slide on a parent that turns about n; n then is fixed in body and space.  What stands on a
     frame that deforms may turn any way.  Columns are those of ``Plan``.
     """
     axes: list[FloatArray | None] = []  # in the body; zeros: turns never; None: any way
-    turning = np.full(len(tree), kinds.FREELY)
+    turning = np.full(len(tree), kinds.FREE_ROTATION)
     for i, row in enumerate(tree):
         axes.append(_axis(row, frames, frame_of, axes))
         axis = axes[-1]
         if axis is None:
             continue
         if not axis.any():
-            turning[i] = kinds.NEVER
+            turning[i] = kinds.NONROTATING
         elif row[at.FLEX] < 0:
-            turning[i] = kinds.BALANCED if _is_balanced(rigid[i], axis) else kinds.IN_PLANE
+            turning[i] = kinds.BALANCED_ROTATION if _is_balanced(rigid[i], axis) else kinds.PLANAR_ROTATION
     return turning
 
 

@@ -11,9 +11,9 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Penalty
 from flexmbd.multibody.joint.fixed import Fixed
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.reading.forces import force_elements
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
-from flexmbd.multibody.kernels.reading.tree import has_modal_damping, turning
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
+from flexmbd.multibody.kernels.reading.force_tables import force_elements
+from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotation_kind
 from flexmbd.multibody.start.consistent_start import Start
 
 _KINDS = {
@@ -25,11 +25,11 @@ _KINDS = {
 
 #: What bodies do without, by how their frames may turn.
 _UNNEEDED_RIGID = {
-    kinds.NEVER: "gyroscopic terms of {} (no joint turns the frame)",
-    kinds.BALANCED: "gyroscopic terms of {} (turning about one principal axis)",
-    kinds.IN_PLANE: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
+    kinds.NONROTATING: "gyroscopic terms of {} (no joint turns the frame)",
+    kinds.BALANCED_ROTATION: "gyroscopic terms of {} (turning about one principal axis)",
+    kinds.PLANAR_ROTATION: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
 }
-_UNNEEDED_FLEXIBLE = {kinds.NEVER: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
+_UNNEEDED_FLEXIBLE = {kinds.NONROTATING: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
 _SHOWN = 4
 
 
@@ -204,7 +204,7 @@ def _unneeded_gyroscopics(start: Start) -> list[str]:
     bodies = [branch.outer.body for branch in scene.topology.branches]
     groups: dict[str, list[str]] = {}
     for body in bodies:
-        kind = turning(scene.plan, scene.index.bodies[body])
+        kind = rotation_kind(scene.plan, scene.index.bodies[body])
         what = _UNNEEDED_FLEXIBLE.get(kind) if body.reduced() is not None else _UNNEEDED_RIGID.get(kind)
         if what is not None:
             groups.setdefault(what, []).append(body.name)

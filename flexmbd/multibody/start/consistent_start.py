@@ -12,7 +12,7 @@ from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import Kept
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
-from flexmbd.multibody.kernels.reading.rows import coupling_rows, with_coupling_sums
+from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,

@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.rotation import z_onto
 
@@ -38,7 +38,7 @@ class Given:
 
     def position_gaps(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
         """(k,) m or rad: coordinates of the joints at configuration x (nx,), less those given."""
-        forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+        forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
         gaps = [np.zeros(0)]
         for connection in self.positions:
             joint = connection.joint
@@ -121,7 +121,7 @@ def _slopes(scene: CompiledScene, work: Work, x: FloatArray, joints: Sequence[Co
 
 def _rates(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, joints: Sequence[Connection]) -> FloatArray:
     """(k,) velocities of joints."""
-    forward(scene.plan, work, x, v, np.zeros(scene.nv))
+    forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
     rates = [np.zeros(0)]
     for connection in joints:
         _, R, rate, spin = _relative(scene, work, connection)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
-from flexmbd.multibody.kernels.reading.rows import driven_coordinates
+from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,

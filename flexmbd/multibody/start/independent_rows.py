@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_loops

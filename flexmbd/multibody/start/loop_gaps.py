@@ -15,8 +15,8 @@ from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
-from flexmbd.multibody.kernels.reading.rows import constraint_rows
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, row_sizes
 
@@ -38,7 +38,7 @@ def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """(m, nv) rates of ``loop_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
     slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
     slopes[~constraint_rows(scene.plan).holds_position] = 0.0
-    forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for rows, frames, _, per_spin in list(_far_turned(scene, work)):
         slopes[rows] = per_spin @ _spins(scene, work, x, *frames)
     return slopes
@@ -47,7 +47,7 @@ def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
 def _far_turned(
     scene: CompiledScene, work: Work
 ) -> Iterator[tuple[NDArray[np.int64], tuple[int, int], FloatArray, FloatArray]]:
-    """Of each pair of frames turned by more than a right angle against each other, as ``forward`` left them.
+    """Of each pair of frames turned by more than a right angle against each other, as ``forward_kinematics`` left them.
 
     Its rows (k,), frames F and G, what is open (k,) (rad) and (k, 3) its rates per unit of G's angular velocity
     against F in F's axes.
@@ -85,6 +85,6 @@ def _spins(scene: CompiledScene, work: Work, x: FloatArray, f: int, g: int) -> F
     """(3, nv) angular velocity of frame row g against f, in f's axes, per unit of each velocity."""
     spins = np.zeros((3, scene.nv))
     for k, unit in enumerate(np.eye(scene.nv)):
-        forward(scene.plan, work, x, unit, np.zeros(scene.nv))
+        forward_kinematics(scene.plan, work, x, unit, np.zeros(scene.nv))
         spins[:, k] = relative_motion(scene.plan, work, f, g)[3]
     return spins

@@ -13,9 +13,9 @@ from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import ALIGNED
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
-from flexmbd.multibody.kernels.reading.motion import body_motion, frame_in_body, world_motion
-from flexmbd.multibody.kernels.reading.rows import constraint_rows, penalty_rows
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, penalty_rows
+from flexmbd.multibody.kernels.reading.evaluated_motion import body_motion, frame_in_body, world_motion
 from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.rotation import to_quaternion
@@ -54,7 +54,7 @@ def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray)
     joints = placing_joints(scene)
     mates = _placing_mates(scene)
     for row in sorted({*joints, *mates}):
-        forward(plan, work, x, v, zero)
+        forward_kinematics(plan, work, x, v, zero)
         flight = tree_joint(plan, row)
         if row in mates:
             x[flight.x], v[flight.v] = _state_by_mate(work, *mates[row])
@@ -79,10 +79,10 @@ def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArr
     plan, zero = scene.plan, np.zeros(scene.nv)
     mates = _placing_mates(scene)
     for row in sorted(mates):
-        forward(plan, work, x, step, zero)
+        forward_kinematics(plan, work, x, step, zero)
         p, R, shift, turn = body_motion(work, mates[row][0])
         p_own, R_own, shift_own, turn_own = body_motion(work, row)
-        forward(plan, work, moved, zero, zero)
+        forward_kinematics(plan, work, moved, zero, zero)
         p_moved, R_moved, *_ = body_motion(work, mates[row][0])
         arm, swing = p_own - p, R_moved @ R.T
         bent = scipy.linalg.expm(np.cross(np.eye(3), turn_own - turn))
@@ -147,7 +147,7 @@ def _state_by_joint(
 
 def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
     """Raise AssemblyError where a loop closed with its axes opposed instead of aligned."""
-    forward(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for connection in scene.topology.closures:
         rows = connection.joint.rows
         f, g = scene.index.closures[connection]

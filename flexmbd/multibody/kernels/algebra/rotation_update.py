@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -62,7 +62,7 @@ def local_rate(way, u, w):
 
 
 @kernel
-def move(plain, quaternions, way, x, u, out):
+def from_local_coordinates(plain, quaternions, way, x, u, out):
     """out = x moved by the local coordinates u (nv,); what is no quaternion adds.
 
     ``plain``, ``quaternions``: ``coordinate_slots``.
@@ -83,7 +83,7 @@ def move(plain, quaternions, way, x, u, out):
 
 
 @kernel
-def turn_rates(quaternions, way, u, rates):
+def to_local_rates(quaternions, way, u, rates):
     """Turn the velocities ``rates`` (nv,) into rates of the local coordinates u; what adds stays."""
     for i in range(quaternions.shape[0]):
         o = quaternions[i, 1]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -43,7 +43,7 @@ class Plan(NamedTuple):
     lapack: IntArray
     flag: IntArray
     elements: IntArray
-    penalties: IntArray  # constraint rows, with the columns of ``rows``, that yield instead of having multipliers
+    penalties: IntArray  # constraint rows, with the columns of ``rows``, that penalties enforce in place of multipliers
 
 
 class Work(NamedTuple):

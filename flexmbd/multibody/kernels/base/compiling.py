@@ -103,7 +103,7 @@ class _KernelCacheLocator(caching._CacheLocator):
 caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
 
 
-def announce(purpose: str) -> bool:
+def announce_compilation(purpose: str) -> bool:
     """Tell on stderr, once, that kernels for a purpose are about to be compiled; False if they are cached."""
     if purpose in _announced or _marker(purpose).exists():
         return False

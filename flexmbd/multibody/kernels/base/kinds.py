@@ -9,11 +9,12 @@ from __future__ import annotations
 # Joint kinds.
 FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SCREW = range(6)
 
-# How a body's frame may turn, decided from the joints on the way from the ground.  NEVER: not at all.  BALANCED: about
-# one axis fixed in the body, on which w x (J w) is zero for a rigid body.  IN_PLANE: about one axis, where w x (J w) is
-# across it, which loads joints but moves none.  FREELY: any way, or as a flexible body, whose Coriolis forces stay in a
-# plane as well.
-NEVER, BALANCED, IN_PLANE, FREELY = range(4)
+# How a body's frame may rotate, decided from the joints between it and the ground.
+# NONROTATING: it keeps its orientation.  BALANCED_ROTATION: about one axis fixed in the body that is a principal one,
+# so that w x (J w) is zero for a rigid body.  PLANAR_ROTATION: about one axis that is not principal; w x (J w) is then
+# perpendicular to it and loads joints but accelerates none.  FREE_ROTATION: about any axis; also every flexible body
+# that rotates, for Coriolis forces of its modes act in a plane motion as well.
+NONROTATING, BALANCED_ROTATION, PLANAR_ROTATION, FREE_ROTATION = range(4)
 
 # Kinds of constraint rows between frames F and G; d = p_FG_F, R = R_FG, n the z axis of G in F, "angle" that of the
 # turn about z (the twist).

@@ -1,23 +1,22 @@
 """Forward dynamics in O(bodies): the articulated-body recursion through rigid and flexible bodies.
 
-Outwards go velocities and what needs no acceleration; inwards each body's inertia and asked
-wrench, of which a joint passes on what does not move it; outwards again the accelerations
-(theory: Featherstone 2008, section 7.3; flexible bodies: ``articulated_flexible``).  Accelerations
-are those of material points, so that no term holds the linear velocity; gravity is an acceleration
-of the ground.
+Outwards: velocities and bias accelerations.  Inwards: articulated inertias and bias forces, each joint being
+eliminated on the way.  Outwards again: accelerations (Featherstone 2008, section 7.3; flexible bodies: ``flexible``).
+Accelerations are those of material points, so that no term holds the linear velocity; gravity is an acceleration of
+the ground.
 """
 
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
-from flexmbd.multibody.kernels.forward_dynamics.inward import gather_forces, gather_inertia
-from flexmbd.multibody.kernels.forward_dynamics.outward import accelerate, move
-from flexmbd.multibody.kernels.forward_dynamics.planar import planar_dynamics
+from flexmbd.multibody.kernels.forward_dynamics.inward import gather_bias_forces, gather_inertia
+from flexmbd.multibody.kernels.forward_dynamics.outward import propagate_accelerations, propagate_velocities
+from flexmbd.multibody.kernels.forward_dynamics.parallel_hinges import planar_dynamics
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.inverse_dynamics.elements import load_elements, push_coordinates
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import load_elements, subtract_coordinate_forces
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 
 
 @entry_kernel
@@ -41,57 +40,57 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers):
 
 @part_of_kernel
 def run_forward_dynamics(plan, work, aw, x, v, a, multipliers):
-    """``forward_dynamics`` as text of its caller: to hand over all arrays takes a quarter of a small machine's time."""
-    asked = aw.asked
-    for k in range(asked.shape[0]):
-        asked[k] = 0.0
+    """``forward_dynamics``, inlined: passing all arrays takes a quarter of a small machine's time."""
+    required = aw.required
+    for k in range(required.shape[0]):
+        required[k] = 0.0
     for i in range(plan.driven.shape[0]):
         a[plan.driven[i, at.DRIVEN_V]] = work.time[plan.driven[i, at.DRIVEN_TIME], 2]
     loaded = False
     if multipliers.shape[0] + plan.elements.shape[0] + plan.forces.shape[0] > 0:
-        loaded = _ask_loads(plan, work, aw, x, v, multipliers)
+        loaded = _add_applied_loads(plan, work, aw, x, v, multipliers)
     if aw.planar[0] == 1:
         planar_dynamics(plan.gravity, aw, work.body, x, v, a, loaded)
         return
-    move(plan, aw, x, v, a)
+    propagate_velocities(plan, aw, x, v, a)
     gather_inertia(plan, work, aw, v, loaded)
     start = (-plan.gravity[0], -plan.gravity[1], -plan.gravity[2])
-    accelerate(plan, aw, start, v, 1.0, a)
+    propagate_accelerations(plan, aw, start, v, 1.0, a)
 
 
 @kernel
-def _ask_loads(plan, work, aw, x, v, multipliers):
-    """Add to ``aw.asked`` and, if it returns true, write to the bodies' wrenches what joints, elements and loops ask.
+def _add_applied_loads(plan, work, aw, x, v, multipliers):
+    """Put applied forces and reactions into ``aw.required`` and, if it returns true, the bodies' wrenches.
 
     Only wrenches between frames need poses in the world.
     """
-    asked = aw.asked
+    required = aw.required
     loaded = multipliers.shape[0] > 0
     for i in range(plan.elements.shape[0]):
         loaded = loaded or plan.elements[i, at.EL_KIND] in kinds.BETWEEN_FRAMES
     if loaded:
-        forward(plan, work, x, v, aw.rest)
+        forward_kinematics(plan, work, x, v, aw.zeros)
         for i in range(plan.tree.shape[0]):
             for k in range(at.B_F, at.B_T + 3):
                 work.body[i, k] = 0.0
-        load_elements(plan, work, asked)
+        load_elements(plan, work, required)
         if multipliers.shape[0] > 0:
-            load_constraints(plan, work, multipliers, asked)
-            load_couplings(plan, multipliers, asked)
+            load_constraints(plan, work, multipliers, required)
+            load_couplings(plan, multipliers, required)
     if plan.elements.shape[0] > 0:
-        push_coordinates(plan, work, x, v, asked)
+        subtract_coordinate_forces(plan, work, x, v, required)
     for i in range(plan.forces.shape[0]):
-        asked[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
+        required[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
     return loaded
 
 
 @entry_kernel
 def articulate(plan, work, aw, x):
     """Factor M(x) for ``solve_mass``; arguments as for ``forward_dynamics``."""
-    for k in range(aw.asked.shape[0]):
-        aw.asked[k] = 0.0
-    move(plan, aw, x, aw.rest, aw.rest)
-    gather_inertia(plan, work, aw, aw.rest, False)
+    for k in range(aw.required.shape[0]):
+        aw.required[k] = 0.0
+    propagate_velocities(plan, aw, x, aw.zeros, aw.zeros)
+    gather_inertia(plan, work, aw, aw.zeros, False)
 
 
 @entry_kernel
@@ -103,5 +102,5 @@ def solve_mass(plan, work, aw, rhs, out):
     for k in range(rhs.shape[0]):
         for i in range(plan.driven.shape[0]):
             out[k, plan.driven[i, at.DRIVEN_V]] = 0.0
-        gather_forces(plan, aw, rhs[k])
-        accelerate(plan, aw, (0.0, 0.0, 0.0), aw.rest, 0.0, out[k])
+        gather_bias_forces(plan, aw, rhs[k])
+        propagate_accelerations(plan, aw, (0.0, 0.0, 0.0), aw.zeros, 0.0, out[k])

@@ -1,4 +1,4 @@
-"""What the articulated-body recursion keeps of a plan, and its scratch space.
+"""Constants of a plan for the articulated-body recursion, and its work arrays.
 
 A rigid body is re-expressed in the frame G of its inboard joint, so that a joint is a turn about z
 and a shift along z; a flexible body stays in its body frame B, for its modes are given there.
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 
 # Columns of ArticulatedWork.link, one row a body of the tree.
@@ -20,16 +20,16 @@ PARENT = 0  # row of the parent, -1 the ground
 FORM = 1  # how the joint is eliminated, below
 JOINT_X = 2  # first entry of the joint in x
 JOINT_V = 3  # first entry of the joint in v
-FREEDOMS = 4  # coordinates that yield: 0 for a fixed or prescribed joint
+FREEDOMS = 4  # coordinates that are eliminated: 0 for a fixed or prescribed joint
 FLEX = 5  # row of ArticulatedWork.flex, -1 for a rigid body
 INTERFACE = 6  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
-MULTI = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
+SUBSPACE = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
 N_LINK = 8
 
-# FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that bears no child but the next row.
+# FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that carries no child but the next row.
 # ALIGNED: one coordinate at most, F along the axes of a rigid parent.  TURNED: one coordinate at most.
-# SEVERAL: more coordinates.
-PLAIN, ALIGNED, TURNED, SEVERAL = range(4)
+# MULTI_DOF: more coordinates.
+PLAIN, ALIGNED, TURNED, MULTI_DOF = range(4)
 
 # Columns of ArticulatedWork.constant: position of F in the parent, mass integrals about the body's own origin
 # (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate.
@@ -39,15 +39,15 @@ C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, N_CONSTANT = 0, 3, 4, 7, 13, 1
 X_R, X_OWN_P, X_OWN_R, N_AXES = 0, 9, 12, 21
 
 # Columns of ArticulatedWork.row: cosine and sine of the joint; angular velocity of the body; linear acceleration of
-# G that needs no other, in G's axes; U, 1/D and u of a joint of one coordinate.
+# bias acceleration of G, in G's axes; U, 1/D and u of a joint of one coordinate.
 R_COS, R_SIN, R_SPIN, R_BIAS, R_U, R_D, R_FORCE, N_ROW = 0, 1, 2, 5, 8, 14, 15, 16
 
 # Columns of ArticulatedWork.pose, not of PLAIN bodies: axes and position of G in the parent (of the frame that
-# deforms where there is one); angular acceleration of G that needs no other; of a flexible body the acceleration of
+# deforms where there is one); angular bias acceleration of G; of a flexible body the acceleration of
 # B that needs none of G, in B; acceleration of the body (angular, linear).
 P_R, P_P, P_BIAS, P_OWN_BIAS, P_ANGULAR, P_LINEAR, N_POSE = 0, 9, 12, 15, 18, 21, 24
 
-# Columns of ArticulatedWork.gathered: A, B, M and the wrench that children ask of the body.
+# Columns of ArticulatedWork.gathered: A, B, M and the bias force of the children, summed.
 G_A, G_B, G_M, G_TORQUE, G_FORCE, N_GATHERED = 0, 6, 15, 21, 24, 27
 
 # Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many, offset in pairs.
@@ -61,9 +61,9 @@ T_COUPLING, N_TABLE = 6, 15
 B_INERTIA, B_FIRST, B_TORQUE, B_FORCE, N_BODY = 0, 6, 9, 12, 15
 
 # Columns of ArticulatedWork.interface: pose of the deformed frame in B, the matrix that takes the rate of its
-# rotation vector to its angular velocity, its acceleration in B that needs no other (angular, linear), what the child
-# asks there (inertia, wrench; in B's axes about the frame), the acceleration of the frame; size of the inertia's
-# rotation and translation blocks before the joint yields, of which round-off is a share.
+# rotation vector to its angular velocity, its bias acceleration in B (angular, linear), articulated inertia and
+# bias force of the child there (in B's axes about the frame), the acceleration of the frame; size of the inertia's
+# rotation and translation blocks before the joint is eliminated, of which round-off is a share.
 I_P, I_R, I_TURN, I_BIAS_ANGULAR, I_BIAS_LINEAR = 0, 3, 12, 21, 24
 I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
     27, 33, 42, 48, 51, 54, 57, 60, 62,
@@ -81,12 +81,12 @@ class ArticulatedWork(NamedTuple):
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
     pairs: for each flexible body (1 + n, 9, n), the symmetric parts and the skew parts' vectors of its modes' first
     moments with x and with each mode.  table (f, 15, n): the same of the deformed body, see N_TABLE.
-    bias, ask (f, n): modal forces that the motion asks for; scratch.
-    root, turned, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children on c frames
-    that deform, see ``articulated_interface``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S; scratch.
-    rest6: (6, 6) scratch.
-    asked: (nv,) generalised forces asked by elements and joint forces.  rest: (nv,) zeros.
-    planar: (1,) whether all hinges are parallel, see ``articulated_planar``.
+    bias, modal_acceleration (f, n): modal bias forces; accelerations of the modes without interface wrenches.
+    inertia_root, turned_root, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children
+    on c frames that deform, see ``interface_elimination``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S;
+    scratch.  scratch6: (6, 6).
+    required: (nv,) generalised forces, with the opposite sign, of elements, joint forces and couplings.
+    zeros: (nv,).  planar: (1,) whether all hinges are parallel, see ``parallel_hinges``.
     """
 
     link: IntArray
@@ -104,21 +104,21 @@ class ArticulatedWork(NamedTuple):
     pairs: FloatArray
     table: FloatArray
     bias: FloatArray
-    ask: FloatArray
-    root: FloatArray
-    turned: FloatArray
+    modal_acceleration: FloatArray
+    inertia_root: FloatArray
+    turned_root: FloatArray
     coupled: FloatArray
     response: FloatArray
     mobility: FloatArray
     schur: FloatArray
     load: FloatArray
-    rest6: FloatArray
-    asked: FloatArray
-    rest: FloatArray
+    scratch6: FloatArray
+    required: FloatArray
+    zeros: FloatArray
     planar: IntArray
 
 
-def _subspace(kind: int, pitch: float) -> tuple[float, float] | None:
+def _motion_subspace(kind: int, pitch: float) -> tuple[float, float] | None:
     """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
     slide, turn = (0.0, 1.0), (1.0, 0.0)
     known = {kinds.FIXED: (0.0, 0.0), kinds.REVOLUTE: turn, kinds.PRISMATIC: slide, kinds.SCREW: (1.0, pitch)}
@@ -136,25 +136,25 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     slot_of = {f: k for k, f in enumerate(interface_frames)}
     driven = set(plan.driven[:, at.DRIVEN_V])
     apart = {int(tree[at.PARENT]) for i, tree in enumerate(plan.tree) if tree[at.PARENT] != i - 1}
-    several = 0
+    multi_dof = 0
     for i, tree in enumerate(plan.tree):
         kind = int(tree[at.JOINT])
-        _place(plan, i, constants[i], axes[i], flex_of)
+        _place_body(plan, i, constants[i], axes[i], flex_of)
         slot = slot_of.get(int(tree[at.FRAME_PARENT]), -1)
-        subspace = _subspace(kind, plan.data[tree[at.JOINT_DATA]])
+        subspace = _motion_subspace(kind, plan.data[tree[at.JOINT_DATA]])
         if subspace is not None:
             constants[i, C_TURN : C_TURN + 2] = subspace
             level = bool((axes[i, X_R : X_R + 9].reshape(3, 3) == _IDENTITY).all())
-            multi = -1
+            subspace_row = -1
             form = ALIGNED if level and slot < 0 else TURNED
             freedoms = 0 if kind == kinds.FIXED or int(tree[at.JOINT_V]) in driven else 1
             if form == ALIGNED and kind == kinds.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
                 form = PLAIN
         else:
-            form, multi, freedoms = SEVERAL, several, 3 if kind == kinds.SPHERICAL else 6
-            several += 1
+            form, subspace_row, freedoms = MULTI_DOF, multi_dof, 3 if kind == kinds.SPHERICAL else 6
+            multi_dof += 1
         links[i] = [
-            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, multi
+            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, subspace_row
         ]  # fmt: skip
     modes = int(flex[:, F_MODES].max(initial=0))
     pairs, table = _modal_moments(plan, flex, modes)
@@ -169,8 +169,8 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         row=zeros((count, N_ROW)),
         pose=_resting_poses(constants),
         gathered=zeros((count, N_GATHERED)),
-        subspace=zeros((several, 3, 6, 6)),
-        force=zeros((several, 6)),
+        subspace=zeros((multi_dof, 3, 6, 6)),
+        force=zeros((multi_dof, 6)),
         flex=flex,
         body=zeros((len(flex), N_BODY)),
         interface=zeros((len(interface_frames), N_INTERFACE)),
@@ -178,17 +178,17 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         pairs=pairs,
         table=table,
         bias=zeros((len(flex), modes)),
-        ask=zeros((len(flex), modes)),
-        root=zeros((len(flex), wide, 6)),
-        turned=zeros((len(flex), wide, 6)),
+        modal_acceleration=zeros((len(flex), modes)),
+        inertia_root=zeros((len(flex), wide, 6)),
+        turned_root=zeros((len(flex), wide, 6)),
         coupled=coupled,
         response=zeros((len(flex), wide, 6)),
         mobility=mobility,
         schur=zeros((len(flex), wide, wide)),
         load=zeros((len(flex), 3, wide)),
-        rest6=zeros((6, 6)),
-        asked=zeros(nv),
-        rest=zeros(nv),
+        scratch6=zeros((6, 6)),
+        required=zeros(nv),
+        zeros=zeros(nv),
         planar=np.array([_is_planar(links, constants)], np.int64),
     )
 
@@ -266,7 +266,7 @@ def _skew_vector(moments: FloatArray) -> FloatArray:
     return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
 
 
-def _place(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: dict[int, int]) -> None:
+def _place_body(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: dict[int, int]) -> None:
     """Fill the constants of body i: F in the parent's frame of reference, mass integrals, G in the body."""
     tree, rigid = plan.tree[i], plan.rigid[i]
     p, R = _frame(plan, int(tree[at.FRAME_PARENT]))

@@ -1,8 +1,8 @@
 """A reduced body in the articulated-body recursion: its modes are eliminated, never factored.
 
-Their mass is the identity.  With y the acceleration of B, f the wrenches that children ask at the frames that deform
-and b the forces that the motion asks for: qdd = -(C^T y + Gamma^T f + b), where the rows of Gamma are a frame's motion
-per unit of each mode; `articulated_interface` finds f.
+Their mass is the identity.  With y the acceleration of B, f the wrenches that children require at deforming frames and
+b the modal bias forces: qdd = -(C^T y + Gamma^T f + b), where the rows of Gamma are a frame's motion per unit of each
+mode; `interface_elimination` finds f.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
 )
 from flexmbd.multibody.kernels.algebra.spatial import add6, load6, skew, store6, sub6, sub9, symmetric_times
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
-from flexmbd.multibody.kernels.forward_dynamics.interface import (
-    bear_children,
-    hold_children,
+from flexmbd.multibody.kernels.forward_dynamics.interface_elimination import (
+    add_child_inertia,
+    child_bias_wrench,
     interface_modes,
     interface_wrenches,
 )
 from flexmbd.multibody.kernels.forward_dynamics.modes import (
     first_moments,
-    modes_asked,
+    free_modal_accelerations,
     modes_schur,
     modes_wrench,
     second_moments,
@@ -85,7 +85,7 @@ def deform_interface(plan, aw, slot, x, v, w):
 def prepare_body(plan, aw, k, x, v, w):
     """Write the rigid inertia, coupling and bias forces of flexible body k.
 
-    Bias is what the motion asks for where B turns at w without acceleration and qdd = 0: centrifugal,
+    Bias forces are those that the motion requires at y = 0 and qdd = 0 with B rotating at w: centrifugal,
     Coriolis, elastic and viscous forces.
     """
     info = aw.flex[k]
@@ -99,8 +99,8 @@ def prepare_body(plan, aw, k, x, v, w):
     table = aw.table[k]
     coupling = table[to.T_COUPLING : to.T_COUPLING + 6]
     for j in range(n):
-        bias[j] = aw.asked[qv + j]
-    elastic_forces(plan.modal, flex, q, qd, aw.ask[k], bias)
+        bias[j] = aw.required[qv + j]
+    elastic_forces(plan.modal, flex, q, qd, aw.modal_acceleration[k], bias)
     o = info[to.F_PAIRS]
     spins = w[0] != 0.0 or w[1] != 0.0 or w[2] != 0.0
     sum_pairs(aw.pairs, o, n, q, qd, spins, table)
@@ -125,7 +125,7 @@ def prepare_body(plan, aw, k, x, v, w):
 
 @part_of_kernel
 def eliminate_modes(plan, aw, k):
-    """Blocks A, B, M of flexible body k about B once its modes yield (a, b, m)."""
+    """Blocks A, B, M of flexible body k about B with its modes eliminated (a, b, m)."""
     info = aw.flex[k]
     row = aw.body[k]
     coupling = aw.table[k, to.T_COUPLING : to.T_COUPLING + 6]
@@ -135,13 +135,13 @@ def eliminate_modes(plan, aw, k):
     b = sub9(skew(load3(row, to.B_FIRST)), b)
     m = sub6((mass, 0.0, 0.0, mass, 0.0, mass), m)
     if info[to.F_COUNT] > 0:
-        return bear_children(plan, aw, k, a, b, m)
+        return add_child_inertia(plan, aw, k, a, b, m)
     return a, b, m
 
 
 @part_of_kernel
 def modal_wrench(plan, aw, k, share):
-    """(torque, force) about B that body k asks while y = 0: of its modal forces and children.
+    """(torque, force) about B that body k requires at y = 0, by its modal forces and children.
 
     ``share``: of the children's bias accelerations, zero for a solve with the factors.
     """
@@ -150,7 +150,7 @@ def modal_wrench(plan, aw, k, share):
     bias = aw.bias[k]
     torque, force = modes_wrench(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], bias, n)
     if info[to.F_COUNT] > 0:
-        more_torque, more_force = hold_children(plan, aw, k, share)
+        more_torque, more_force = child_bias_wrench(plan, aw, k, share)
         torque = add3(torque, more_torque)
         force = add3(force, more_force)
     return torque, force
@@ -164,7 +164,7 @@ def accelerate_modes(plan, aw, k, angular, linear, share, a):
     qv = plan.tree[info[to.F_BODY], at.MODAL_V]
     modal = plan.modal
     qdd = a[qv : qv + n]
-    modes_asked(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
+    free_modal_accelerations(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
     count = info[to.F_COUNT]
     if count == 0:
         return

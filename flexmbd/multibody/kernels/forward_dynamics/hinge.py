@@ -1,4 +1,4 @@
-"""The step inwards over a hinge whose frame lies along its parent's axes: what most machines are made of."""
+"""Elimination of a hinge whose frame lies along its parent's axes, the most frequent joint of machines."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 
 
 @kernel
-def pass_hinge(c, s, r, a, b, m, torque, force, left, over, w, rate, bias):  # noqa: PLR0915  scalars
+def eliminate_hinge(c, s, r, a, b, m, torque, force, joint_force, over, w, rate, bias):  # noqa: PLR0915  scalars
     """Blocks A, B, M and the wrench (torque, force) that a hinge passes on, about the parent's origin.
 
     No torque about z is passed on but the applied one, so the last row and column of A and the last row of B
-    vanish.  ``left``: torque about z that accelerates; ``over``: 1/D; ``w``, ``rate``: angular velocity of the
+    vanish.  ``joint_force``: torque about z that accelerates; ``over``: 1/D; ``w``, ``rate``: angular velocity of the
     body and of the joint; ``bias``: linear acceleration of G that needs no other.
     """
     u0, u1, u3, u4, u5 = a[2], a[4], b[6], b[7], b[8]
@@ -38,12 +38,12 @@ def pass_hinge(c, s, r, a, b, m, torque, force, left, over, w, rate, bias):  # n
     p = w[1] * rate
     q = -w[0] * rate
     x, y, z = bias
-    n0 = torque[0] + left * e0 + a00 * p + a01 * q + b00 * x + b01 * y + b02 * z
-    n1 = torque[1] + left * e1 + a01 * p + a11 * q + b10 * x + b11 * y + b12 * z
-    n2 = torque[2] + left
-    f0 = force[0] + left * e3 + b00 * p + b10 * q + m00 * x + m01 * y + m02 * z
-    f1 = force[1] + left * e4 + b01 * p + b11 * q + m01 * x + m11 * y + m12 * z
-    f2 = force[2] + left * e5 + b02 * p + b12 * q + m02 * x + m12 * y + m22 * z
+    n0 = torque[0] + joint_force * e0 + a00 * p + a01 * q + b00 * x + b01 * y + b02 * z
+    n1 = torque[1] + joint_force * e1 + a01 * p + a11 * q + b10 * x + b11 * y + b12 * z
+    n2 = torque[2] + joint_force
+    f0 = force[0] + joint_force * e3 + b00 * p + b10 * q + m00 * x + m01 * y + m02 * z
+    f1 = force[1] + joint_force * e4 + b01 * p + b11 * q + m01 * x + m11 * y + m12 * z
+    f2 = force[2] + joint_force * e5 + b02 * p + b12 * q + m02 * x + m12 * y + m22 * z
     # turned by the joint
     cc = c * c
     ss = s * s

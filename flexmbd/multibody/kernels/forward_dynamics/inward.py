@@ -1,4 +1,4 @@
-"""The passes inwards of the articulated-body recursion: inertia and wrenches, or wrenches alone."""
+"""The inward passes of the articulated-body recursion: articulated inertias and bias forces, or bias forces alone."""
 
 from __future__ import annotations
 
@@ -26,12 +26,15 @@ from flexmbd.multibody.kernels.algebra.spatial import (
     turn_symmetric,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import eliminate_modes, modal_wrench
-from flexmbd.multibody.kernels.forward_dynamics.hinge import pass_hinge
-from flexmbd.multibody.kernels.forward_dynamics.several import pass_several, yield_several
+from flexmbd.multibody.kernels.forward_dynamics.hinge import eliminate_hinge
+from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import (
+    eliminate_joint_forces,
+    eliminate_multi_dof_joint,
+)
 
 _ZERO3 = (0.0, 0.0, 0.0)
 _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -40,14 +43,14 @@ _ZERO9 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @part_of_kernel
 def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
-    """Articulated inertia and asked wrench of all bodies, inwards.
+    """Articulated inertia and bias force of all bodies, inwards.
 
-    What body i + 1 asks of its parent i stays in registers; the others add theirs in memory.
+    What body i + 1 adds to its parent i stays in registers; other children add theirs in memory.
     """
     link = aw.link
     constant = aw.constant
     row = aw.row
-    asked = aw.asked
+    required = aw.required
     a = _ZERO6
     b = _ZERO9
     m = _ZERO6
@@ -59,7 +62,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
             mass = constant[i, to.C_MASS]
             first = row3(constant, i, to.C_FIRST)
             inertia = row6(constant, i, to.C_INERTIA)
-            if plan.tree[i, at.TURNING] == kinds.FREELY:
+            if plan.tree[i, at.ROTATION] == kinds.FREE_ROTATION:
                 torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
             force = add3(force, cross3(w, cross3(w, first)))
             a = add6(a, inertia)
@@ -70,12 +73,12 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
         if link[i, to.FORM] == to.PLAIN:
             o = link[i, to.JOINT_V]
             over = 1.0 / a[5]
-            left = -asked[o] - torque[2]
+            joint_force = -required[o] - torque[2]
             put6(row, i, to.R_U, (a[2], a[4], a[5], b[6], b[7], b[8]))
             row[i, to.R_D] = over
-            row[i, to.R_FORCE] = left
+            row[i, to.R_FORCE] = joint_force
             if link[i, to.PARENT] >= 0:
-                a, b, m, torque, force = pass_hinge(
+                a, b, m, torque, force = eliminate_hinge(
                     row[i, to.R_COS],
                     row[i, to.R_SIN],
                     row3(constant, i, to.C_P),
@@ -84,7 +87,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
                     m,
                     torque,
                     force,
-                    left,
+                    joint_force,
                     over,
                     w,
                     v[o],
@@ -92,7 +95,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
                 )
             kept = False
         else:
-            a, b, m, torque, force = _yield_body(plan, aw, i, a, b, m, torque, force)
+            a, b, m, torque, force = _eliminate_joint(plan, aw, i, a, b, m, torque, force)
             kept = link[i, to.INTERFACE] >= 0
             if kept:
                 slot = link[i, to.INTERFACE]
@@ -119,20 +122,20 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
 
 @kernel
 def _add_load(work, aw, i, torque, force):
-    """The wrench with what elements and loops ask of body i, in the body's frame of reference."""
-    asked_force = row3(work.body, i, at.B_F)
-    asked_torque = row3(work.body, i, at.B_T)
+    """Add the wrench of force elements and loops on body i, in the body's frame of reference."""
+    applied_force = row3(work.body, i, at.B_F)
+    applied_torque = row3(work.body, i, at.B_T)
     if aw.link[i, to.FLEX] < 0:
         own_R = row9(aw.axes, i, to.X_OWN_R)
-        asked_torque = sub3(asked_torque, cross3(row3(aw.axes, i, to.X_OWN_P), asked_force))
-        asked_torque = rotate_back(own_R, asked_torque)
-        asked_force = rotate_back(own_R, asked_force)
-    return add3(torque, asked_torque), add3(force, asked_force)
+        applied_torque = sub3(applied_torque, cross3(row3(aw.axes, i, to.X_OWN_P), applied_force))
+        applied_torque = rotate_back(own_R, applied_torque)
+        applied_force = rotate_back(own_R, applied_force)
+    return add3(torque, applied_torque), add3(force, applied_force)
 
 
 @part_of_kernel
-def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
-    """The step inwards for any form: what body i passes on, about its parent's origin or deforming frame."""
+def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
+    """The inward step for any form: inertia and bias force for the parent, about its origin or deforming frame."""
     link = aw.link
     row = aw.row
     a = add6(a, row6(aw.gathered, i, to.G_A))
@@ -141,14 +144,14 @@ def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
     torque = add3(torque, row3(aw.gathered, i, to.G_TORQUE))
     force = add3(force, row3(aw.gathered, i, to.G_FORCE))
     if link[i, to.FLEX] >= 0:
-        a, b, m, torque, force = _reduce_body(plan, aw, i, a, b, m, torque, force)
+        a, b, m, torque, force = _condense_modes(plan, aw, i, a, b, m, torque, force)
     r = row3(aw.pose, i, to.P_P)
     if link[i, to.INTERFACE] >= 0:
         mass = m[0] + m[3] + m[5]
         aw.interface[link[i, to.INTERFACE], to.I_SCALE] = a[0] + a[3] + a[5] + mass * dot3(r, r)
         aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
-    if link[i, to.FORM] == to.SEVERAL:
-        a, b, m, torque, force = yield_several(aw, link[i], a, b, m, torque, force)
+    if link[i, to.FORM] == to.MULTI_DOF:
+        a, b, m, torque, force = eliminate_multi_dof_joint(aw, link[i], a, b, m, torque, force)
         if link[i, to.PARENT] < 0:
             return a, b, m, torque, force
     else:
@@ -162,20 +165,20 @@ def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
             spin * b[7] + slide * m[4],
             spin * b[8] + slide * m[5],
         )
-        over = 0.0  # a coordinate that does not yield
-        left = 0.0
+        over = 0.0  # a prescribed coordinate, which is not eliminated
+        joint_force = 0.0
         if link[i, to.FREEDOMS] > 0:
             over = 1.0 / (spin * u[2] + slide * u[5])
-            left = -aw.asked[link[i, to.JOINT_V]] - spin * torque[2] - slide * force[2]
+            joint_force = -aw.required[link[i, to.JOINT_V]] - spin * torque[2] - slide * force[2]
         put6(row, i, to.R_U, u)
         row[i, to.R_D] = over
-        row[i, to.R_FORCE] = left
+        row[i, to.R_FORCE] = joint_force
         if link[i, to.PARENT] < 0:
             return a, b, m, torque, force
         e = (over * u[0], over * u[1], over * u[2], over * u[3], over * u[4], over * u[5])
         a, b, m = subtract_outer(a, b, m, u, e)
-        torque = add3(torque, scale3(left, (e[0], e[1], e[2])))
-        force = add3(force, scale3(left, (e[3], e[4], e[5])))
+        torque = add3(torque, scale3(joint_force, (e[0], e[1], e[2])))
+        force = add3(force, scale3(joint_force, (e[3], e[4], e[5])))
     angular = row3(aw.pose, i, to.P_BIAS)
     linear = row3(row, i, to.R_BIAS)
     torque = add3(torque, add3(symmetric_times(a, angular), rotate(b, linear)))
@@ -200,10 +203,10 @@ def _yield_body(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
 
 
 @part_of_kernel
-def _reduce_body(plan, aw, i, a, b, m, torque, force):
-    """Inertia and wrench of flexible body i with its modes eliminated, about G in G's axes.
+def _condense_modes(plan, aw, i, a, b, m, torque, force):
+    """Articulated inertia and bias force of flexible body i with its modes eliminated, about G in G's axes.
 
-    The arguments are what children at frames that do not deform ask, about B.
+    The arguments are the sums over children at frames that do not deform, about B.
     """
     k = aw.link[i, to.FLEX]
     own_a, own_b, own_m = eliminate_modes(plan, aw, k)
@@ -227,27 +230,27 @@ def _reduce_body(plan, aw, i, a, b, m, torque, force):
 
 
 @part_of_kernel
-def gather_forces(plan, aw, rhs):
-    """Wrenches that the forces ``rhs`` (nv,) leave to the parents, inwards, with the factors at hand."""
+def gather_bias_forces(plan, aw, rhs):
+    """Bias forces of the generalised forces ``rhs`` (nv,), inwards, with the factors at hand."""
     for i in range(aw.link.shape[0]):
         put6(aw.gathered, i, to.G_TORQUE, _ZERO6)
     for i in range(aw.link.shape[0] - 1, -1, -1):
-        pass_forces(plan, aw, i, rhs)
+        propagate_forces(plan, aw, i, rhs)
 
 
 @part_of_kernel
-def pass_forces(plan, aw, i, rhs):
-    """The step of ``gather_forces`` at body i, whose children have passed theirs."""
+def propagate_forces(plan, aw, i, rhs):
+    """The step of ``gather_bias_forces`` at body i, after those of its children."""
     link = aw.link
     row = aw.row
     gathered = aw.gathered
     torque = row3(gathered, i, to.G_TORQUE)
     force = row3(gathered, i, to.G_FORCE)
     if link[i, to.FLEX] >= 0:
-        torque, force = _pass_modes(plan, aw, i, rhs, torque, force)
+        torque, force = _condense_modal_forces(plan, aw, i, rhs, torque, force)
     if link[i, to.FREEDOMS] > 0:
-        if link[i, to.FORM] == to.SEVERAL:
-            torque, force = pass_several(aw, link[i], rhs, torque, force)
+        if link[i, to.FORM] == to.MULTI_DOF:
+            torque, force = eliminate_joint_forces(aw, link[i], rhs, torque, force)
         else:
             u = rhs[link[i, to.JOINT_V]]
             u -= aw.constant[i, to.C_TURN] * torque[2] + aw.constant[i, to.C_SHIFT] * force[2]
@@ -277,8 +280,8 @@ def pass_forces(plan, aw, i, rhs):
 
 
 @kernel
-def _pass_modes(plan, aw, i, rhs, torque, force):
-    """What flexible body i passes on to G of the modal forces of ``rhs`` and of its children's wrenches."""
+def _condense_modal_forces(plan, aw, i, rhs, torque, force):
+    """Bias force about G of flexible body i: modal forces of ``rhs`` and wrenches of children, modes eliminated."""
     k = aw.link[i, to.FLEX]
     o = plan.tree[i, at.MODAL_V]
     for j in range(aw.flex[k, to.F_MODES]):

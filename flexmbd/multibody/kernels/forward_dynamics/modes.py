@@ -175,8 +175,8 @@ def modes_wrench(coupling, bias, n):
 
 
 @summing_kernel
-def modes_asked(coupling, bias, n, angular, linear, out):
-    """out = -(bias + C^T y) for the acceleration y of B: what is left to accelerate the modes."""
+def free_modal_accelerations(coupling, bias, n, angular, linear, out):
+    """out = -(bias + C^T y) for the acceleration y of B: modal accelerations without interface wrenches."""
     for j in range(n):
         out[j] = -(
             bias[j]

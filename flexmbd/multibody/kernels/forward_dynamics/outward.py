@@ -1,4 +1,4 @@
-"""The passes outwards of the articulated-body recursion: velocities first, accelerations last."""
+"""The outward passes of the articulated-body recursion: velocities first, accelerations last."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, compose, cross3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.algebra.spatial import put3, put9, row3, row6, row9, turn
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes, deform_interface, prepare_body
-from flexmbd.multibody.kernels.forward_dynamics.several import accelerate_several, set_subspace
+from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import accelerate_multi_dof_joint, set_motion_subspace
 from flexmbd.multibody.kernels.physics.joints import joint_motion, joint_pose
 
 
 @part_of_kernel
-def move(plan, aw, x, v, a):
+def propagate_velocities(plan, aw, x, v, a):
     """Velocities and bias accelerations of all bodies, outwards."""
     link = aw.link
     constant = aw.constant
@@ -39,11 +39,11 @@ def move(plan, aw, x, v, a):
             put3(row, i, to.R_SPIN, w)
             put3(row, i, to.R_BIAS, bias)
         else:
-            w = _move_body(plan, aw, i, x, v, a, w)
+            w = _propagate_velocity(plan, aw, i, x, v, a, w)
 
 
 @part_of_kernel
-def _move_body(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
+def _propagate_velocity(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
     """The step outwards for any form: return the body's angular velocity in its frame of reference."""
     link = aw.link
     constant = aw.constant
@@ -78,11 +78,11 @@ def _move_body(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
             r = (0.0, 0.0, 0.0)
         p = (0.0, 0.0, slide * position)
         R_FG = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-        if link[i, to.FORM] == to.SEVERAL:
+        if link[i, to.FORM] == to.MULTI_DOF:
             kind = plan.tree[i, at.JOINT]
             p, R_FG = joint_pose(kind, 0.0, x, link[i, to.JOINT_X])
             p_dot, relative = joint_motion(kind, 0.0, v, link[i, to.JOINT_V])
-            set_subspace(aw.subspace[link[i, to.MULTI], 0], link[i, to.FREEDOMS], R_FG)
+            set_motion_subspace(aw.subspace[link[i, to.SUBSPACE], 0], link[i, to.FREEDOMS], R_FG)
         R_AG = compose(R, R_FG)
         r = add3(r, rotate(R, p))
         bias = rotate_back(R_AG, cross3(w, add3(cross3(w, r), scale3(2.0, rotate(R, p_dot)))))
@@ -106,10 +106,10 @@ def _move_body(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
 
 
 @part_of_kernel
-def accelerate(plan, aw, start, v, share, out):
+def propagate_accelerations(plan, aw, start, v, share, out):
     """Accelerations of all bodies, outwards from the ground's (``start``); ``out`` (nv,) gets the coordinates'.
 
-    ``share``: of the bias accelerations that ``move`` left for v, one for forward dynamics, else zero.
+    ``share``: of the bias accelerations that ``propagate_velocities`` left for v, one for forward dynamics, else zero.
     """
     link = aw.link
     constant = aw.constant
@@ -139,11 +139,11 @@ def accelerate(plan, aw, start, v, share, out):
             out[o] = t
             dw = (dw[0], dw[1], dw[2] + t)
         else:
-            dw, acc = _accelerate_body(plan, aw, i, dw, acc, share, out)
+            dw, acc = _propagate_acceleration(plan, aw, i, dw, acc, share, out)
 
 
 @part_of_kernel
-def _accelerate_body(plan, aw, i, dw, acc, share, out):
+def _propagate_acceleration(plan, aw, i, dw, acc, share, out):
     """The step outwards for any form: return the accelerations of the body's origin."""
     link = aw.link
     row = aw.row
@@ -165,8 +165,8 @@ def _accelerate_body(plan, aw, i, dw, acc, share, out):
     acc = add3(acc, scale3(share, row3(row, i, to.R_BIAS)))
     if link[i, to.FREEDOMS] > 0:
         o = link[i, to.JOINT_V]
-        if link[i, to.FORM] == to.SEVERAL:
-            dw, acc = accelerate_several(aw, link[i], dw, acc, out)
+        if link[i, to.FORM] == to.MULTI_DOF:
+            dw, acc = accelerate_multi_dof_joint(aw, link[i], dw, acc, out)
         else:
             u = row6(row, i, to.R_U)
             t = row[i, to.R_FORCE] - u[0] * dw[0] - u[1] * dw[1] - u[2] * dw[2]

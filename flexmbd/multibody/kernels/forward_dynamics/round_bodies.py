@@ -1,7 +1,7 @@
-"""Bodies that are round about an axis, whose spin about it steps leave out of their unknowns.
+"""Axisymmetric bodies, whose steady spin is taken out of the unknowns of a step: despun axes.
 
-A fast top turns much more often than its axis moves.  In axes B' that follow the body but for a steady spin s about
-its axis e, R = R' exp(t s e), its inertia is constant, and with it all that is left to follow is slow:
+A fast top turns much more often than its axis moves.  Its inertia is constant in the despun axes B', which follow the
+body but for a steady spin s about its axis e, R = R' exp(t s e), and the motion in them is slow:
 
     eta = exp(t s e) w,    w' = eta - s e,    d eta/dt = exp(t s e) dw/dt + s e x eta,
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, quaternion_product, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import body_about_joint
@@ -29,7 +29,7 @@ _ROUND = 1e-9  # the share of a moment of inertia by which two that are equal ma
 def round_axes(plan: Plan, quaternions: IntArray) -> FloatArray:
     """(k, 3) axes of the bodies behind ``quaternions`` (``coordinate_slots``), in the axes that their spins are in.
 
-    Zero for a body that is not round about one axis through the origin of its joint, that bends, or bears another.
+    Zero for a body that is not round about one axis through the origin of its joint, that bends, or carries another.
     """
     axes = np.zeros((len(quaternions), 3))
     for k, (in_x, _) in enumerate(quaternions):
@@ -58,22 +58,22 @@ def turn_about(e, c, s, v):
 
 
 @kernel
-def slow_motion(e, spin, c, s, w, dw):
-    """Angular velocity of B' and d eta/dt from those of the body; c, s: cosine and sine of the angle t spin."""
+def despun_motion(e, spin, c, s, w, dw):
+    """Angular velocity of B' and d eta/dt from the body's w and dw/dt; c, s: cosine and sine of the angle t spin."""
     eta = turn_about(e, c, s, w)
     bend = scale3(spin, cross3(e, eta))
     return sub3(eta, scale3(spin, e)), add3(turn_about(e, c, s, dw), bend)
 
 
 @kernel
-def steady_spin(quaternions, axes, v, spins):
+def begin_spin(quaternions, axes, v, spins):
     """Begin a step: write the rates of the bodies about their axes into ``spins`` (k, 3), and the angle 0."""
     for i in range(spins.shape[0]):
         store3(spins[i], 0, (dot3(load3(axes[i], 0), load3(v, quaternions[i, 1])), 1.0, 0.0))
 
 
 @kernel
-def spin_on(quaternions, axes, spins, t, x, v):
+def to_spinning_axes(quaternions, axes, spins, t, x, v):
     """From B' to the body's axes, t after the step's start: quaternions of x and velocities of v.
 
     Cosine and sine of the angle stay in ``spins``.
@@ -89,11 +89,11 @@ def spin_on(quaternions, axes, spins, t, x, v):
         store3(x, o + 1, (turned[1], turned[2], turned[3]))
         spins[i, 1] = c * c - s * s
         spins[i, 2] = 2.0 * c * s
-    spin_vectors(quaternions, axes, spins, v)
+    vectors_to_spinning_axes(quaternions, axes, spins, v)
 
 
 @kernel
-def spin_vectors(quaternions, axes, spins, v):
+def vectors_to_spinning_axes(quaternions, axes, spins, v):
     """Take the bodies' entries of the tangent vector v from the axes of B' to those of the bodies."""
     for i in range(spins.shape[0]):
         o = quaternions[i, 1]
@@ -101,11 +101,11 @@ def spin_vectors(quaternions, axes, spins, v):
 
 
 @kernel
-def slow_rates(quaternions, axes, spins, rate_x, rate_v):
+def despun_rates(quaternions, axes, spins, rate_x, rate_v):
     """Make angular velocities and accelerations in the bodies' axes those of B' and of eta."""
     for i in range(spins.shape[0]):
         o = quaternions[i, 1]
         w, dw = load3(rate_x, o), load3(rate_v, o)
-        w, dw = slow_motion(load3(axes[i], 0), spins[i, 0], spins[i, 1], spins[i, 2], w, dw)
+        w, dw = despun_motion(load3(axes[i], 0), spins[i, 0], spins[i, 1], spins[i, 2], w, dw)
         store3(rate_x, o, w)
         store3(rate_v, o, dw)

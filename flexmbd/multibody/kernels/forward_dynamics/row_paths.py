@@ -1,8 +1,9 @@
 """Constraint rows on the tree: C and C M^-1 C^T, each row by the bodies between its frames and the ground alone.
 
-Force inwards along its path, a row leaves at each joint what accelerates that joint against a parent at rest.  With
-these parts U and what they do to the joints, Y, C M^-1 C^T is U Y^T (the innovations form of the inverse mass matrix,
-Rodriguez, Jain & Kreutz-Delgado 1991), and two rows have to do with each other where their paths share bodies.
+A row's unit reaction, carried inwards along its path, leaves at each joint a generalised force against a parent at
+rest.  With these forces U and the joint accelerations Y = D^-1 U that they cause, C M^-1 C^T is U Y^T (the innovations
+form of the inverse mass matrix, Rodriguez, Jain & Kreutz-Delgado 1991); two rows are coupled where their paths share
+bodies.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ import numpy as np
 from flexmbd.multibody.kernels.algebra.so3 import load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import load6, put6
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
-from flexmbd.multibody.kernels.forward_dynamics.inward import pass_forces
+from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_relative, relative_pose
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import pass_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
+from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces
-from flexmbd.multibody.kernels.physics.rows import row_wrench
 
 _ZERO3 = (0.0, 0.0, 0.0)
 _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -34,9 +35,9 @@ class RowPaths(NamedTuple):
 
     first: (m + 1,) where a row's bodies begin in ``body``, outermost first.
     visited: (bodies + 1,) where a body's rows begin in ``row``, in rising order.
-    slots: (bodies, 5) of its joint the first velocity, the number of velocities, how many of them yield; first
+    slots: (bodies, 5) of its joint the first velocity, the number of velocities, how many of them are eliminated; first
     velocity and number of its modes.
-    jacobian: (m, nv) C.  push, yielding: (m, nv) U and Y.  All are zero off the paths.
+    jacobian: (m, nv) C.  joint_force, joint_acceleration: (m, nv) U and Y.  All are zero off the paths.
     """
 
     first: IntArray
@@ -45,8 +46,8 @@ class RowPaths(NamedTuple):
     row: IntArray
     slots: IntArray
     jacobian: FloatArray
-    push: FloatArray
-    yielding: FloatArray
+    joint_force: FloatArray
+    joint_acceleration: FloatArray
 
 
 def new_row_paths(plan: Plan) -> RowPaths:
@@ -100,8 +101,8 @@ def solve_rows(plan, work, aw, paths, small):
     Of the forward dynamics at hand, whose factors are in ``aw``, and of the kinematics in ``work``.
     """
     for i in range(small.shape[0]):
-        _direction(plan, work, paths, i)
-        _push(plan, aw, paths, i)
+        _unit_reaction(plan, work, paths, i)
+        _propagate_row(plan, aw, paths, i)
         for j in range(i + 1):
             small[i, j] = 0.0
     for b in range(paths.slots.shape[0]):
@@ -111,9 +112,9 @@ def solve_rows(plan, work, aw, paths, small):
                 j = paths.row[q]
                 total = 0.0
                 for k in range(paths.slots[b, 0], paths.slots[b, 0] + paths.slots[b, 2]):
-                    total += paths.push[i, k] * paths.yielding[j, k]
+                    total += paths.joint_force[i, k] * paths.joint_acceleration[j, k]
                 for k in range(paths.slots[b, 3], paths.slots[b, 3] + paths.slots[b, 4]):
-                    total += paths.push[i, k] * paths.yielding[j, k]
+                    total += paths.joint_force[i, k] * paths.joint_acceleration[j, k]
                 small[i, j] += total
 
 
@@ -142,7 +143,7 @@ def add_row(paths, i, share, out):
 
 
 @part_of_kernel
-def _direction(plan, work, paths, i):
+def _unit_reaction(plan, work, paths, i):
     """Row i of C, as the generalised forces of its unit multiplier."""
     row = plan.rows[i]
     out = paths.jacobian[i]
@@ -165,11 +166,11 @@ def _direction(plan, work, paths, i):
     force, torque = row_wrench(plan.data, row, d, R)
     load_relative(plan, work, f, g, d, R, force, torque, out)
     for n in range(paths.first[i], paths.first[i + 1]):
-        pass_wrench(plan, work, paths.body[n], out)
+        propagate_wrench(plan, work, paths.body[n], out)
 
 
 @part_of_kernel
-def _push(plan, aw, paths, i):
+def _propagate_row(plan, aw, paths, i):
     """Rows i of U and Y from that of C, inwards."""
     for n in range(paths.first[i], paths.first[i + 1]):
         b = paths.body[n]
@@ -181,32 +182,32 @@ def _push(plan, aw, paths, i):
                 put6(aw.interface, slot, to.I_TORQUE, _ZERO6)
     for n in range(paths.first[i], paths.first[i + 1]):
         b = paths.body[n]
-        pass_forces(plan, aw, b, paths.jacobian[i])
+        propagate_forces(plan, aw, b, paths.jacobian[i])
         o = aw.link[b, to.JOINT_V]
-        if aw.link[b, to.FORM] == to.SEVERAL:
-            left = aw.force[aw.link[b, to.MULTI]]
+        if aw.link[b, to.FORM] == to.MULTI_DOF:
+            left = aw.force[aw.link[b, to.SUBSPACE]]
             for k in range(aw.link[b, to.FREEDOMS]):
-                paths.push[i, o + k] = left[k]
-                paths.yielding[i, o + k] = left[k]
+                paths.joint_force[i, o + k] = left[k]
+                paths.joint_acceleration[i, o + k] = left[k]
         elif aw.link[b, to.FREEDOMS] > 0:
-            paths.push[i, o] = aw.row[b, to.R_FORCE]
-            paths.yielding[i, o] = aw.row[b, to.R_FORCE] * aw.row[b, to.R_D]
+            paths.joint_force[i, o] = aw.row[b, to.R_FORCE]
+            paths.joint_acceleration[i, o] = aw.row[b, to.R_FORCE] * aw.row[b, to.R_D]
         if aw.link[b, to.FLEX] >= 0:
-            _push_modes(plan, aw, paths, i, aw.link[b, to.FLEX])
+            _propagate_row_modes(plan, aw, paths, i, aw.link[b, to.FLEX])
 
 
 @kernel
-def _push_modes(plan, aw, paths, i, k):
-    """The modes' part of ``_push``, after flexible body k has passed its wrench on."""
-    accelerate_modes(plan, aw, k, _ZERO3, _ZERO3, 0.0, paths.yielding[i])
+def _propagate_row_modes(plan, aw, paths, i, k):
+    """The modes' part of ``_propagate_row``, after flexible body k has passed its wrench on."""
+    accelerate_modes(plan, aw, k, _ZERO3, _ZERO3, 0.0, paths.joint_acceleration[i])
     n = aw.flex[k, to.F_MODES]
     o = plan.tree[aw.flex[k, to.F_BODY], at.MODAL_V]
-    push = paths.push[i, o : o + n]
+    joint_force = paths.joint_force[i, o : o + n]
     for j in range(n):
-        push[j] = paths.jacobian[i, o + j]
+        joint_force[j] = paths.jacobian[i, o + j]
     first = aw.flex[k, to.F_FIRST]
     for slot in range(first, first + aw.flex[k, to.F_COUNT]):
         wrench = load6(aw.interface[slot], to.I_TORQUE)
         turn = rotate_back(load9(aw.interface[slot], to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
         modes = plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
-        add_frame_forces(plan.modal, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, push)
+        add_frame_forces(plan.modal, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, joint_force)

@@ -1,4 +1,4 @@
-"""Forces that a motion asks for: the recursion outward and inward, force elements, loops, momenta.
+"""Forces that a motion requires: the recursion outward and inward, force elements, loops, momenta.
 
 Entered by integrators, the tangent and the forward dynamics.
 """

@@ -1,4 +1,4 @@
-"""The machine in canonical form: momenta p = M(x) v, what their rates ask, and stored energy.
+"""The machine in canonical form: momenta p = M(x) v, the forces that change them, and stored energy.
 
 With the kinetic energy T = v^T M(x) v / 2 and the potential V the equations are
 
@@ -12,6 +12,7 @@ changes in T is seen at the joint alone, from the momentum of all that lies beyo
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.algebra.jacobian_derivatives import left_jacobian_torque_derivative
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     cross3,
@@ -25,16 +26,19 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
-from flexmbd.multibody.kernels.algebra.turning import turning_torque
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.inverse_dynamics.elements import elements_energy, load_elements, push_coordinates
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward, forward, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
+    elements_energy,
+    load_elements,
+    subtract_coordinate_forces,
+)
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward_forces, forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
-from flexmbd.multibody.kernels.physics.inertia import add_rigid_wrench, flexible_inertia, rigid_second_moment
+from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, flexible_inertia, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import joint_force, joint_size
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -44,7 +48,7 @@ _ZERO = (0.0, 0.0, 0.0)
 def _body_momentum(plan, i, x, v, none, row, out):
     """Write the momentum of body i about its origin as its wrench, and its modal momenta.
 
-    The momentum is the wrench that the velocities would ask for as accelerations from rest.
+    The momentum is the wrench that the velocities would require as accelerations from rest.
     """
     w = load3(row, at.B_W)
     store3(row, at.B_DW, w)
@@ -53,7 +57,8 @@ def _body_momentum(plan, i, x, v, none, row, out):
     tree = plan.tree[i]
     if tree[at.FLEX] < 0:
         rigid = plan.rigid[i]
-        add_rigid_wrench(rigid[at.MASS], load3(rigid, at.FIRST_MOMENT), rigid_second_moment(rigid), kinds.NEVER, row)
+        first = load3(rigid, at.FIRST_MOMENT)
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
     else:
         n = plan.flex[tree[at.FLEX], at.N_MODES]
         qx = tree[at.MODAL_X]
@@ -65,10 +70,10 @@ def _body_momentum(plan, i, x, v, none, row, out):
 @entry_kernel
 def momenta(plan, work, x, v, none, out):
     """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
-    forward(plan, work, x, v, none)
+    forward_kinematics(plan, work, x, v, none)
     for i in range(plan.tree.shape[0]):
         _body_momentum(plan, i, x, v, none, work.body[i], out)
-    backward(plan, work, out)
+    backward_forces(plan, work, out)
 
 
 @kernel
@@ -109,8 +114,8 @@ def write_potential(plan, work, x, out):
 
 
 @part_of_kernel
-def _ask(plan, work, x, v, half, none, wrench, p, out):
-    """Write each body's momentum into ``wrench`` and ``p``, and its weight as its asked wrench.
+def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
+    """Write each body's momentum into ``wrench`` and ``p``, and its weight as the required wrench.
 
     ``half`` is v / 2, ``none`` zeros.  ``out`` gets the modes' part of -dT/dx + dV/dx + damping.
     ``work`` must hold the kinematics of (x, v).
@@ -128,7 +133,7 @@ def _ask(plan, work, x, v, half, none, wrench, p, out):
             n = flex[at.N_MODES]
             qx = tree[at.MODAL_X]
             qv = tree[at.MODAL_V]
-            # -dT/dq is what the motion asks of the modes with all of v held, but for half of Coriolis' part
+            # -dT/dq is the modal force that the motion requires with all of v held, with half of the Coriolis force
             store3(row, at.B_DW, _ZERO)
             store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
             force = out[qv : qv + n]
@@ -165,7 +170,7 @@ def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
         slide = cross3(w, l_B)
         twist = sub3(
             left_jacobian_transposed(theta, add3(cross3(speed, l_B), cross3(spin, h_B))),
-            rotate(turning_torque(theta, h_B), rate),
+            rotate(left_jacobian_torque_derivative(theta, h_B), rate),
         )
         modal = plan.modal
         for k in range(n):
@@ -181,7 +186,7 @@ def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
 
 
 @part_of_kernel
-def _gather(plan, work, v, wrench, p, part, out):
+def _propagate_momenta(plan, work, v, wrench, p, part, out):
     """Carry the momenta inwards: the joints' into ``p``, and -dT/dx added to ``out``.
 
     ``part`` is (6,) scratch.  ``work`` must hold the kinematics of v.
@@ -224,15 +229,15 @@ def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
     """
     for k in range(out.shape[0]):
         out[k] = 0.0
-    forward(plan, work, x, v, none)
-    _ask(plan, work, x, v, half, none, wrench, p, out)
+    forward_kinematics(plan, work, x, v, none)
+    _write_momenta(plan, work, x, v, half, none, wrench, p, out)
     load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
         load_elements(plan, work, out)
-    backward(plan, work, out)
+    backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
-    _gather(plan, work, v, wrench, p, part, out)
+    _propagate_momenta(plan, work, v, wrench, p, part, out)
     if plan.elements.shape[0] > 0:
-        push_coordinates(plan, work, x, v, out)
+        subtract_coordinate_forces(plan, work, x, v, out)
     for i in range(plan.forces.shape[0]):
         out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]

@@ -1,7 +1,7 @@
-"""Constraint rows at work: their values, their rates, and their reactions on the bodies.
+"""Constraint rows of a moving machine: values, rates, and reactions on the bodies.
 
 The reaction is the virtual-work dual of the row, so it does no work (Ambrosio & Nikravesh 1992,
-eq. 74-77).  What a kind of row is stands in ``rows``.
+eq. 74-77).  The kinds of rows are defined in ``physics.constraint_laws``.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
-from flexmbd.multibody.kernels.physics.rows import (
+from flexmbd.multibody.kernels.physics.constraint_laws import (
     row_value,
     row_wrench,
     row_wrench_variation,
@@ -64,7 +64,7 @@ def relative_pose(plan, work, f, g):
 
 @kernel
 def load_relative(plan, work, f, g, d, R, force, torque, out):
-    """Ask the wrench (force at G's origin, torque; F's axes) of G's body, its opposite of F's.
+    """Add the wrench (force at G's origin, torque; F's axes) to that required of G's body, its opposite to F's.
 
     d = p_FG_F and R = R_FG, as ``relative_pose`` gives them; ``out`` gets modal parts.
     """
@@ -128,9 +128,9 @@ def constraints(plan, work, position, velocity, acceleration):
 
 @kernel
 def load_constraints(plan, work, multipliers, out):
-    """Ask the reactions of the rows' multipliers (N or N m) of both frames' bodies.
+    """Add the reactions of the rows' multipliers (N or N m) to the wrenches required of both frames' bodies.
 
-    Added to what the motion asks for: residual = asked inertia + C^T nu - applied.  The reactions
+    The residual is inertial + C^T nu - applied forces.  The reactions
     of couplings are ``load_couplings``' part.
     """
     for i in range(plan.rows.shape[0]):

@@ -1,4 +1,4 @@
-"""What joints pass on, over a whole trajectory, compiled."""
+"""Reactions of joints over a whole trajectory, compiled."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.rows import row_wrench
+from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
@@ -29,7 +29,7 @@ def tree_reactions(plan, work, i, f, t, x, v, a, multipliers, scratch, out):
     """out[k] = force and moment that the inboard joint of row i passes on to its body.
 
     The moment is about the origin of frame f, both in f's axes: the wrench that the motion of all
-    that hangs on the joint asks for, less what other forces give.  ``scratch`` is (nv,).
+    outboard of the joint requires, less that of other forces.  ``scratch`` is (nv,).
     """
     for k in range(x.shape[0]):
         evaluate_times(plan, t[k], work.time)

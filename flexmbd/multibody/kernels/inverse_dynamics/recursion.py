@@ -2,7 +2,7 @@
 
 Forward: pose, velocity and acceleration of every body frame through rigid and flexible parents
 (Anthonis & Ramon 2003, eq. 1-6; Ambrosio & Nikravesh 1992, eq. 69-70).  Backward: the generalised forces
-that the motion asks for (eq. 71), a wrench on a flexible parent's interface going into its modes.
+that the motion requires (eq. 71), a wrench on a flexible parent's interface going into its modes.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
-from flexmbd.multibody.kernels.physics.inertia import (
+from flexmbd.multibody.kernels.physics.inertial_forces import (
     add_rigid_wrench,
     flexible_inertia,
+    nonrotating_inertia,
     rigid_second_moment,
-    unturned_inertia,
 )
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
 
@@ -65,7 +65,7 @@ def deform_frame(fixed, modal, o, q, qd, qdd, row):
 
 @kernel
 def _motion(frame_of, gravity, frames, bodies, f):
-    """`frame_motion` of what it reads, for to hand over whole plans takes longer than all of it."""
+    """`frame_motion` from the arrays that it reads: passing whole plans costs more than the computation."""
     row = frames[f]
     deforms = frame_of[f, at.FRAME_MODES] >= 0
     p_BF = load3(row, at.F_P)
@@ -112,7 +112,7 @@ def frame_motion(plan, work, f):
 
 
 @entry_kernel
-def forward(plan, work, x, v, a):
+def forward_kinematics(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
         fixed = plan.frames[f]
@@ -169,8 +169,8 @@ def forward(plan, work, x, v, a):
 
 
 @kernel
-def ask_inertia(plan, work, x, v, a, out):
-    """Write each body's wrench, and its modal forces into ``out``."""
+def write_inertial_wrenches(plan, work, x, v, a, out):
+    """Write the wrench that each body's inertia requires, and its modal forces into ``out`` (nv,)."""
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         if tree[at.FLEX] < 0:
@@ -179,7 +179,7 @@ def ask_inertia(plan, work, x, v, a, out):
                 rigid[at.MASS],
                 load3(rigid, at.FIRST_MOMENT),
                 rigid_second_moment(rigid),
-                tree[at.TURNING],
+                tree[at.ROTATION],
                 work.body[i],
             )
         else:
@@ -188,8 +188,8 @@ def ask_inertia(plan, work, x, v, a, out):
             qx = tree[at.MODAL_X]
             qv = tree[at.MODAL_V]
             q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-            if tree[at.TURNING] == kinds.NEVER:
-                unturned_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
+            if tree[at.ROTATION] == kinds.NONROTATING:
+                nonrotating_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
             else:
                 flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
             elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
@@ -197,7 +197,7 @@ def ask_inertia(plan, work, x, v, a, out):
 
 @entry_kernel
 def load_frame(plan, work, f, force_F, torque_F, out):
-    """Ask of frame f's body the wrench (force, torque about F's origin; in F's axes) as well.
+    """Add (force, torque about F's origin; in F's axes) to the wrench required of frame f's body.
 
     ``out`` gets the modal part; a wrench on the ground is dropped.
     """
@@ -225,8 +225,8 @@ def load_frame(plan, work, f, force_F, torque_F, out):
 
 
 @part_of_kernel
-def pass_wrench(plan, work, i, out):
-    """The step of ``backward`` at body i, whose children have passed theirs."""
+def propagate_wrench(plan, work, i, out):
+    """The step of ``backward_forces`` at body i, after those of its children."""
     tree = plan.tree[i]
     row = work.body[i]
     child = plan.frames[tree[at.FRAME_CHILD]]
@@ -243,7 +243,7 @@ def pass_wrench(plan, work, i, out):
 
 
 @entry_kernel
-def backward(plan, work, out):
+def backward_forces(plan, work, out):
     """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
     for i in range(plan.tree.shape[0] - 1, -1, -1):
-        pass_wrench(plan, work, i, out)
+        propagate_wrench(plan, work, i, out)

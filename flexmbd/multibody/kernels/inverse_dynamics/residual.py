@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
-from flexmbd.multibody.kernels.inverse_dynamics.elements import load_elements, push_coordinates
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import ask_inertia, backward, forward
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import load_elements, subtract_coordinate_forces
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
+    backward_forces,
+    forward_kinematics,
+    write_inertial_wrenches,
+)
 
 
 @entry_kernel
@@ -29,14 +33,14 @@ def residual(plan, work, x, v, a, multipliers, out):
     """
     for k in range(out.shape[0]):
         out[k] = 0.0
-    forward(plan, work, x, v, a)
-    ask_inertia(plan, work, x, v, a, out)
+    forward_kinematics(plan, work, x, v, a)
+    write_inertial_wrenches(plan, work, x, v, a, out)
     load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
         load_elements(plan, work, out)
-    backward(plan, work, out)
+    backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
     if plan.elements.shape[0] > 0:
-        push_coordinates(plan, work, x, v, out)
+        subtract_coordinate_forces(plan, work, x, v, out)
     for i in range(plan.forces.shape[0]):
         out[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
 
 

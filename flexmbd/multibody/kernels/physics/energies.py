@@ -11,22 +11,22 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 
 _N_VALUES = 91  # W, dW/dF (9), its derivative (81)
 _F = _N_VALUES  # where F stands in the room
-_NOTHING = _F + 9  # where the coordinates of a cell stand that a function may ask for, and no energy depends on
-_ROOM = _NOTHING + 12
+_NOTHING = _F + 9  # where the coordinates of a cell stand, which a function may read and no energy depends on
+_STACK_SIZE = _NOTHING + 12
 _STIFFNESS, _MODES = 1, 7  # in the data
 
 
 @intrinsic
-def _room(typingctx):
+def _stack_space(typingctx):
     """A pointer to numbers on the stack of the function that this stands in."""
 
     def codegen(context, builder, signature, args):
-        numbers = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), _ROOM))
+        numbers = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), _STACK_SIZE))
         return builder.bitcast(numbers, ir.DoubleType().as_pointer())
 
     return types.CPointer(types.float64)(), codegen
@@ -72,7 +72,7 @@ def _call(typingctx, address, room):
 @part_of_kernel
 def _evaluate(plan, row, x, room):
     """Let the function of an element write W and its derivatives at x into the room."""
-    for k in range(_ROOM):
+    for k in range(_STACK_SIZE):
         _put(room, k, 0.0)
     o = row[at.EL_DATA] + _MODES
     first = row[at.EL_X]
@@ -85,9 +85,9 @@ def _evaluate(plan, row, x, room):
 
 
 @kernel
-def push_energy(plan, row, x, out):
+def add_energy_gradient(plan, row, x, out):
     """Add to ``out`` (nv,) the derivatives of an element's energy by its modes."""
-    room = _room()
+    room = _stack_space()
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
     for j in range(row[at.EL_COUNT]):
@@ -101,7 +101,7 @@ def push_energy(plan, row, x, out):
 @kernel
 def energy_of(plan, row, x):
     """An element's energy (J)."""
-    room = _room()
+    room = _stack_space()
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
     energy = plan.data[o] * _get(room, 0)
@@ -114,7 +114,7 @@ def energy_of(plan, row, x):
 @kernel
 def add_energy_block(plan, row, x, per_x, matrix):
     """Add ``per_x`` times the second derivatives of an element's energy by its modes to ``matrix`` (nv, nv)."""
-    room = _room()
+    room = _stack_space()
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
     modes = o + _MODES

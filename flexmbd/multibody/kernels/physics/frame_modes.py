@@ -1,4 +1,4 @@
-"""How a frame moves with the modes of its body, and what a wrench there asks of them, in vector registers.
+"""A frame's motion by the modes of its body, and the modal forces of a wrench on it, in vector registers.
 
 A frame's modes are six rows of n numbers in Plan.modal: translations first, then rotations.
 """

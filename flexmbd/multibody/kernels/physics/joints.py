@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     quaternion_product,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 _ZERO = (0.0, 0.0, 0.0)

@@ -76,7 +76,7 @@ def advance_swarm(F, G, inverse, lame, h, count, s, new_F, new_G):
     """Step all bodies ``count`` times by h (s); -1, or the first body that has det F <= 0 on the way.
 
     F, G: (n, 9) deformation gradients and their rates.  inverse: (n, 6) V J^-1, xx xy xz yy yz zz.  lame: (n, 2).
-    s: (N_ROWS * LANES,) scratch; s[0] and s[1] tell the step and the least det F of a body that failed.
+    s: (N_ROWS * LANES,) scratch; s[0] and s[1] hold the step and the least det F of a body that failed.
     new_F, new_G: (n, 9) output.
     """
     size = F.shape[0]

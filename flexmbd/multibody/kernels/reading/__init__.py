@@ -1,5 +1,5 @@
-"""What the arrays of a compiled scene say, in the words of the field: the one place beside kernels that knows columns.
+"""Readers of a compiled scene's arrays, in the field's terms: the only code beside the kernels that knows columns.
 
-Plain functions for Python code on ``arrays.Plan`` and ``arrays.Work``; ``columns`` has those that kernels of other
-rooms call. Whoever asks by body, joint or force finds the numbers that are asked for here in ``SceneIndex``.
+Plain functions for Python code on ``arrays.Plan`` and ``arrays.Work``; ``plan_entries`` has those that kernels of
+other rooms call.  ``SceneIndex`` gives the rows and entries of a body, joint or force.
 """

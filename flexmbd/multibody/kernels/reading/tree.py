@@ -1,4 +1,4 @@
-"""What a plan says of its tree: joints and modes of each link, and how they hang together."""
+"""Readers of a plan's tree: joints and modes of each link, parents and children."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
@@ -115,9 +115,9 @@ def frame_owner(plan: Plan, frame: int) -> int:
     return int(plan.frame_of[frame, at.FRAME_BODY])
 
 
-def turning(plan: Plan, row: int) -> int:
-    """How the frame of a link may turn: ``kinds.NEVER`` and the like."""
-    return int(plan.tree[row, at.TURNING])
+def rotation_kind(plan: Plan, row: int) -> int:
+    """How the frame of a link may rotate: ``kinds.NONROTATING`` to ``kinds.FREE_ROTATION``."""
+    return int(plan.tree[row, at.ROTATION])
 
 
 def modal_places(plan: Plan) -> Iterator[ModalPlace]:

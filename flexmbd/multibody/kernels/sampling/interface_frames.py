@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, load3, rotate, store3, store9
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 
 # Columns of a frame's motion: origin, rotation, velocities, accelerations.
 M_P, M_R, M_V, M_W, M_A, M_ALPHA, N_MOTION = 0, 3, 12, 15, 18, 21, 24
@@ -14,7 +14,7 @@ M_P, M_R, M_V, M_W, M_A, M_ALPHA, N_MOTION = 0, 3, 12, 15, 18, 21, 24
 def store_motions(plan, work, rows, x, v, a, out):
     """out[k] = motion of the frame in row ``rows[k]`` of ``plan.frames``, accelerations without gravity's."""
     g = load3(plan.gravity, 0)
-    forward(plan, work, x, v, a)
+    forward_kinematics(plan, work, x, v, a)
     for k in range(rows.shape[0]):
         p, R, velocity, spin, acceleration, turning = frame_motion(plan, work, rows[k])
         store3(out[k], M_P, p)
@@ -39,7 +39,7 @@ def frame_twists(plan, work, rows, x, unit, rest, out):
     """
     for j in range(unit.shape[0]):
         unit[j] = 1.0
-        forward(plan, work, x, unit, rest)
+        forward_kinematics(plan, work, x, unit, rest)
         unit[j] = 0.0
         for k in range(rows.shape[0]):
             _, R, velocity, spin, _, _ = frame_motion(plan, work, rows[k])

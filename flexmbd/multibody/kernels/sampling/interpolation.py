@@ -26,7 +26,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.forward_dynamics.round_bodies import slow_motion, turn_about
+from flexmbd.multibody.kernels.forward_dynamics.round_bodies import despun_motion, turn_about
 
 
 @kernel
@@ -66,11 +66,11 @@ def _interpolate_turn(h, s, x0, v0, a0, x1, v1, a1, ox, ov, axis, x, v, a):
     end = _turn_between(x0, x1, ox, e, spin * h)
     # of a turn by u, in the turned axes: spin J_l(-u) du/dt, and its rate
     back = scale3(-1.0, end)
-    w, dw = slow_motion(e, spin, math.cos(spin * h), math.sin(spin * h), load3(v1, ov), load3(a1, ov))
+    w, dw = despun_motion(e, spin, math.cos(spin * h), math.sin(spin * h), load3(v1, ov), load3(a1, ov))
     rate = left_jacobian_inverse(back, w)
     bend = left_jacobian_rate(back, scale3(-1.0, rate))
     rate2 = left_jacobian_inverse(back, add3(dw, bend))
-    first, second = slow_motion(e, spin, 1.0, 0.0, load3(v0, ov), load3(a0, ov))
+    first, second = despun_motion(e, spin, 1.0, 0.0, load3(v0, ov), load3(a0, ov))
     u0, r0, c0 = _quintic(h, s, first[0], second[0], end[0], rate[0], rate2[0])
     u1, r1, c1 = _quintic(h, s, first[1], second[1], end[1], rate[1], rate2[1])
     u2, r2, c2 = _quintic(h, s, first[2], second[2], end[2], rate[2], rate2[2])

@@ -13,14 +13,14 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
-from flexmbd.multibody.kernels.inverse_dynamics.elements import elements_energy
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import elements_energy
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
-from flexmbd.multibody.kernels.physics.inertia import (
+from flexmbd.multibody.kernels.physics.inertial_forces import (
     add_rigid_wrench,
     flexible_inertia,
     rigid_second_moment,
@@ -36,7 +36,7 @@ def frame_series(plan, work, f, x, v, a, out):
     """
     g = load3(plan.gravity, 0)
     for k in range(x.shape[0]):
-        forward(plan, work, x[k], v[k], a[k])
+        forward_kinematics(plan, work, x[k], v[k], a[k])
         p, R, velocity, spin, acceleration, _ = frame_motion(plan, work, f)
         row = out[k]
         store3(row, 0, p)
@@ -51,7 +51,7 @@ def _body_energy(plan, work, i, x, v, none, out):
     """(kinetic, elastic, gravitational) energy of body i, its motion being in ``work``.
 
     Kinetic energy is half of velocity times momentum, and the momentum is the wrench that the
-    same velocities would ask for as accelerations from rest.
+    same velocities would require as accelerations from rest.
     """
     tree = plan.tree[i]
     row = work.body[i]
@@ -65,7 +65,7 @@ def _body_energy(plan, work, i, x, v, none, out):
     elastic = 0.0
     kinetic = 0.0
     if tree[at.FLEX] < 0:
-        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NEVER, row)
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
     else:
         flex = plan.flex[tree[at.FLEX]]
         n = flex[at.N_MODES]
@@ -92,7 +92,7 @@ def energy_series(plan, work, x, v, none, scratch, out):
     ``none`` is (nv,) zeros, ``scratch`` (nv,).
     """
     for k in range(x.shape[0]):
-        forward(plan, work, x[k], v[k], none)
+        forward_kinematics(plan, work, x[k], v[k], none)
         for i in range(plan.tree.shape[0]):
             kinetic, elastic, gravitational = _body_energy(
                 plan, work, i, x[k], v[k], none, scratch
@@ -106,7 +106,7 @@ def energy_series(plan, work, x, v, none, scratch, out):
 
 @entry_kernel
 def force_series(plan, work, t, x, v, a, multipliers, out):
-    """out[k] = generalised forces that the motion asks for beyond the loops' reactions.
+    """out[k] = generalised forces that the motion requires beyond the loops' reactions.
 
     ``plan.forces`` must be empty: what remains is what applied and driving forces supply.
     """
@@ -129,7 +129,7 @@ def largest_residuals(plan, work, t, x, rest, scratch, out):
     for k in range(x.shape[0]):
         if timed:
             evaluate_times(plan, t[k], work.time)
-        forward(plan, work, x[k], rest, rest)
+        forward_kinematics(plan, work, x[k], rest, rest)
         constraints(plan, work, scratch[0], scratch[1], scratch[2])
         for i in range(scratch.shape[1]):
             out[i] = max(out[i], abs(scratch[0, i]))
@@ -141,11 +141,11 @@ def constraint_matrix(plan, work, x, unit, rest, scratch, out):
 
     ``unit`` and ``rest`` are (nv,) zeros, ``scratch`` (4, m).
     """
-    forward(plan, work, x, rest, rest)
+    forward_kinematics(plan, work, x, rest, rest)
     constraints(plan, work, scratch[0], scratch[3], scratch[2])  # rates of prescribed rows
     for k in range(unit.shape[0]):
         unit[k] = 1.0
-        forward(plan, work, x, unit, rest)
+        forward_kinematics(plan, work, x, unit, rest)
         constraints(plan, work, scratch[0], scratch[1], scratch[2])
         unit[k] = 0.0
         for i in range(out.shape[0]):

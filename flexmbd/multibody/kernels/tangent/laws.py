@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
-from flexmbd.multibody.kernels.inverse_dynamics.elements import coordinate_law
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import coordinate_law
 from flexmbd.multibody.kernels.physics.energies import add_energy_block
 from flexmbd.multibody.kernels.physics.joints import retract
 

@@ -10,30 +10,30 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.bodies import (
+from flexmbd.multibody.kernels.tangent.body_moments import (
     add_modal_block,
     flexible_composite,
     modal_columns,
     rigid_composite,
 )
-from flexmbd.multibody.kernels.tangent.columns import (
+from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements
+from flexmbd.multibody.kernels.tangent.laws import add_laws
+from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_product,
     add_products,
     frame_columns,
     joint_columns,
     load_column,
 )
-from flexmbd.multibody.kernels.tangent.laws import add_laws
-from flexmbd.multibody.kernels.tangent.pairs import add_closures, add_elements
 
 
 @part_of_kernel
-def _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Each body's moments, and all about its own modes."""
     for k in range(3):
         tw.origin[k] = 0.0
@@ -46,7 +46,7 @@ def _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             tw.origin[k] = place[k]
             tw.origin[3 + k] = velocity[k]
     tw.wrench[:] = 0.0
-    tw.feel[:] = 0.0
+    tw.projection[:] = 0.0
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         if tree[at.FLEX] < 0:
@@ -77,17 +77,17 @@ def _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
 
 
 @kernel
-def _feel_product(tw, r, motion, k):
-    """What row r feels of column k."""
+def _projection_product(tw, r, motion, k):
+    """Projection of column k's motion on row r."""
     t = 0.0
     for c in range(9):
-        t += tw.feel[c, r] * motion[c, k]
+        t += tw.projection[c, r] * motion[c, k]
     return t
 
 
 @kernel
 def _twist_product(tw, r, k):
-    """The wrench of column k on the joint unknown r."""
+    """The wrench of column k, projected on the motion subspace of joint unknown r."""
     t = 0.0
     for c in range(3):
         t += tw.twist[c, r] * tw.wrench[3 + c, k] + tw.twist[3 + c, r] * tw.wrench[c, k]
@@ -106,16 +106,16 @@ def _joint_block(tw, kind, o, matrix):
             if kind == kinds.FREE and r < 3:
                 matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
             else:
-                matrix[o + r, o + k] += _feel_product(tw, o + r, tw.motion, o + k)
+                matrix[o + r, o + k] += _projection_product(tw, o + r, tw.motion, o + k)
 
 
 @kernel
-def _meet_modes(tw, edge, n, first, start, stop, matrix):
+def _mode_block(tw, edge, n, first, start, stop, matrix):
     """Unknowns start .. stop - 1 of a body outboard of a frame, with the n modes that move the frame."""
     for r in range(start, stop):
         row = matrix[r, first : first + n]
         for t in range(3):
-            feel = (tw.feel[3 * t, r], tw.feel[3 * t + 1, r], tw.feel[3 * t + 2, r])
+            feel = (tw.projection[3 * t, r], tw.projection[3 * t + 1, r], tw.projection[3 * t + 2, r])
             add_product(feel, tw.edge_motion, 3 * t, edge, row)
     for b in range(n):
         angular, linear = load_column(tw.edge_twist, edge + b)
@@ -123,16 +123,16 @@ def _meet_modes(tw, edge, n, first, start, stop, matrix):
 
 
 @kernel
-def _meet_joint(tw, o, size, start, stop, matrix):
+def _joint_coupling_block(tw, o, size, start, stop, matrix):
     """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o."""
     for r in range(start, stop):
         for k in range(o, o + size):
-            matrix[r, k] += _feel_product(tw, r, tw.motion, k)
+            matrix[r, k] += _projection_product(tw, r, tw.motion, k)
             matrix[k, r] += _twist_product(tw, k, r)
 
 
 @part_of_kernel
-def _pair_sweep(plan, tw, matrix):
+def _ancestor_sweep(plan, tw, matrix):
     """Fill all entries between a body's unknowns and those of its ancestors."""
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
@@ -143,7 +143,7 @@ def _pair_sweep(plan, tw, matrix):
         _joint_block(tw, tree[at.JOINT], o, matrix)
         if tree[at.FLEX] >= 0:
             modes = plan.flex[tree[at.FLEX], at.N_MODES]
-            _meet_joint(tw, o, size, q, q + modes, matrix)
+            _joint_coupling_block(tw, o, size, q, q + modes, matrix)
         child = i
         parent = tree[at.PARENT]
         while parent >= 0:
@@ -152,11 +152,11 @@ def _pair_sweep(plan, tw, matrix):
             edge = tw.edge_of[f]
             if edge >= 0:
                 n = plan.flex[above[at.FLEX], at.N_MODES]
-                _meet_modes(tw, edge, n, above[at.MODAL_V], o, o + size, matrix)
-                _meet_modes(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix)
+                _mode_block(tw, edge, n, above[at.MODAL_V], o, o + size, matrix)
+                _mode_block(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix)
             above_size = joint_size(above[at.JOINT])
-            _meet_joint(tw, above[at.JOINT_V], above_size, o, o + size, matrix)
-            _meet_joint(tw, above[at.JOINT_V], above_size, q, q + modes, matrix)
+            _joint_coupling_block(tw, above[at.JOINT_V], above_size, o, o + size, matrix)
+            _joint_coupling_block(tw, above[at.JOINT_V], above_size, q, q + modes, matrix)
             child = parent
             parent = above[at.PARENT]
 
@@ -165,13 +165,13 @@ def _pair_sweep(plan, tw, matrix):
 def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it."""
     matrix[:, :] = 0.0
-    _own_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
     if plan.elements.shape[0] > 0:
         add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
         add_laws(plan, work, tw, x, v, per_x, per_v, matrix)
-    _pair_sweep(plan, tw, matrix)
+    _ancestor_sweep(plan, tw, matrix)
 
 
 @entry_kernel

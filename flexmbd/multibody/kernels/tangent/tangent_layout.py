@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Columns of TangentWork.body: mass, first moment, momentum, second moment (xx xy xz yy yz zz), the integral of
-# rho r v^T, all of the body and what hangs on it; then the wrench that it asks of its joint.
+# rho r v^T, all of the body and what hangs on it; then the wrench that it requires of its joint.
 C_MASS, C_FIRST, C_MOMENTUM, C_SECOND, C_FLOW, C_FORCE, C_TORQUE, N_COMPOSITE = 0, 1, 4, 7, 13, 22, 25, 28
 
 
@@ -31,12 +31,12 @@ class TangentWork(NamedTuple):
     body: (bodies, N_COMPOSITE).
     twist: (6, nv) rotation and translation at o that a unit of a joint's unknown causes outboard.
     motion: (12, nv) what the column causes outboard: rate of the rotation, its second rate, second rate of the
-        translation at o as the body feels it, and its first rate.
+        translation at o with gravity's share (alpha), and its first rate.
     wrench: (6, nv) force and torque about o that the column changes for all that lies inboard.
-    feel: (9, nv) what the row of this unknown feels of an inboard column's motion (its first nine).
+    projection: (9, nv) on the row of this unknown of an inboard column's motion (its first nine).
     edge_of: (frames,) first edge column of a deforming frame, -1 for the others.
     edge_twist, edge_motion: twist and motion of the edge columns.
-    sums: (27, n) integrals of rho phi_j r^T, rho phi_j (Phi qd)^T, rho phi_j (Phi qdd)^T of one body.
+    mode_moments: (27, n) integrals of rho phi_j r^T, rho phi_j (Phi qd)^T, rho phi_j (Phi qdd)^T of one body.
     point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
@@ -52,11 +52,11 @@ class TangentWork(NamedTuple):
     twist: FloatArray
     motion: FloatArray
     wrench: FloatArray
-    feel: FloatArray
+    projection: FloatArray
     edge_of: IntArray
     edge_twist: FloatArray
     edge_motion: FloatArray
-    sums: FloatArray
+    mode_moments: FloatArray
     point: FloatArray
     path: IntArray
     path_mark: IntArray
@@ -87,11 +87,11 @@ def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
         twist=zeros((6, nv)),
         motion=zeros((12, nv)),
         wrench=zeros((6, nv)),
-        feel=zeros((9, nv)),
+        projection=zeros((9, nv)),
         edge_of=edge_of,
         edge_twist=zeros((6, edges)),
         edge_motion=zeros((12, edges)),
-        sums=zeros((27, most)),
+        mode_moments=zeros((27, most)),
         point=zeros(N_COMPOSITE),
         path=zeros(nv, np.int64),
         path_mark=zeros(nv, np.int64),

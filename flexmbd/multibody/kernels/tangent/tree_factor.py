@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 
@@ -51,8 +51,8 @@ _JOINT_SIZE = {
 }  # fmt: skip
 
 
-def pays(table: NDArray[np.int64]) -> bool:
-    """Whether the tree's factors take less time than LAPACK's of the full matrix, by their flops."""
+def is_cheaper_than_dense(table: NDArray[np.int64]) -> bool:
+    """Whether factoring by the tree takes fewer operations than LAPACK's LU of the full matrix."""
     n = len(table)
     lengths = table[:, 0].astype(float)
     return bool(_DENSE_GAIN * float((2.0 * lengths**2 + lengths).sum()) < 2.0 / 3.0 * n**3)

@@ -14,7 +14,7 @@ FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
 JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
-TURNING = 10  # how the body's frame may turn
+ROTATION = 10  # how the body's frame may rotate: kinds.NONROTATING to kinds.FREE_ROTATION
 N_TREE = 11
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
@@ -41,11 +41,12 @@ N_STRETCH = 7
 N_FLEX = 8
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
-# parameters in Plan.data, whether it holds positions or velocities alone, and the function of time (-1: none) that
-# is subtracted from its value; the offset in Plan.data of what an augmented Lagrangian enforces it by (0: nothing).
-ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, ROW_HOLD, N_ROW = range(9)
-# There: stiffness, damping, what may stay open (m or rad; m/s where velocities are held), the same over the extent.
-HOLD_STIFFNESS, HOLD_DAMPING, HOLD_OPEN, HOLD_TOL, N_HOLD = range(5)
+# parameters in Plan.data, whether it holds positions or velocities alone, the function of time (-1: none) that is
+# subtracted from its value, and the offset in Plan.data of its augmented Lagrangian's parameters (0: none).
+ROW_F, ROW_G, ROW_KIND, ROW_INDEX, ROW_DATA, ROW_LEVEL, ROW_TIME, ROW_ENFORCEMENT, N_ROW = range(9)
+# Those parameters: stiffness, damping, the largest gap that counts as closed (m or rad; m/s where velocities are
+# held), and the same divided by the machine's extent.
+ENFORCEMENT_STIFFNESS, ENFORCEMENT_DAMPING, ENFORCEMENT_GAP, ENFORCEMENT_TOLERANCE, N_ENFORCEMENT = range(5)
 
 # Columns of Plan.forces: v index and time function of a joint force.
 FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
@@ -65,7 +66,7 @@ TIME_KIND, TIME_OFFSET, TIME_COUNT, TIME_ADDRESS, N_TIME = 0, 1, 2, 3, 6
 B_R, B_P = 0, 9  # pose R_WB, p_WB_W
 B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
 B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
-B_F, B_T = 24, 27  # wrench about B's origin that the motion asks for, in B
+B_F, B_T = 24, 27  # wrench about B's origin that the motion requires, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
 B_COORDINATE = 42  # coordinate of an inboard joint that has one, its rate and its acceleration
 N_BODY_WORK = 45

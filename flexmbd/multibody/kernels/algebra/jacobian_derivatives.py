@@ -79,7 +79,7 @@ def _mixed(u, v):
 
 
 @kernel
-def turning(v, rate, rate2):
+def left_jacobian_derivatives(v, rate, rate2):
     """J(v), and its first and second time derivatives for dv/dt and d^2 v/dt^2 (9-tuples)."""
     b, c, b1, c1, b2, c2 = _coefficients(dot3(v, v))
     x_rate = 2.0 * dot3(v, rate)
@@ -102,7 +102,7 @@ def turning(v, rate, rate2):
 
 
 @kernel
-def turning_torque(v, torque):
+def left_jacobian_torque_derivative(v, torque):
     """Q with u^T Q w = torque . (derivative of J(v) along u) w."""
     b, c, b1, c1, _, _ = _coefficients(dot3(v, v))
     # torque^T [e_i] w = (torque x e_i) . w, and so for the products

@@ -1,4 +1,4 @@
-"""What single rows of a plan's tables say, for the kernels of integrators: text of their callers, at no cost.
+"""Readers of single rows of a plan's tables, for the kernels of integrators; inlined, so that they cost nothing.
 
 ``row`` is one of ``plan.rows``, ``link`` one of ``plan.tree``, ``flex`` one of ``plan.flex``, ``driven`` one of
 ``plan.driven``.
@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 
@@ -20,26 +20,26 @@ def holds_position(row):
 @part_of_kernel
 def is_augmented(row):
     """Whether an augmented Lagrangian enforces a constraint row."""
-    return row[at.ROW_HOLD] > 0
+    return row[at.ROW_ENFORCEMENT] > 0
 
 
 @part_of_kernel
 def augmented_stiffness(data, row):
     """Stiffness and damping of an augmented row, in its own unit."""
-    o = row[at.ROW_HOLD]
-    return data[o + at.HOLD_STIFFNESS], data[o + at.HOLD_DAMPING]
+    o = row[at.ROW_ENFORCEMENT]
+    return data[o + at.ENFORCEMENT_STIFFNESS], data[o + at.ENFORCEMENT_DAMPING]
 
 
 @part_of_kernel
 def augmented_gap(data, row):
-    """What an augmented row may leave open, in its own unit."""
-    return data[row[at.ROW_HOLD] + at.HOLD_OPEN]
+    """The largest gap of an augmented row that counts as closed, in its own unit (m, rad, m/s or rad/s)."""
+    return data[row[at.ROW_ENFORCEMENT] + at.ENFORCEMENT_GAP]
 
 
 @part_of_kernel
 def augmented_tolerance(data, row):
-    """The same as a share: of the machine's extent, or of 1 rad."""
-    return data[row[at.ROW_HOLD] + at.HOLD_TOL]
+    """`augmented_gap` divided by the machine's extent, or by 1 rad."""
+    return data[row[at.ROW_ENFORCEMENT] + at.ENFORCEMENT_TOLERANCE]
 
 
 @part_of_kernel

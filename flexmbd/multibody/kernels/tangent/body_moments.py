@@ -1,4 +1,4 @@
-"""What one body brings to the tangent: its mass moments, and how its own modes change its forces.
+"""The contribution of one body to the tangent: its mass moments, and the derivatives of its forces by its own modes.
 
 Particles of a body whose frame's motion varies accelerate by alpha + eta x r + 2 phi' x r' (see `tangent`), so the
 mass, the first and second moments, the momentum and the integral of rho r r'^T say all that the wrench's derivative
@@ -7,6 +7,7 @@ needs; a mode's force needs three vectors more.
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.algebra.jacobian_derivatives import add9, scale9, skew
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     compose,
@@ -19,12 +20,11 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
-from flexmbd.multibody.kernels.algebra.turning import add9, scale9, skew
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, summing_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
-from flexmbd.multibody.kernels.physics.inertia import rigid_second_moment
+from flexmbd.multibody.kernels.physics.inertial_forces import rigid_second_moment
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
 
@@ -132,12 +132,12 @@ def _sum_pairs(modal, flex, q, qd, qdd, sums):
 
 @part_of_kernel
 def flexible_composite(plan, work, tw, i, q, qd, qdd):
-    """Write the moments of reduced body i as it is deformed; leaves ``tw.sums``."""
+    """Write the moments of reduced body i as it is deformed; leaves ``tw.mode_moments``."""
     flex = plan.flex[plan.tree[i, at.FLEX]]
     modal = plan.modal
     rigid = plan.rigid[i]
     body = work.body[i]
-    sums = tw.sums
+    sums = tw.mode_moments
     _sum_pairs(modal, flex, q, qd, qdd, sums)
     first = load3(rigid, at.FIRST_MOMENT)
     xx, xy, xz, yy, yz, zz = rigid_second_moment(rigid)
@@ -165,9 +165,9 @@ def flexible_composite(plan, work, tw, i, q, qd, qdd):
 
 @part_of_kernel
 def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
-    """Write what the modes of body i feel of its frame's motion, and the wrench that they change.
+    """Write the projection of the frame's motion on the modes of body i, and the change of its wrench by its modes.
 
-    Reads ``tw.sums``.
+    Reads ``tw.mode_moments``.
     """
     tree = plan.tree[i]
     flex = plan.flex[tree[at.FLEX]]
@@ -181,9 +181,9 @@ def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
     own = _particle_matrix(W, w, per_x, per_v)
     G = (own[0] + per_a, own[1], own[2], own[3], own[4] + per_a, own[5], own[6], own[7], own[8] + per_a)
     for j in range(flex[at.N_MODES]):
-        V, U, Z = _column9(tw.sums, 0, j), _column9(tw.sums, 9, j), _column9(tw.sums, 18, j)
+        V, U, Z = _column9(tw.mode_moments, 0, j), _column9(tw.mode_moments, 9, j), _column9(tw.mode_moments, 18, j)
         c = load3(plan.modal, flex[at.MODAL_FIRST] + 3 * j)
-        # what phi_j feels: integrals of rho r' x phi_j, rho r x phi_j, rho phi_j
+        # projection on phi_j: integrals of rho r' x phi_j, rho r x phi_j, rho phi_j
         cw = rotate(R, c)
         wV = (w[0] * V[0] + w[1] * V[3] + w[2] * V[6],
               w[0] * V[1] + w[1] * V[4] + w[2] * V[7],
@@ -204,9 +204,9 @@ def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
         torque_o = add3(rotate(R, torque), cross3(p, fw))
         k = tree[at.MODAL_V] + j
         for t in range(3):
-            tw.feel[t, k] += 2.0 * f0[t]
-            tw.feel[3 + t, k] += f1[t]
-            tw.feel[6 + t, k] += cw[t]
+            tw.projection[t, k] += 2.0 * f0[t]
+            tw.projection[3 + t, k] += f1[t]
+            tw.projection[6 + t, k] += cw[t]
             tw.wrench[t, k] += fw[t]
             tw.wrench[3 + t, k] += torque_o[t]
 
@@ -258,7 +258,7 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     w = load3(body, at.B_W)
     G = _particle_matrix(_spin_matrix(w, load3(body, at.B_DW)), w, per_x, per_v)
     damping = flex[at.MODAL_DAMPING]
-    spins = tree[at.TURNING] != kinds.NEVER
+    spins = tree[at.ROTATION] != kinds.NONROTATING
     for j in range(n):
         o = flex[at.MODAL_PAIR] + 9 * n * j
         row = matrix[first + j, first : first + n]
@@ -269,7 +269,7 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
             for k in range(n):
                 row[k] += per_v * modal[damping + n * j + k]
     for s in range(flex[at.N_STRETCH]):
-        _add_stretch_block(plan, flex, q, s, per_x, first, tw.sums[0], matrix)
+        _add_stretch_block(plan, flex, q, s, per_x, first, tw.mode_moments[0], matrix)
 
 
 @part_of_kernel

@@ -1,9 +1,9 @@
 """Forward dynamics of trees whose hinges are all parallel: the articulated-body recursion in their plane.
 
 Where every joint is a free hinge and every frame but the first on the ground lies along its parent's axes, bodies
-turn about one direction.  What moves a hinge then is one moment and two forces, and a body's articulated inertia has
-six numbers: of what ``articulated_inward`` computes all else goes into reactions.  The factors are left where
-``solve_mass`` reads them.
+turn about one direction.  Then one moment and two forces accelerate a hinge, and a body's articulated inertia has six
+numbers: everything else that ``inward`` computes goes into reactions.  The factors are left where ``solve_mass`` reads
+them.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import cross3, rotate_back, sub3
 from flexmbd.multibody.kernels.algebra.spatial import row3, row9
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 
 # Columns of ArticulatedWork.gathered that this recursion uses: moment about the origin per angular acceleration; the
-# same per linear one (2), which is also the force per angular one; force per linear one (xx, xy, yy); wrench asked.
+# same per linear one (2), which is also the force per angular one; force per linear one (xx, xy, yy); bias force.
 _A, _B, _M, _TORQUE, _FORCE = to.G_A, to.G_B, to.G_M, to.G_TORQUE + 2, to.G_FORCE
 
 
 @kernel
 def planar_dynamics(gravity, aw, body, x, v, a, loaded):  # noqa: PLR0915  three passes over scalars
-    """Write the accelerations ``a`` (nv,); ``aw.asked`` and, if ``loaded``, ``Work.body`` hold what is asked."""
+    """Write the accelerations ``a`` (nv,); ``aw.required`` and, if ``loaded``, ``Work.body`` hold applied forces."""
     link = aw.link
     constant = aw.constant
     row = aw.row
@@ -88,12 +88,12 @@ def planar_dynamics(gravity, aw, body, x, v, a, loaded):  # noqa: PLR0915  three
             fx += f
             fy += g
         over = 1.0 / inertia
-        left = -aw.asked[link[i, to.JOINT_V]] - torque
+        joint_force = -aw.required[link[i, to.JOINT_V]] - torque
         row[i, to.R_U + 2] = inertia
         row[i, to.R_U + 3] = bx
         row[i, to.R_U + 4] = by
         row[i, to.R_D] = over
-        row[i, to.R_FORCE] = left
+        row[i, to.R_FORCE] = joint_force
         parent = link[i, to.PARENT]
         if parent >= 0:
             # what does not turn the hinge, passed on, turned and shifted
@@ -104,9 +104,9 @@ def planar_dynamics(gravity, aw, body, x, v, a, loaded):  # noqa: PLR0915  three
             yy -= by * ey
             p = row[i, to.R_BIAS]
             q = row[i, to.R_BIAS + 1]
-            torque += left
-            gx = fx + left * ex + xx * p + xy * q
-            gy = fy + left * ey + xy * p + yy * q
+            torque += joint_force
+            gx = fx + joint_force * ex + xx * p + xy * q
+            gy = fy + joint_force * ey + xy * p + yy * q
             c = row[i, to.R_COS]
             s = row[i, to.R_SIN]
             fx = c * gx - s * gy
@@ -173,7 +173,7 @@ def _along(aw, g, i, k):
 
 @kernel
 def _load(aw, body, i):
-    """Moment and force in the plane that elements and loops ask of body i, in its hinge's frame."""
+    """Moment and force in the plane of force elements and loops on body i, in its hinge's frame."""
     force = row3(body, i, at.B_F)
     torque = sub3(row3(body, i, at.B_T), cross3(row3(aw.axes, i, to.X_OWN_P), force))
     own_R = row9(aw.axes, i, to.X_OWN_R)

@@ -1,13 +1,15 @@
 """Children on the deforming frames of a reduced body, in the articulated-body recursion.
 
-A child asks f = I a + p of its frame's acceleration a, and the frame gives way to f by Gamma Gamma^T f, the rows of
-Gamma being its motion per unit of each mode.  With I = L L^T, where what a hinge sets free leaves a column of zeros,
+At its frame's acceleration a, a child requires f = I a + p, its articulated inertia I times a and its bias force p; f
+changes the frame's acceleration by -Gamma Gamma^T f, the rows of Gamma being the frame's motion per unit of each mode.
+With I = L L^T, where the free direction of a hinge leaves a column of zeros,
 
     f = p + L S^-1 L^T (a_0 - Gamma Gamma^T p),    S = 1 + L^T Gamma Gamma^T L,
 
-a_0 the acceleration without the wrenches: S, six rows a child, is symmetric and not below one, and nothing else is
-factored (Woodbury's identity).  Rotation rows of the modes give rates of the frame's rotation vector theta, of which
-J_l(theta) makes angular velocities; so Gamma = J Gamma_0 with Gamma_0 constant, and K = J^T L takes the place of L.
+a_0 the acceleration without the wrenches: S, six rows a child, is symmetric with eigenvalues of at least one, and is
+all that is factored (Woodbury's identity).  Rotation rows of the modes give rates of the frame's rotation vector theta,
+of which J_l(theta) makes angular velocities; so Gamma = J Gamma_0 with Gamma_0 constant, and K = J^T L takes the place
+of L.
 """
 
 from __future__ import annotations
@@ -16,13 +18,14 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import add6, load6, scale6, store6, subtract_outer
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.modes import three_sums
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 
-_FREE = 1e-13  # a pivot below this share of the inertia's size before its joint yielded is the joint's, and round-off
+# A pivot below this share of the inertia's size before its joint was eliminated is the joint's free direction.
+_FREE_PIVOT = 1e-13
 
 
 @part_of_kernel
@@ -33,9 +36,9 @@ def interface_modes(plan, aw, slot):
 
 @kernel
 def _factor_inertia(row, rest, root):
-    """Write L (6, 6) of the child's inertia I = L L^T, its largest pivots first; ``rest`` (6, 6) is spoilt.
+    """Write L (6, 6) of the child's inertia I = L L^T, its largest pivots first; ``rest`` (6, 6) is overwritten.
 
-    So what is left out with the pivots of free directions is as small as they are.
+    With this order the error of leaving out the pivots of free directions is as small as they are.
     """
     _unpack_inertia(row, rest)
     angular = 1.0 / max(row[to.I_SCALE], 1e-300)
@@ -48,7 +51,7 @@ def _factor_inertia(row, rest, root):
             if share > largest:
                 largest = share
                 p = i
-        over = 1.0 / math.sqrt(rest[p, p]) if largest > _FREE else 0.0
+        over = 1.0 / math.sqrt(rest[p, p]) if largest > _FREE_PIVOT else 0.0
         column = scale6(over, load6(rest[p], 0))
         for i in range(6):
             root[i, k] = over * rest[p, i]
@@ -89,7 +92,7 @@ def _turn_factor(turning, root, turned):
 
 
 @kernel
-def _put_resistance(mobility, left, right, schur, s, r):
+def _put_mobility(mobility, left, right, schur, s, r):
     """Write block (s, r) of K^T Gamma_0 Gamma_0^T K; ``left`` and ``right`` are K of both interfaces."""
     for j in range(6):
         x0, x1, x2 = right[0, j], right[1, j], right[2, j]
@@ -131,7 +134,7 @@ def _factor(schur, size):
 
 @kernel
 def _put_response(place, root, turned, coupled, response):
-    """Write L^T Y (6, 6): Y y is the frame's acceleration, before it gives way to wrenches, at the acceleration y."""
+    """Write L^T Y (6, 6): Y y is the frame's acceleration at the acceleration y of B, without wrenches on it."""
     for j in range(6):
         force = (root[3, j], root[4, j], root[5, j])
         t0, t1, t2 = add3((root[0, j], root[1, j], root[2, j]), cross3(place, force))
@@ -176,10 +179,10 @@ def _times(matrix, v):
 
 
 @part_of_kernel
-def bear_children(plan, aw, k, a, b, m):
-    """Add to the inertia (a, b, m) of body k what its children add through the modes: Y^T L S^-1 L^T Y.
+def add_child_inertia(plan, aw, k, a, b, m):
+    """Add to the inertia (a, b, m) of body k that of its children, modes eliminated: Y^T L S^-1 L^T Y.
 
-    Leaves the factors for `hold_children` and `interface_wrenches`.
+    Leaves the factors for `child_bias_wrench` and `interface_wrenches`.
     """
     info = aw.flex[k]
     n = info[to.F_MODES]
@@ -189,10 +192,10 @@ def bear_children(plan, aw, k, a, b, m):
     for s in range(count):
         o = 6 * s
         row = aw.interface[first + s]
-        root = aw.root[k, o : o + 6]
-        turned = aw.turned[k, o : o + 6]
+        root = aw.inertia_root[k, o : o + 6]
+        turned = aw.turned_root[k, o : o + 6]
         coupled = aw.coupled[k, o : o + 6]
-        _factor_inertia(row, aw.rest6, root)
+        _factor_inertia(row, aw.scratch6, root)
         _turn_factor(load9(row, to.I_TURN), root, turned)
         modes = interface_modes(plan, aw, first + s)
         for i in range(6):
@@ -200,15 +203,15 @@ def bear_children(plan, aw, k, a, b, m):
             store3(coupled[i], 0, three_sums(plan.modal, modes + n * ((i + 3) % 6), rotations, n))
         _put_response(load3(row, to.I_P), root, turned, coupled, aw.response[k, o : o + 6])
         for r in range(s + 1):
-            other = aw.turned[k, 6 * r : 6 * r + 6]
-            _put_resistance(aw.mobility[k], turned, other, aw.schur[k], o, 6 * r)
+            other = aw.turned_root[k, 6 * r : 6 * r + 6]
+            _put_mobility(aw.mobility[k], turned, other, aw.schur[k], o, 6 * r)
     _factor(aw.schur[k], 6 * count)
     return _add_response(aw.response[k], aw.schur[k], 6 * count, a, b, m)
 
 
 @part_of_kernel
 def _shift_wrench(aw, k, s):
-    """(torque, force) about B of what the child at interface s asks, less what the modes take of it: Y^T p.
+    """(torque, force) about B of the bias force of the child at interface s, modes eliminated: Y^T p.
 
     Row 0 of ``aw.load[k]`` gets J^T p.
     """
@@ -233,7 +236,7 @@ def _shift_wrench(aw, k, s):
 
 
 @kernel
-def _put_lack(aw, k, s, linear, angular, share):
+def _put_free_acceleration(aw, k, s, linear, angular, share):
     """Write the rows of interface s of L^T (a_0 - Gamma Gamma^T p) into row 1 of ``aw.load[k]``.
 
     linear, angular: acceleration of the modes' translations and rotations there with no wrench.
@@ -241,31 +244,31 @@ def _put_lack(aw, k, s, linear, angular, share):
     row = aw.interface[aw.flex[k, to.F_FIRST] + s]
     o = 6 * s
     wrench = aw.load[k, 0]
-    lack = aw.load[k, 1]
+    free = aw.load[k, 1]
     size = 6 * aw.flex[k, to.F_COUNT]
-    free = (angular[0], angular[1], angular[2], linear[0], linear[1], linear[2])
+    without_wrench = (angular[0], angular[1], angular[2], linear[0], linear[1], linear[2])
     bias = scale6(share, load6(row, to.I_BIAS_ANGULAR))
     for j in range(6):
-        lack[o + j] = 0.0
+        free[o + j] = 0.0
     for i in range(6):
-        t = free[i]
+        t = without_wrench[i]
         for j in range(size):
             t -= aw.mobility[k, o + i, j] * wrench[j]
         for j in range(6):
-            lack[o + j] += aw.turned[k, o + i, j] * t + aw.root[k, o + i, j] * bias[i]
+            free[o + j] += aw.turned_root[k, o + i, j] * t + aw.inertia_root[k, o + i, j] * bias[i]
 
 
 @part_of_kernel
-def hold_children(plan, aw, k, share):
-    """(torque, force) about B that the children of body k ask while y = 0, through the modes and past them.
+def child_bias_wrench(plan, aw, k, share):
+    """(torque, force) about B that the children of body k require at y = 0, directly and through the modes.
 
     ``share``: of the children's bias accelerations, zero for a solve with the factors.
     """
     info = aw.flex[k]
     n = info[to.F_MODES]
-    ask = aw.ask[k]
+    acceleration = aw.modal_acceleration[k]
     for j in range(n):
-        ask[j] = -aw.bias[k, j]
+        acceleration[j] = -aw.bias[k, j]
     torque = (0.0, 0.0, 0.0)
     force = torque
     for s in range(info[to.F_COUNT]):
@@ -273,15 +276,15 @@ def hold_children(plan, aw, k, share):
         torque = add3(torque, one)
         force = add3(force, other)
     for s in range(info[to.F_COUNT]):
-        linear, angular = modal_sum(plan.modal, interface_modes(plan, aw, info[to.F_FIRST] + s), n, ask)
-        _put_lack(aw, k, s, linear, angular, share)
+        linear, angular = modal_sum(plan.modal, interface_modes(plan, aw, info[to.F_FIRST] + s), n, acceleration)
+        _put_free_acceleration(aw, k, s, linear, angular, share)
     schur = aw.schur[k]
-    lack = aw.load[k, 1]
+    free = aw.load[k, 1]
     for i in range(6 * info[to.F_COUNT]):
-        t = lack[i]
+        t = free[i]
         for j in range(i):
-            t -= schur[i, j] * lack[j]
-        lack[i] = t
+            t -= schur[i, j] * free[j]
+        free[i] = t
         t *= schur[i, i]
         z = load6(aw.response[k, i], 0)
         torque = add3(torque, (t * z[0], t * z[1], t * z[2]))
@@ -295,13 +298,13 @@ def interface_wrenches(aw, k, angular, linear):
     info = aw.flex[k]
     size = 6 * info[to.F_COUNT]
     schur = aw.schur[k]
-    lack = aw.load[k, 1]
+    free = aw.load[k, 1]
     wrench = aw.load[k, 2]
     y0, y1, y2 = angular
     y3, y4, y5 = linear
     for i in range(size):
         z = load6(aw.response[k, i], 0)
-        t = lack[i] + z[0] * y0 + z[1] * y1 + z[2] * y2 + z[3] * y3 + z[4] * y4 + z[5] * y5
+        t = free[i] + z[0] * y0 + z[1] * y1 + z[2] * y2 + z[3] * y3 + z[4] * y4 + z[5] * y5
         wrench[i] = schur[i, i] * t
     for i in range(size - 1, -1, -1):
         for j in range(i):
@@ -309,5 +312,5 @@ def interface_wrenches(aw, k, angular, linear):
     for s in range(info[to.F_COUNT]):
         row = aw.interface[info[to.F_FIRST] + s]
         o = 6 * s
-        f = add6(load6(row, to.I_TORQUE), _times(aw.root[k, o : o + 6], load6(wrench, o)))
+        f = add6(load6(row, to.I_TORQUE), _times(aw.inertia_root[k, o : o + 6], load6(wrench, o)))
         store6(wrench, o, f)

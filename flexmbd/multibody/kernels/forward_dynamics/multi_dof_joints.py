@@ -1,7 +1,8 @@
 """Joints of several coordinates, spherical and free ones, in the articulated-body recursion.
 
-With S the motion of G per unit of each velocity, I the articulated inertia of the child and
-D = S^T I S = L L^T: of inertia and wrench the joint passes on what does not move it.
+S is the motion subspace of the joint, the motion of G per unit of each velocity, I the articulated inertia of the
+child and D = S^T I S = L L^T.  Eliminating the joint leaves I - I S D^-1 S^T I and the bias force for the parent
+(Featherstone 2008, section 7.3).
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 
 
 @kernel
-def set_subspace(S, freedoms, R_FG):
-    """Motion of G (angular, linear; G's axes) per unit of each velocity of a joint of several."""
+def set_motion_subspace(S, freedoms, R_FG):
+    """Write the motion subspace S of a joint of several coordinates: motion of G (angular, linear; G's axes)."""
     for i in range(6):
         for j in range(6):
             S[i, j] = 0.0
@@ -29,33 +30,33 @@ def set_subspace(S, freedoms, R_FG):
 
 
 @kernel
-def yield_several(aw, link, a, b, m, torque, force):
-    """Eliminate a joint of several coordinates: what it passes on of inertia and asked wrench.
+def eliminate_multi_dof_joint(aw, link, a, b, m, torque, force):
+    """Eliminate a joint of several coordinates from the articulated inertia (a, b, m) and the bias force.
 
     D = S^T I S = L L^T; Q = L^-1 S^T I takes the place of U^T.
     """
     n = link[to.FREEDOMS]
     if n == 3:
-        _factor_ball(aw, link, a, b, torque)
+        _factor_spherical(aw, link, a, b, torque)
     else:
-        _factor_several(aw, link, a, b, m, torque, force)
+        _factor_joint_inertia(aw, link, a, b, m, torque, force)
     if link[to.PARENT] < 0:
         return a, b, m, torque, force
-    Q = aw.subspace[link[to.MULTI], 1]
-    left = aw.force[link[to.MULTI]]
+    Q = aw.subspace[link[to.SUBSPACE], 1]
+    joint_force = aw.force[link[to.SUBSPACE]]
     for j in range(n):
         q = load6(Q[j], 0)
         a, b, m = subtract_outer(a, b, m, q, q)
-        torque = add3(torque, scale3(left[j], (q[0], q[1], q[2])))
-        force = add3(force, scale3(left[j], (q[3], q[4], q[5])))
+        torque = add3(torque, scale3(joint_force[j], (q[0], q[1], q[2])))
+        force = add3(force, scale3(joint_force[j], (q[3], q[4], q[5])))
     return a, b, m, torque, force
 
 
 @kernel
-def _factor_several(aw, link, a, b, m, torque, force):
+def _factor_joint_inertia(aw, link, a, b, m, torque, force):
     """L, Q and L^-1 u of a joint of several coordinates."""
-    S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
-    left = aw.force[link[to.MULTI]]
+    S, Q, D = aw.subspace[link[to.SUBSPACE], 0], aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
+    joint_force = aw.force[link[to.SUBSPACE]]
     n = link[to.FREEDOMS]
     o = link[to.JOINT_V]
     for j in range(n):
@@ -65,9 +66,9 @@ def _factor_several(aw, link, a, b, m, torque, force):
         uf = add3(rotate_back(b, sw), symmetric_times(m, sv))
         store3(Q[j], 0, un)
         store3(Q[j], 3, uf)
-        left[j] = -aw.asked[o + j]
+        joint_force[j] = -aw.required[o + j]
         for i in range(3):
-            left[j] -= S[i, j] * torque[i] + S[3 + i, j] * force[i]
+            joint_force[j] -= S[i, j] * torque[i] + S[3 + i, j] * force[i]
     for j in range(n):
         for k in range(j + 1):
             t = 0.0
@@ -85,20 +86,20 @@ def _factor_several(aw, link, a, b, m, torque, force):
             for k in range(j):
                 t -= D[j, k] * Q[k, i]
             Q[j, i] = t / D[j, j]
-        t = left[j]
+        t = joint_force[j]
         for k in range(j):
-            t -= D[j, k] * left[k]
-        left[j] = t / D[j, j]
+            t -= D[j, k] * joint_force[k]
+        joint_force[j] = t / D[j, j]
 
 
 @kernel
-def _factor_ball(aw, link, a, b, torque):
-    """``_factor_several`` for a spherical joint, unrolled: D, Q and what is left.
+def _factor_spherical(aw, link, a, b, torque):
+    """``_factor_joint_inertia`` for a spherical joint, unrolled: D, Q and what is left.
 
     S is the identity over zero, so that D = A and Q = L^-1 (A, B) = (L^T, L^-1 B).
     """
-    Q, D = aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
-    left = aw.force[link[to.MULTI]]
+    Q, D = aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
+    joint_force = aw.force[link[to.SUBSPACE]]
     o = link[to.JOINT_V]
     l00 = math.sqrt(a[0])
     l10 = a[1] / l00
@@ -119,22 +120,22 @@ def _factor_ball(aw, link, a, b, torque):
     store6(Q[0], 0, (l00, l10, l20, r0[0], r0[1], r0[2]))
     store6(Q[1], 0, (0.0, l11, l21, r1[0], r1[1], r1[2]))
     store6(Q[2], 0, (0.0, 0.0, l22, r2[0], r2[1], r2[2]))
-    t0 = (-aw.asked[o] - torque[0]) / l00
-    t1 = (-aw.asked[o + 1] - torque[1] - l10 * t0) / l11
-    left[0] = t0
-    left[1] = t1
-    left[2] = (-aw.asked[o + 2] - torque[2] - l20 * t0 - l21 * t1) / l22
+    t0 = (-aw.required[o] - torque[0]) / l00
+    t1 = (-aw.required[o + 1] - torque[1] - l10 * t0) / l11
+    joint_force[0] = t0
+    joint_force[1] = t1
+    joint_force[2] = (-aw.required[o + 2] - torque[2] - l20 * t0 - l21 * t1) / l22
 
 
 @kernel
-def _accelerate_ball(aw, link, dw, acc, out):
-    """``accelerate_several`` for a spherical joint, unrolled; returns the angular acceleration of G."""
-    Q, D = aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
-    left = aw.force[link[to.MULTI]]
+def _accelerate_spherical(aw, link, dw, acc, out):
+    """``accelerate_multi_dof_joint`` for a spherical joint, unrolled; returns the angular acceleration of G."""
+    Q, D = aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
+    joint_force = aw.force[link[to.SUBSPACE]]
     o = link[to.JOINT_V]
-    t0 = left[0] - dot3(load3(Q[0], 0), dw) - dot3(load3(Q[0], 3), acc)
-    t1 = left[1] - dot3(load3(Q[1], 0), dw) - dot3(load3(Q[1], 3), acc)
-    t2 = left[2] - dot3(load3(Q[2], 0), dw) - dot3(load3(Q[2], 3), acc)
+    t0 = joint_force[0] - dot3(load3(Q[0], 0), dw) - dot3(load3(Q[0], 3), acc)
+    t1 = joint_force[1] - dot3(load3(Q[1], 0), dw) - dot3(load3(Q[1], 3), acc)
+    t2 = joint_force[2] - dot3(load3(Q[2], 0), dw) - dot3(load3(Q[2], 3), acc)
     t2 = t2 / D[2, 2]
     t1 = (t1 - D[2, 1] * t2) / D[1, 1]
     t0 = (t0 - D[1, 0] * t1 - D[2, 0] * t2) / D[0, 0]
@@ -145,36 +146,36 @@ def _accelerate_ball(aw, link, dw, acc, out):
 
 
 @kernel
-def pass_several(aw, link, rhs, torque, force):
-    """What a joint of several coordinates passes on of a wrench while ``rhs`` moves it."""
-    S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
-    left = aw.force[link[to.MULTI]]
+def eliminate_joint_forces(aw, link, rhs, torque, force):
+    """The wrench that a joint of several coordinates passes to its parent, ``rhs`` (nv,) acting on the joint."""
+    S, Q, D = aw.subspace[link[to.SUBSPACE], 0], aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
+    joint_force = aw.force[link[to.SUBSPACE]]
     for j in range(link[to.FREEDOMS]):
         t = rhs[link[to.JOINT_V] + j]
         for i in range(3):
             t -= S[i, j] * torque[i] + S[3 + i, j] * force[i]
-        left[j] = t
+        joint_force[j] = t
     for j in range(link[to.FREEDOMS]):
-        t = left[j]
+        t = joint_force[j]
         for k in range(j):
-            t -= D[j, k] * left[k]
-        left[j] = t / D[j, j]
-        torque = add3(torque, scale3(left[j], load3(Q[j], 0)))
-        force = add3(force, scale3(left[j], load3(Q[j], 3)))
+            t -= D[j, k] * joint_force[k]
+        joint_force[j] = t / D[j, j]
+        torque = add3(torque, scale3(joint_force[j], load3(Q[j], 0)))
+        force = add3(force, scale3(joint_force[j], load3(Q[j], 3)))
     return torque, force
 
 
 @kernel
-def accelerate_several(aw, link, dw, acc, out):
+def accelerate_multi_dof_joint(aw, link, dw, acc, out):
     """Accelerations of a joint of several coordinates, written to ``out``; those of G with them."""
-    S, Q, D = aw.subspace[link[to.MULTI], 0], aw.subspace[link[to.MULTI], 1], aw.subspace[link[to.MULTI], 2]
+    S, Q, D = aw.subspace[link[to.SUBSPACE], 0], aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
     n = link[to.FREEDOMS]
     if n == 3:
-        return _accelerate_ball(aw, link, dw, acc, out), acc
-    left = aw.force[link[to.MULTI]]
+        return _accelerate_spherical(aw, link, dw, acc, out), acc
+    joint_force = aw.force[link[to.SUBSPACE]]
     o = link[to.JOINT_V]
     for j in range(n - 1, -1, -1):
-        t = left[j]
+        t = joint_force[j]
         for i in range(3):
             t -= Q[j, i] * dw[i] + Q[j, 3 + i] * acc[i]
         for k in range(j + 1, n):

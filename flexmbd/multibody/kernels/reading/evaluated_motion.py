@@ -1,4 +1,4 @@
-"""What the scratch of an evaluation says of a machine's motion, once ``recursion.forward`` has run."""
+"""Readers of the motion that ``recursion.forward_kinematics`` has left in the work arrays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 
@@ -55,6 +55,6 @@ def joint_turn(work: Work, row: int) -> FloatArray:
     return work.body[row, at.B_JOINT_R : at.B_JOINT_R + 9].reshape(3, 3).copy()
 
 
-def asked_wrenches(work: Work) -> FloatArray:
-    """(links, 6) force and moment about each link's origin, in its axes, that the motion asks for; a view to change."""
+def required_wrenches(work: Work) -> FloatArray:
+    """(links, 6) force (N) and moment (N m) about each link's origin, in its axes, that the motion requires; a view."""
     return work.body[:, at.B_F : at.B_T + 3]

@@ -1,4 +1,4 @@
-"""What a plan says of its constraint rows and of prescribed coordinates."""
+"""Readers of a plan's constraint rows and prescribed coordinates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ConstraintRows:
     """Constraint rows, each array (m,).
 
     Attributes:
@@ -48,7 +48,7 @@ class Rows:
         return found
 
 
-class Driven(NamedTuple):
+class DrivenCoordinates(NamedTuple):
     """Prescribed coordinates, each array (k,): entries in v and in x, and the row of ``plan.times`` that has them."""
 
     v: IntArray
@@ -56,24 +56,25 @@ class Driven(NamedTuple):
     time: IntArray
 
 
-def constraint_rows(plan: Plan) -> Rows:
+def constraint_rows(plan: Plan) -> ConstraintRows:
     """The rows that have multipliers."""
     return _rows(plan.rows)
 
 
-def penalty_rows(plan: Plan) -> Rows:
+def penalty_rows(plan: Plan) -> ConstraintRows:
     """The rows that penalties enforce, which have no multipliers."""
     return _rows(plan.penalties)
 
 
-def _rows(table: IntArray) -> Rows:
+def _rows(table: IntArray) -> ConstraintRows:
     f, g, kind, index, time = (table[:, k] for k in (at.ROW_F, at.ROW_G, at.ROW_KIND, at.ROW_INDEX, at.ROW_TIME))
-    return Rows(f, g, kind, index, time, table[:, at.ROW_LEVEL] == kinds.LEVEL_POSITION, table[:, at.ROW_HOLD] > 0)
+    positions, augmented = table[:, at.ROW_LEVEL] == kinds.LEVEL_POSITION, table[:, at.ROW_ENFORCEMENT] > 0
+    return ConstraintRows(f, g, kind, index, time, positions, augmented)
 
 
-def driven_coordinates(plan: Plan) -> Driven:
+def driven_coordinates(plan: Plan) -> DrivenCoordinates:
     """The coordinates of the tree whose motion is prescribed."""
-    return Driven(plan.driven[:, at.DRIVEN_V], plan.driven[:, at.DRIVEN_X], plan.driven[:, at.DRIVEN_TIME])
+    return DrivenCoordinates(plan.driven[:, at.DRIVEN_V], plan.driven[:, at.DRIVEN_X], plan.driven[:, at.DRIVEN_TIME])
 
 
 def is_driven(plan: Plan) -> bool:

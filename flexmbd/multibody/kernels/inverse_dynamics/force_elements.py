@@ -26,12 +26,12 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
-from flexmbd.multibody.kernels.physics.energies import energy_of, push_energy
-from flexmbd.multibody.kernels.physics.rows import row_value, row_wrench, wrap
+from flexmbd.multibody.kernels.physics.constraint_laws import row_value, row_wrench, wrap
+from flexmbd.multibody.kernels.physics.energies import add_energy_gradient, energy_of
 from flexmbd.multibody.kernels.physics.time_functions import piecewise
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -93,7 +93,7 @@ def coordinate_law(plan, row, x, rate):
 
 @part_of_kernel
 def _coordinate_energy(plan, row, x):
-    """What a law on a coordinate stores (J)."""
+    """Energy that a law on a coordinate stores (J)."""
     data = plan.data
     o = row[at.EL_DATA]
     kind = row[at.EL_KIND]
@@ -119,9 +119,9 @@ def _finite(values):
 
 @part_of_kernel
 def _user_law(plan, work, i, x, rate):
-    """What the user's law of row i gives; NaN and ``plan.flag`` where it gives no finite number.
+    """Force of the user's law of row i; NaN and ``plan.flag`` where it is not finite.
 
-    A state that is not finite is the trial's fault: nobody is asked.
+    Where the trial state itself is not finite the law is not called.
     """
     if plan.flag[0] != 0 or not np.isfinite(x + rate):
         return np.nan
@@ -132,8 +132,8 @@ def _user_law(plan, work, i, x, rate):
 
 
 @part_of_kernel
-def _push_user_forces(plan, work, i, x, v, out):
-    """Subtract from ``out`` what the user's function of row i gives; NaN and ``plan.flag`` as above."""
+def _subtract_user_forces(plan, work, i, x, v, out):
+    """Subtract the forces of the user's function of row i from ``out`` (nv,); NaN and flag as in `_user_law`."""
     force = work.generalized
     for k in range(force.shape[0]):
         force[k] = np.nan
@@ -146,7 +146,7 @@ def _push_user_forces(plan, work, i, x, v, out):
 
 
 @kernel
-def push_coordinates(plan, work, x, v, out):
+def subtract_coordinate_forces(plan, work, x, v, out):
     """Subtract from ``out`` (nv,) the generalised forces of all elements that act on coordinates."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
@@ -161,9 +161,9 @@ def push_coordinates(plan, work, x, v, out):
             for j in range(row[at.EL_COUNT]):
                 out[k + j] -= factor * plan.data[row[at.EL_DATA] + j]
         elif kind == kinds.ON_STATE:
-            _push_user_forces(plan, work, i, x, v, out)
+            _subtract_user_forces(plan, work, i, x, v, out)
         elif kind == kinds.ON_ENERGY:
-            push_energy(plan, row, x, out)
+            add_energy_gradient(plan, row, x, out)
 
 
 @kernel
@@ -196,8 +196,8 @@ def six_times(data, o, a, b):
 
 
 @kernel
-def penalty_pull(plan, work, row, d, R, rate, spin):
-    """A penalised row's value and rate, what it pulls in place of a multiplier, and its unit wrench."""
+def penalty_reaction(plan, work, row, d, R, rate, spin):
+    """A penalised row's value and rate, its reaction in place of a multiplier, and its unit wrench."""
     held = plan.penalties[row[at.EL_COUNT]]
     o = row[at.EL_DATA]
     force, torque = row_wrench(plan.data, held, d, R)
@@ -233,7 +233,7 @@ def element_wrench(plan, work, row, d, R, rate, spin):
         torque = left_jacobian_inverse_transposed(theta, add3(torque, twist))
         return scale3(-1.0, add3(force, drag)), scale3(-1.0, torque)
     if kind == kinds.BETWEEN_PENALTY:
-        _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
+        _, _, pull, force, torque = penalty_reaction(plan, work, row, d, R, rate, spin)
         return scale3(-pull, force), scale3(-pull, torque)
     factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
     force = scale3(factor, load3(data, o))
@@ -245,7 +245,7 @@ def element_wrench(plan, work, row, d, R, rate, spin):
 
 @kernel
 def load_elements(plan, work, out):
-    """Ask the wrenches of all elements between frames of both frames' bodies, as applied forces."""
+    """Subtract the wrenches of all elements between frames from those required of both frames' bodies."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES:
@@ -262,7 +262,7 @@ def load_elements(plan, work, out):
 
 @kernel
 def elements_energy(plan, work, x):
-    """What all elements store (J), the motion being in ``work``."""
+    """Energy that all elements store (J); ``work`` holds the motion."""
     energy = 0.0
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
@@ -276,7 +276,7 @@ def elements_energy(plan, work, x):
             energy += 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2
         elif row[at.EL_KIND] == kinds.BETWEEN_PENALTY:
             d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            value, _, _, _, _ = penalty_pull(plan, work, row, d, R, rate, spin)
+            value, _, _, _, _ = penalty_reaction(plan, work, row, d, R, rate, spin)
             energy += 0.5 * plan.data[o] * value * value
         elif row[at.EL_KIND] == kinds.BETWEEN_BUSHING:
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])

@@ -1,4 +1,4 @@
-"""Columns of the tangent: how an unknown moves what lies outboard, and what that asks.
+"""Columns of the tangent: how an unknown moves the bodies outboard of it, and the wrench that this requires.
 
 A unit of an unknown displaces everything outboard of it as one rigid body: by the twist xi = (phi, r), a rotation and
 the translation of the point o, both of which go with time. Of the bodies outboard it changes the wrench, in their
@@ -8,6 +8,13 @@ serve all bodies.
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.algebra.jacobian_derivatives import (
+    add9,
+    left_jacobian_derivatives,
+    left_jacobian_torque_derivative,
+    scale9,
+    skew,
+)
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     compose,
@@ -19,20 +26,19 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
-from flexmbd.multibody.kernels.algebra.turning import add9, scale9, skew, turning, turning_torque
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.physics.constraint_laws import column
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.joints import joint_size
-from flexmbd.multibody.kernels.physics.rows import column
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
 
 @part_of_kernel
 def composite_change(row, turn, turn2, alpha):
-    """Change of the wrench (force, torque about o) that a body asks of a moving frame.
+    """Change of the wrench (force, torque about o) that a composite body requires.
 
     Particles accelerate by alpha + phi'' x r + 2 phi' x r'.
     """
@@ -54,8 +60,8 @@ def composite_change(row, turn, turn2, alpha):
 
 
 @part_of_kernel
-def composite_feel(row, angular, linear):
-    """What a row with this twist feels of phi', phi'' and alpha: `composite_change` transposed."""
+def composite_projection(row, angular, linear):
+    """Projection of phi', phi'' and alpha on a row with this twist: `composite_change` transposed."""
     h = load3(row, tl.C_FIRST)
     N = load9(row, tl.C_FLOW)
     o = tl.C_SECOND
@@ -87,8 +93,8 @@ def _add(target, o, k, v):
 
 
 @kernel
-def _add_column(wrench, feel, row, k, per_x, angular, linear, turn, turn2, alpha):
-    """Wrench and feeling of column k from a twist of what ``row``, of a body, sums up."""
+def _add_column(wrench, projection, row, k, per_x, angular, linear, turn, turn2, alpha):
+    """Add to wrench and projection of column k those of a twist of the composite body in ``row``."""
     force, torque = composite_change(row, turn, turn2, alpha)
     phi, r = scale3(per_x, angular), scale3(per_x, linear)
     F, T = load3(row, tl.C_FORCE), load3(row, tl.C_TORQUE)
@@ -97,10 +103,10 @@ def _add_column(wrench, feel, row, k, per_x, angular, linear, turn, turn2, alpha
     torque = add3(torque, add3(cross3(phi, T), cross3(r, F)))
     _add(wrench, 0, k, force)
     _add(wrench, 3, k, torque)
-    f0, f1, f2 = composite_feel(row, angular, linear)
-    _add(feel, 0, k, f0)
-    _add(feel, 3, k, f1)
-    _add(feel, 6, k, f2)
+    f0, f1, f2 = composite_projection(row, angular, linear)
+    _add(projection, 0, k, f0)
+    _add(projection, 3, k, f1)
+    _add(projection, 6, k, f2)
     return force, torque
 
 
@@ -132,7 +138,7 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
     store_column(tw.motion, 3, k, turn2)
     store_column(tw.motion, 6, k, alpha)
     store_column(tw.motion, 9, k, rate)
-    _add_column(tw.wrench, tw.feel, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
+    _add_column(tw.wrench, tw.projection, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
 
 
 @part_of_kernel
@@ -184,7 +190,7 @@ def _modes3(modal, o, n, k):
 
 @part_of_kernel
 def _add_frame_block(plan, tw, f, first, n, matrix):
-    """Add the modes' own rows of the columns that ``tw.sums`` holds: forces, moments, and what turns the rows."""
+    """Add the modes' rows of the columns in ``tw.mode_moments``: forces, moments, and the rotation of the rows."""
     modal = plan.modal
     o = plan.frame_of[f, at.FRAME_MODES]
     edge = tw.edge_of[f]
@@ -192,15 +198,15 @@ def _add_frame_block(plan, tw, f, first, n, matrix):
         s = _modes3(modal, o + 3 * n, n, j)
         axis, lever = load_column(tw.edge_twist, edge + j)
         row = matrix[first + j, first : first + n]
-        add_products(lever, axis, tw.sums, 0, row)
-        add_product(s, tw.sums, 6, 0, row)
+        add_products(lever, axis, tw.mode_moments, 0, row)
+        add_product(s, tw.mode_moments, 6, 0, row)
 
 
 @kernel
 def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
     """Columns of a body's modes as far as they move its frame f with what ``row`` sums up there.
 
-    Adds to the modes' wrenches and feelings, and to the block of the body's own modes; overwrites ``tw.sums``.
+    Adds to the modes' wrenches and feelings, and to the block of the body's own modes; overwrites ``tw.mode_moments``.
     """
     tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
@@ -218,7 +224,7 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
     c = sub3(p_F, load3(tw.origin, 0))
     v_F = sub3(rotate(R_F, v_F), load3(tw.origin, 3))
     a_F = rotate(R_F, a_F)
-    J, J1, J2 = turning(theta, theta1, theta2)
+    J, J1, J2 = left_jacobian_derivatives(theta, theta1, theta2)
     # from the modes' rotations to phi, phi', phi'', and from their translations to r', r''
     wJ1 = add9(compose(wx, J), J1)
     M0 = compose(R, J)
@@ -237,7 +243,7 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
     T1 = compose(R, add9(scale9(per_x, wx), scale9(per_v, unit)))
     T2 = compose(R, add9(add9(scale9(per_x, bend), scale9(2.0 * per_v, wx)), scale9(per_a, unit)))
     force, torque = load3(row, tl.C_FORCE), load3(row, tl.C_TORQUE)
-    Q = turning_torque(theta, rotate_back(R, sub3(torque, cross3(c, force))))
+    Q = left_jacobian_torque_derivative(theta, rotate_back(R, sub3(torque, cross3(c, force))))
     for k in range(n):
         s, t = _modes3(modal, o + 3 * n, n, k), _modes3(modal, o, n, k)
         angular = rotate(M0, s)
@@ -256,12 +262,12 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
         store_column(tw.edge_motion, 3, edge + k, turn2)
         store_column(tw.edge_motion, 6, edge + k, alpha)
         store_column(tw.edge_motion, 9, edge + k, rate)
-        change, moment = _add_column(tw.wrench, tw.feel, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
+        change, moment = _add_column(tw.wrench, tw.projection, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
         # the lever and the axes of the modes' own share go with the frame
         moment = add3(moment, scale3(per_x, cross3(force, shift)))
-        store_column(tw.sums, 0, k, change)
-        store_column(tw.sums, 3, k, moment)
-        store_column(tw.sums, 6, k, scale3(per_x, rotate_back(Q, s)))
+        store_column(tw.mode_moments, 0, k, change)
+        store_column(tw.mode_moments, 3, k, moment)
+        store_column(tw.mode_moments, 6, k, scale3(per_x, rotate_back(Q, s)))
     _add_frame_block(plan, tw, f, first, n, matrix)
 
 

@@ -17,10 +17,10 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.inverse_dynamics.elements import penalty_pull, six_times
-from flexmbd.multibody.kernels.physics.rows import row_wrench_variation
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import penalty_reaction, six_times
+from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench_variation
 
 _ZERO = (0.0, 0.0, 0.0)
 _LEAST = 1e-150  # a length that is none
@@ -73,7 +73,7 @@ def _bushing_variation(data, o, d, R, rate, spin, dd, dtheta, drate, dspin):
 def _penalty_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin):
     held = plan.penalties[row[at.EL_COUNT]]
     o = row[at.EL_DATA]
-    _, _, pull, force, torque = penalty_pull(plan, work, row, d, R, rate, spin)
+    _, _, pull, force, torque = penalty_reaction(plan, work, row, d, R, rate, spin)
     force_change, torque_change = row_wrench_variation(plan.data, held, d, R, dd, dtheta)
     value_change = 0.0
     if held[at.ROW_LEVEL] == kinds.LEVEL_POSITION:

@@ -1,10 +1,10 @@
-"""Inertia of a rigid or reduced body: the wrench and modal forces that a motion asks for."""
+"""Inertia of a rigid or reduced body: the wrench and modal forces that a motion requires."""
 
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
 
 
@@ -31,7 +31,7 @@ def add_rigid_wrench(mass, first, second, turning, row):
     """Write F, T = integral of rho a, rho r x a for a body that moves as a rigid one.
 
     a = a_B + dw x r + w x (w x r) (Ambrosio & Nikravesh 1992, eq. 28 without deformation).
-    ``turning`` (layout.NEVER .. FREELY) tells where w x (J w) is zero.
+    ``turning`` (``kinds.NONROTATING`` to ``kinds.FREE_ROTATION``) says where w x (J w) is zero.
     """
     w = load3(row, at.B_W)
     dw = load3(row, at.B_DW)
@@ -40,7 +40,7 @@ def add_rigid_wrench(mass, first, second, turning, row):
         scale3(mass, a), add3(cross3(dw, first), cross3(w, cross3(w, first)))
     )
     torque = add3(cross3(first, a), inertia_times(second, dw))
-    if turning == kinds.IN_PLANE or turning == kinds.FREELY:
+    if turning == kinds.PLANAR_ROTATION or turning == kinds.FREE_ROTATION:
         torque = add3(torque, cross3(w, inertia_times(second, w)))
     store3(row, at.B_F, force)
     store3(row, at.B_T, torque)
@@ -86,7 +86,7 @@ def _pair_sums(modal, o, n, q, qd):
 
 
 @kernel
-def unturned_inertia(plan, i, q, qdd, row, out):
+def nonrotating_inertia(plan, i, q, qdd, row, out):
     """Write the wrench of reduced body i, whose frame never turns, and the modal forces of its inertia.
 
     With a = a_B + Phi qdd nothing is left of the Coriolis and centrifugal terms.
@@ -197,7 +197,7 @@ def flexible_inertia(plan, i, q, qd, qdd, row, out):  # noqa: PLR0915  one pass 
         # 2 phi_j . (w x Phi qd) = 2 w . sum phi_k x phi_j qd_k
         load += 2.0 * (w[0] * u[0] + w[1] * u[1] + w[2] * u[2])
         out[j] = load + e
-    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), kinds.FREELY, row)
+    add_rigid_wrench(rigid[at.MASS], (hx, hy, hz), (xx, xy, xz, yy, yz, zz), kinds.FREE_ROTATION, row)
     coriolis = cross3(w, (vx, vy, vz))
     store3(
         row,

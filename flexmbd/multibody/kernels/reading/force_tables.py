@@ -1,4 +1,4 @@
-"""What a plan says of its force elements and functions of time, and the plan without some of them."""
+"""Readers of a plan's force elements and functions of time, and copies of the plan without some of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 
 IntArray = NDArray[np.int64]
@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Elements:
+class ForceElements:
     """Force elements, each array (k,).
 
     Attributes:
@@ -33,12 +33,12 @@ class Elements:
     address: IntArray
 
 
-def force_elements(plan: Plan) -> Elements:
+def force_elements(plan: Plan) -> ForceElements:
     """All force elements."""
     kind, time, count, address = (
         plan.elements[:, k] for k in (at.EL_KIND, at.EL_TIME, at.EL_COUNT, at.EL_ADDRESS)
     )
-    return Elements(kind, time, count, address)
+    return ForceElements(kind, time, count, address)
 
 
 def joint_force_times(plan: Plan) -> IntArray:

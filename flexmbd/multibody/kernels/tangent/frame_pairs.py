@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import layout as at
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.elements import element_wrench
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.physics.joints import joint_size
-from flexmbd.multibody.kernels.physics.rows import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.columns import frame_columns, store_column
-from flexmbd.multibody.kernels.tangent.elements import element_wrench_variation
+from flexmbd.multibody.kernels.tangent.element_variations import element_wrench_variation
+from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
 
 
 @kernel
-def _enter(tw, count, k, twist, motion, column, o, sign):
+def _add_unknown(tw, count, k, twist, motion, column, o, sign):
     """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
     if tw.path_mark[k] == 0:
         tw.path_mark[k] = 1
@@ -38,7 +38,7 @@ def _enter(tw, count, k, twist, motion, column, o, sign):
 
 
 @kernel
-def _walk(plan, tw, f, o, sign, count):
+def _collect_path(plan, tw, f, o, sign, count):
     """Enter all unknowns that move frame f into the path, their twists at rows o; return its length."""
     b = plan.frame_of[f, at.FRAME_BODY]
     edge = tw.edge_of[f]
@@ -47,23 +47,23 @@ def _walk(plan, tw, f, o, sign, count):
         if edge >= 0:
             for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
                 q = tree[at.MODAL_V] + k
-                count = _enter(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
+                count = _add_unknown(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
         for k in range(joint_size(tree[at.JOINT])):
             j = tree[at.JOINT_V] + k
-            count = _enter(tw, count, j, tw.twist, tw.motion, j, o, sign)
+            count = _add_unknown(tw, count, j, tw.twist, tw.motion, j, o, sign)
         edge = tw.edge_of[tree[at.FRAME_PARENT]]
         b = tree[at.PARENT]
     return count
 
 
 @kernel
-def _gather(plan, tw, f, g):
+def _collect_paths(plan, tw, f, g):
     """Enter all unknowns that move frames f or g into the path; return their number."""
-    return _walk(plan, tw, g, 6, 1.0, _walk(plan, tw, f, 0, -1.0, 0))
+    return _collect_path(plan, tw, g, 6, 1.0, _collect_path(plan, tw, f, 0, -1.0, 0))
 
 
 @kernel
-def _forget(tw, count):
+def _clear_path(tw, count):
     for i in range(count):
         tw.path_mark[tw.path[i]] = 0
 
@@ -207,7 +207,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
     _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-    count = _gather(plan, tw, f, g)
+    count = _collect_paths(plan, tw, f, g)
     for j in range(count):
         k = tw.path[j]
         moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
@@ -222,7 +222,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     _add_changes(tw, count, matrix)
-    _forget(tw, count)
+    _clear_path(tw, count)
 
 
 @part_of_kernel
@@ -256,7 +256,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         pull = rotate(R_F, force)
         moment = add3(rotate(R_F, torque), cross3(c_G, pull))
         _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-        count = _gather(plan, tw, f, g)
+        count = _collect_paths(plan, tw, f, g)
         for j in range(count):
             k = tw.path[j]
             moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
@@ -269,4 +269,4 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
             _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
         _add_changes(tw, count, matrix)
-        _forget(tw, count)
+        _clear_path(tw, count)
