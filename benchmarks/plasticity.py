@@ -32,7 +32,7 @@ from dolfinx import fem
 from flexmbd import meshes
 from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import PathError, StaticPath, follow, held_dofs
+from flexmbd.continuum.history.static_path import PathError, StaticPath, follow, prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import TangentSolver
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.forms import j2_plasticity as j2
@@ -177,10 +177,10 @@ class Split:
 def limit(means: bool) -> float:
     """The largest pressure, over the exact limit, that a ring of few bricks carries; up to 1.1 is tried."""
     body = ring(COARSE, form=j2, hardening=0.0, means=means)
-    held = held_dofs(body, HELD)
+    held = prescribed_dofs(body, HELD)
     force = case.LIMIT * load_vectors(body, [Pressure("p", "inner")])[:, 0]
     try:
-        path = follow(body, [0.9, 1.1], held=held, load=lambda t: t * force, smallest=0.002)
+        path = follow(body, [0.9, 1.1], prescribed=held, load=lambda t: t * force, smallest=0.002)
     except PathError as error:
         if error.path is None:
             raise
@@ -191,7 +191,7 @@ def limit(means: bool) -> float:
 def cylinder(divisions, hardening) -> dict[str, float]:
     """The steps of the cylinder, printed."""
     body = ring(divisions, form=j2, hardening=hardening)
-    held = held_dofs(body, HELD)
+    held = prescribed_dofs(body, HELD)
     force = case.LIMIT * load_vectors(body, [Pressure("p", "inner")])[:, 0]
     # compiled before the clock starts
     body.tangent(np.zeros(body.layout.n_local))
@@ -204,7 +204,7 @@ def cylinder(divisions, hardening) -> dict[str, float]:
     begin, wall = time.process_time(), time.perf_counter()
     steps = np.linspace(0.0, case.SHARE, case.STEPS + 1)[1:]
     try:
-        path: StaticPath = follow(body, list(steps), held=held, load=lambda t: t * force)
+        path: StaticPath = follow(body, list(steps), prescribed=held, load=lambda t: t * force)
     finally:
         split.unwrap()
     seconds, wall = time.process_time() - begin, time.perf_counter() - wall

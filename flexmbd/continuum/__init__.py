@@ -45,7 +45,7 @@ from flexmbd.continuum.history.static_path import PathError as PathError
 from flexmbd.continuum.history.static_path import StaticPath as StaticPath
 from flexmbd.continuum.history.static_path import clamped_dofs as clamped_dofs
 from flexmbd.continuum.history.static_path import follow as follow
-from flexmbd.continuum.history.static_path import held_dofs as held_dofs
+from flexmbd.continuum.history.static_path import prescribed_dofs as prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver as LinearSolver
 from flexmbd.continuum.history.tangent_solver import Preconditioner as Preconditioner
 from flexmbd.continuum.interior.contact_plane import RigidPlane as RigidPlane

@@ -7,7 +7,7 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.history.static_path import PathError, follow, prescribed_dofs
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
@@ -20,8 +20,8 @@ def ring(form=updated_lagrangian, *, strength=YIELD):
     parameters = form.Parameters(E=210e9, nu=0.3, rho=7800.0, yield_stress=strength)
     mesh = meshes.quarter_ring(HEIGHT, OUTER, BORE, divisions=(6, 6, 1))
     body = NonlinearModel(mesh, form, parameters, degree=1)
-    bore = held_dofs(body, {"inner": "xy"})
-    held = np.union1d(bore, held_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"}))
+    bore = prescribed_dofs(body, {"inner": "xy"})
+    held = np.union1d(bore, prescribed_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"}))
     place = np.zeros(body.layout.n_local)
     place[body.displacement_dofs] = body.layout.node_x
     return body, held, np.where(np.isin(held, bore), place[held], 0.0)
@@ -29,7 +29,7 @@ def ring(form=updated_lagrangian, *, strength=YIELD):
 
 def opened(opening):
     body, held, outward = ring()
-    path = follow(body, [opening], held=held, displacement=lambda t: t * outward)
+    path = follow(body, [opening], prescribed=held, displacement=lambda t: t * outward)
     inner = BORE * (1.0 + opening)
     # the work of the reactions on a further opening, over that of a pressure of 1 Pa
     pressure = path.steps[-1].reactions @ outward / (0.5 * np.pi * inner * HEIGHT * BORE)
@@ -53,7 +53,7 @@ def test_a_small_opening_is_one_step():
 def test_where_steps_may_not_be_cut_it_is_refused():
     body, held, outward = ring()
     with pytest.raises(PathError, match=r"times as large as the formulation integrates well, in cell \d+") as told:
-        follow(body, [0.2], held=held, displacement=lambda t: t * outward, smallest=0.6)
+        follow(body, [0.2], prescribed=held, displacement=lambda t: t * outward, smallest=0.6)
     assert told.value.path.steps == []
     np.testing.assert_array_equal(body.displacement, 0.0)
 
@@ -83,5 +83,5 @@ def test_what_counts_is_the_flow_against_the_strength(unit):
 @pytest.mark.parametrize("form", [hencky_plasticity, j2_plasticity])
 def test_forms_that_take_any_step_are_left_alone(form):
     body, held, outward = ring(form)
-    path = follow(body, [0.02], held=held, displacement=lambda t: t * outward)
+    path = follow(body, [0.02], prescribed=held, displacement=lambda t: t * outward)
     assert (len(path.steps), path.cuts) == (1, 0)

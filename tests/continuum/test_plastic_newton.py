@@ -14,7 +14,7 @@ from flexmbd import meshes
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
@@ -49,9 +49,9 @@ def residuals(sheared, *, rate):
     """Those of a step that shears a clamped block, m, after it was pulled far into the plastic range."""
     mesh = meshes.block(1.0, 0.6, 0.6, divisions=(3, 2, 2), comm=MPI.COMM_SELF)
     body = NonlinearModel(mesh, j2, j2.Parameters(**STEEL), degree=1, cell_means=False)
-    held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
-    pull, shear = (1.0 * np.isin(held, held_dofs(body, {"x_max": axis})) for axis in "xy")
-    newton = Newton(body, held, solver=LinearSolver(0), convergence=Convergence(tolerance=1e-11, most_steps=200))
+    held = prescribed_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
+    pull, shear = (1.0 * np.isin(held, prescribed_dofs(body, {"x_max": axis})) for axis in "xy")
+    newton = Newton(body, held, solver=LinearSolver(0), convergence=Convergence(tolerance=1e-11, max_iterations=200))
 
     def forces(increment):
         residual = body.force(increment)
@@ -108,13 +108,13 @@ def test_quadratic(form, law, means):
         meshes.block(1.0, 0.6, 0.6, divisions=(3, 2, 2), comm=MPI.COMM_SELF),
         form, form.Parameters(**STEEL | {"hardening": law}), degree=1, cell_means=means,
     )
-    held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
-    pull = 0.01 * np.isin(held, held_dofs(body, {"x_max": "x"}))
-    pull += 0.004 * np.isin(held, held_dofs(body, {"x_max": "y"}))
+    held = prescribed_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
+    pull = 0.01 * np.isin(held, prescribed_dofs(body, {"x_max": "x"}))
+    pull += 0.004 * np.isin(held, prescribed_dofs(body, {"x_max": "y"}))
     if form is updated:
         pull *= 0.4
     path = follow(
-        body, [1.0, 2.0], held=held, displacement=lambda t: t * pull, solver=LinearSolver(0),
+        body, [1.0, 2.0], prescribed=held, displacement=lambda t: t * pull, solver=LinearSolver(0),
         convergence=Convergence(tolerance=1e-11),
     )
     assert path.cuts == 0

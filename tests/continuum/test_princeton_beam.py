@@ -6,7 +6,7 @@ import pytest
 from flexmbd import meshes
 from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.forms import st_venant_kirchhoff as solid
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
@@ -18,10 +18,10 @@ def tip(cells, force, angle):
     """(2,) m: how far the end goes down along y and along z, under a force (N) at an angle (degrees) from -y to z."""
     mesh = meshes.block(LENGTH, HEIGHT, WIDTH, divisions=cells)
     body = NonlinearModel(mesh, solid, ALLOY, degree=2)
-    held = held_dofs(body, {"x_min": "xyz"})
+    held = prescribed_dofs(body, {"x_min": "xyz"})
     direction = np.array([0.0, -np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     load = load_vectors(body, [Traction("P", "x_max", direction)])[:, 0] * force / (HEIGHT * WIDTH)
-    follow(body, [0.02, 0.2, 1.0], held=held, load=lambda t: t * load, convergence=Convergence(tolerance=1e-6))
+    follow(body, [0.02, 0.2, 1.0], prescribed=held, load=lambda t: t * load, convergence=Convergence(tolerance=1e-6))
     nodes = body.layout.nodes_on(2, mesh.facets("x_max"))
     nodes = nodes[body.displacement_dofs[nodes, 0] < body.n_owned]
     return body.displacement[body.displacement_dofs[nodes]].mean(axis=0)[1:] * [-1.0, 1.0]

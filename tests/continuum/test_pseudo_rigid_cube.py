@@ -12,7 +12,7 @@ import pytest
 import flexmbd as fm
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.forms import st_venant_kirchhoff
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
@@ -52,14 +52,14 @@ def mean_stretches(tensions):
     loads = [Traction(name, name, (1.0, 0.0, 0.0)) for name in ("patch", "right", "above")]
     patch, *rest = load_vectors(body, loads).T
     (side,) = load_vectors(body, [Traction("side", "y_max", (0.0, 1.0, 0.0))]).T
-    held = held_dofs(body, {"x_min": "x", "y_min": "y", "z_min": "z"})
+    held = prescribed_dofs(body, {"x_min": "x", "y_min": "y", "z_min": "z"})
     found = []
 
     def look(_):
         u = body.displacement[: len(patch)]
         found.append([1.0 + (patch + sum(rest)) @ u / HALF**3, 1.0 + side @ u / HALF**3])
 
-    follow(body, tensions, held=held, load=lambda p: p * patch, accepted=look)
+    follow(body, tensions, prescribed=held, load=lambda p: p * patch, accepted=look)
     return np.array(found)
 
 

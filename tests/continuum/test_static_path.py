@@ -8,7 +8,7 @@ from cooks_membrane import raised
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import PathError, follow, held_dofs
+from flexmbd.continuum.history.static_path import PathError, follow, prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver, Preconditioner
 from flexmbd.errors import FormulationError, MeshError
 from flexmbd.forms import beam_exact
@@ -30,7 +30,7 @@ def cylinder(divisions, *, form=j2, comm=COMM, **options):
     mesh = meshes.quarter_ring(0.02, OUTER, INNER, divisions=(*divisions, 1), comm=comm)
     p = form.Parameters(E=E, nu=NU, rho=7800.0, yield_stress=0.24e9)
     body = NonlinearModel(mesh, form, p, degree=1, **options)
-    held = held_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"})
+    held = prescribed_dofs(body, {"x_min": "x", "y_min": "y", "bottom": "z", "top": "z"})
     return body, held, load_vectors(body, [Pressure("p", "inner")])[:, 0]
 
 
@@ -59,7 +59,7 @@ def test_thick_cylinder_below_its_limit():
         def record(_, body=body, found=found):
             found.append(widening(body))
 
-        follow(body, loads, held=held, load=lambda t, f=force: t * f, accepted=record)
+        follow(body, loads, prescribed=held, load=lambda t, f=force: t * f, accepted=record)
         errors.append(np.array(found) / exact - 1.0)
     coarse, middle, fine = np.abs(errors)
     # elastic: nothing but the mesh, of second order
@@ -78,7 +78,7 @@ def test_limit_pressure_of_the_thick_cylinder(means):
     loads = LIMIT * np.array([0.6, 0.8, 0.95, 0.99, 1.003, 1.03, 1.06])
 
     def follow_all():
-        return follow(body, loads, held=held, load=lambda t: t * force, smallest=0.01)
+        return follow(body, loads, prescribed=held, load=lambda t: t * force, smallest=0.01)
 
     if not means:
         assert follow_all().steps[-1].t == loads[-1]
@@ -97,7 +97,7 @@ def test_a_path_that_ends_leaves_the_body_in_balance():
     reason = r"did not converge in \d+ steps; the residuals were \d|was not solved"
     with pytest.raises(PathError, match=reason) as caught:
         follow(
-            body, [0.3 * LIMIT, 0.7 * LIMIT, 1.5 * LIMIT], held=held, load=lambda t: t * force, smallest=0.05,
+            body, [0.3 * LIMIT, 0.7 * LIMIT, 1.5 * LIMIT], prescribed=held, load=lambda t: t * force, smallest=0.05,
             accepted=lambda t: found.append(widening(body)),
         )
     path = caught.value.path
@@ -109,7 +109,7 @@ def test_a_path_that_ends_leaves_the_body_in_balance():
     assert left[held] == pytest.approx(path.steps[-1].reactions, rel=1e-9, abs=1e-9 * np.linalg.norm(left))
     # and goes on from there: unloading is as elastic as the first step was
     before = widening(body)
-    after = follow(body, [0.5 * LIMIT], held=held, load=lambda t: t * force)
+    after = follow(body, [0.5 * LIMIT], prescribed=held, load=lambda t: t * force)
     assert len(after.steps) == 1
     elastic = found[0] / (0.3 * LIMIT)
     assert before - widening(body) == pytest.approx(elastic * (reached - 0.5 * LIMIT), rel=1e-8)
@@ -123,11 +123,11 @@ def test_an_increment_that_inverts_cells(form, strength):
     """
     p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=strength, hardening=j2.LinearHardening(2e9))
     body = NonlinearModel(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), form, p, degree=1, cell_means=False)
-    held = held_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
-    pushed = np.isin(held, held_dofs(body, {"x_max": "x"}))
+    held = prescribed_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
+    pushed = np.isin(held, prescribed_dofs(body, {"x_max": "x"}))
     with pytest.raises(PathError, match=r"cell \d, at \(.*\) m in the undeformed body, is turned inside out") as caught:
         follow(
-            body, [0.1, 2.0], held=held, displacement=lambda t: np.where(pushed, -t, 0.0), smallest=0.3,
+            body, [0.1, 2.0], prescribed=held, displacement=lambda t: np.where(pushed, -t, 0.0), smallest=0.3,
             accepted=lambda t: None,
         )
     path = caught.value.path
@@ -143,14 +143,14 @@ def test_an_increment_that_inverts_cells(form, strength):
     [
         ([1.0, 1.0], {"bottom": "z"}, PathError, "times must ascend from above 0"),
         ([0.0], {"bottom": "z"}, PathError, "times must ascend from above 0"),
-        ([1.0], {"bottom": "w"}, MeshError, "'bottom' is held along 'w'; give axes out of 'xyz'"),
+        ([1.0], {"bottom": "w"}, MeshError, "'bottom' is prescribed along 'w'; give axes out of 'xyz'"),
         ([1.0], {"floor": "x"}, MeshError, "floor"),
     ],
 )
 def test_bad_input(times, groups, kind, pattern):
     body, _, force = cylinder((2, 2))
     with pytest.raises(kind, match=pattern):
-        follow(body, times, held=held_dofs(body, groups), load=lambda t: t * force)
+        follow(body, times, prescribed=prescribed_dofs(body, groups), load=lambda t: t * force)
 
 
 @pytest.mark.parametrize(("degree", "divisions", "within"), [(1, 16, 2e-3), (2, 8, 1e-3)])
@@ -160,16 +160,17 @@ def test_moment_over_curvature_of_a_rectangular_section(degree, divisions, withi
     mesh = meshes.block(length, height, width, divisions=(1, divisions, 1), comm=MPI.COMM_SELF)
     p = j2.Parameters(E=young, nu=NU, rho=7800.0, yield_stress=strength)
     body = NonlinearModel(mesh, j2, p, degree=degree)
-    ends = held_dofs(body, {"x_min": "x", "x_max": "x"})
+    ends = prescribed_dofs(body, {"x_min": "x", "x_max": "x"})
     # one node at the axis is held along y, one face along z
     middle = np.argmin(np.linalg.norm(body.layout.node_x - [0.0, 0.0, -width / 2], axis=1))
-    held = np.unique([*ends, body.displacement_dofs[middle, 1], *held_dofs(body, {"z_min": "z"})])
+    held = np.unique([*ends, body.displacement_dofs[middle, 1], *prescribed_dofs(body, {"z_min": "z"})])
     node = np.empty(body.layout.n_local, dtype=int)
     node[body.displacement_dofs] = np.arange(len(body.displacement_dofs))[:, None]
-    turned = np.isin(held, held_dofs(body, {"x_max": "x"}))
+    turned = np.isin(held, prescribed_dofs(body, {"x_max": "x"}))
     y = np.where(turned, body.layout.node_x[node[held], 1], 0.0)
     first = 2 * strength / (young * height)
-    path = follow(body, [1.0, 1.5, 2.0, 3.0, 5.0, 10.0], held=held, displacement=lambda k: -k * first * length * y)
+    loads = [1.0, 1.5, 2.0, 3.0, 5.0, 10.0]
+    path = follow(body, loads, prescribed=held, displacement=lambda k: -k * first * length * y)
     assert len(path.steps) == 6
     for step in path.steps:
         moment = -step.reactions @ y / (strength * width * height**2 / 6)
@@ -209,7 +210,7 @@ def test_ranks_agree(form):
     found = []
     for comm, solver in ((COMM, LinearSolver()), (MPI.COMM_SELF, LinearSolver(0)), (COMM, LinearSolver(0))):
         body, held, force = cylinder((4, 6), form=form, comm=comm)
-        path = follow(body, loads, held=held, load=lambda t, f=force: t * f, solver=solver)
+        path = follow(body, loads, prescribed=held, load=lambda t, f=force: t * f, solver=solver)
         reactions = sum(abs(step.reactions).sum() for step in path.steps)
         found.append((widening(body), comm.allreduce(reactions), len(path.steps)))
     assert found[0] == pytest.approx(found[1], rel=1e-8)
@@ -224,7 +225,7 @@ def test_multigrid_in_place_of_a_factor():
     for preconditioner in Preconditioner:
         body, held, force = cylinder((8, 12))
         solver = LinearSolver(60, preconditioner=preconditioner)
-        path = follow(body, loads, held=held, load=lambda t, f=force: t * f, solver=solver)
+        path = follow(body, loads, prescribed=held, load=lambda t, f=force: t * f, solver=solver)
         found.append((widening(body), path))
     assert found[1][0] == pytest.approx(found[0][0], rel=1e-8)
     # an older factor of nearly this tangent takes a few iterations, multigrid some tens
@@ -238,4 +239,4 @@ def test_multigrid_refuses_what_it_does_not_know():
     body = NonlinearModel(mesh, beam_exact, section, degree=1)
     solver = LinearSolver(preconditioner=Preconditioner.MULTIGRID)
     with pytest.raises(FormulationError, match=r"beam_exact has unknowns besides the displacement.*FACTOR"):
-        follow(body, [1.0], held=np.arange(6), displacement=lambda t: np.zeros(6), solver=solver)
+        follow(body, [1.0], prescribed=np.arange(6), displacement=lambda t: np.zeros(6), solver=solver)

@@ -36,7 +36,7 @@ class Cantilever:
         whole = np.zeros(self.body.n_owned)
         whole[self.tip] = load
         follow(
-            self.body, shares, held=self.held, load=lambda t: t * whole, convergence=LOOSE,
+            self.body, shares, prescribed=self.held, load=lambda t: t * whole, convergence=LOOSE,
             accepted=None if at is None else lambda t: at(t, self.body.displacement[self.tip]),
         )  # fmt: skip
         return self.body.displacement[self.tip].copy()

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 
@@ -39,9 +39,9 @@ def raised(
     x[:, 0], x[:, 1] = 48.0 * along, 44.0 * along + up * (44.0 - 28.0 * along)
     p = form.Parameters(E=young, nu=1 / 3, rho=1.0, **more)
     body = NonlinearModel(mesh, form, p, degree=degree, cell_means=means)
-    fixed = held_dofs(body, {"x_min": "xy"} | dict.fromkeys(held, "z"))
+    fixed = prescribed_dofs(body, {"x_min": "xy"} | dict.fromkeys(held, "z"))
     force = load / 16.0 * load_vectors(body, [Traction("shear", "x_max", (0.0, 1.0, 0.0))])[:, 0]
-    follow(body, [1.0], held=fixed, load=lambda t: t * force)
+    follow(body, [1.0], prescribed=fixed, load=lambda t: t * force)
     places = (48.0, 52.0, -0.5), (48.0, 60.0, -0.5)
     found = [np.argmin(np.linalg.norm(body.layout.node_x - place, axis=1)) for place in places]
     return np.asarray(body.displacement[body.displacement_dofs[found, 1]])

@@ -29,7 +29,7 @@ from flexmbd.continuum import (
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.history_file import load_body, save_body
-from flexmbd.continuum.history.static_path import follow, held_dofs
+from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 
 PART = fm.RigidBody(30.0, np.array([[1.0, 0.1, 0.0], [0.1, 1.5, -0.2], [0.0, -0.2, 2.0]]), (0.2, -0.05, 0.1))
@@ -84,11 +84,13 @@ def stretches(comm, file, *, restart, killed):
     if killed:
         kill_after(body, "commit", TIMES["static"][2])
     reached = load_body(body, file) if restart else 0.0
-    held = held_dofs(body, {"x_min": "xyz", "x_max": "x"})
+    held = prescribed_dofs(body, {"x_min": "xyz", "x_max": "x"})
     pulled = (body.layout.node_x.reshape(-1)[held] > 0.5).astype(float)
     for end in np.arange(reached + 1.0, TIMES["static"][0] + 1.0):
-        path = follow(body, [end - 0.5, end], held=held, displacement=lambda t: 0.01 * t * pulled, reached=end - 1.0,
-                      convergence=Convergence(1e-11))  # fmt: skip
+        path = follow(
+            body, [end - 0.5, end], prescribed=held, displacement=lambda t: 0.01 * t * pulled, reached=end - 1.0,
+            convergence=Convergence(1e-11),
+        )  # fmt: skip
         if end < TIMES["static"][0]:
             save_body(body, file, t=end)
     pull = comm.allreduce(float(path.steps[-1].reactions[pulled > 0.0].sum()))

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import held_dofs
+from flexmbd.continuum.history.static_path import prescribed_dofs
 
 LENGTH, E = 10.0, 1e6
 
@@ -35,7 +35,7 @@ class Strip:
         dofs = self.body.displacement_dofs
         end = self.body.layout.nodes_on(2, mesh.facets("x_max"))
         self._arm, self._end = self.x[end, :2] - [LENGTH, 0.0], dofs[end, :2]
-        held = np.union1d(held_dofs(self.body, {"x_min": "xy"}), dofs[:, 2])
+        held = np.union1d(prescribed_dofs(self.body, {"x_min": "xy"}), dofs[:, 2])
         self._free = np.setdiff1d(np.arange(self.body.n_owned), np.union1d(held, self._end))
         self.frame = np.zeros(3)
 

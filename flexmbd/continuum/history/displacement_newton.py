@@ -19,23 +19,23 @@ from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
-# Line search: how much of the work that the residual does on the step may be left, and the tries.
-_WORK_LEFT, _TRIES = 0.8, 6
+# Line search: largest ratio of the work that the residual does on the step, at its end to at its begin; trials.
+_WORK_RATIO, _MAX_HALVINGS = 0.8, 6
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """When Newton's method ends.
+    """When Newton's method has converged, and when it gives up.
 
     Attributes:
         tolerance: largest residual over the largest force at hand (loads, reactions, inertia), in the
             2-norm over all dofs.
-        most_steps: it fails after so many.
+        max_iterations: it fails after so many.
         round_off: a residual below this that a step no longer halves is taken for round-off, and good.
     """
 
     tolerance: float = 1e-9
-    most_steps: int = 25
+    max_iterations: int = 25
     round_off: float = 1e-10
 
 
@@ -56,16 +56,16 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
-class Conditions:
-    """Linear conditions on a step's displacement, kept by forces along their columns.
+class LinearConstraints:
+    """Linear constraints on a step's displacement, kept by forces along their columns.
 
     Attributes:
-        columns: (owned dofs, m), orthonormal over all ranks, zero at held dofs.
-        missing: (m,) m, columns^T times the displacement that the first guess lacks.
+        columns: (owned dofs, m), orthonormal over all ranks, zero at prescribed dofs.
+        gap: (m,) m, columns^T times the displacement that the first guess lacks.
     """
 
     columns: FloatArray
-    missing: FloatArray
+    gap: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,8 @@ class Solution:
 
     Attributes:
         increment: (local dofs including ghosts,) m, since the last accepted step.
-        residuals: relative residuals of the held body, one more than there were steps.
-        balance: the forces at the end; their residual on held dofs is the reactions.
+        residuals: relative residuals on the dofs that are not prescribed, one more than there were iterations.
+        balance: the forces at the end; their residual on prescribed dofs is the reactions.
     """
 
     increment: FloatArray
@@ -93,7 +93,7 @@ class Newton:
     def __init__(
         self,
         body: NonlinearModel,
-        held: NDArray[np.int32],
+        prescribed: NDArray[np.int32],
         *,
         solver: LinearSolver = DEFAULT_SOLVER,
         convergence: Convergence = DEFAULT_CONVERGENCE,
@@ -102,15 +102,15 @@ class Newton:
 
         Args:
             body: the body.
-            held: owned dofs whose displacement is given.
+            prescribed: owned dofs whose displacement is given.
             solver: of the linear systems.
             convergence: when to end.
         """
-        self._body, self._held = body, np.asarray(held, dtype=np.int32)
-        self._keeps_below, self._looseness = solver.keeps_below, solver.looseness
+        self._body, self._prescribed = body, np.asarray(prescribed, dtype=np.int32)
+        self._reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
         self._convergence = convergence
-        self._free = np.setdiff1d(np.arange(body.n_owned), self._held)
-        self.linear = TangentSolver(body, self._held, solver)
+        self._free = np.setdiff1d(np.arange(body.n_owned), self._prescribed)
+        self.linear = TangentSolver(body, self._prescribed, solver)
         self._ghosted = body.vector()
 
     def solve(
@@ -119,127 +119,134 @@ class Newton:
         target: FloatArray,
         forces: Callable[[FloatArray], Balance],
         tangent: Callable[[FloatArray], PETSc.Mat],
-        conditions: Conditions | None = None,
+        constraints: LinearConstraints | None = None,
     ) -> Solution:
         """One step. Collective.
 
         Args:
             start: (local dofs including ghosts,) m, first guess.
-            target: (held dofs,) m, their displacement since the last accepted step.
+            target: (prescribed dofs,) m, their displacement since the last accepted step.
             forces: at a displacement.
             tangent: derivative of their residual; the matrix may be changed.
-            conditions: on the displacement; the residual along their columns is the forces that keep them.
+            constraints: on the displacement; the residual along their columns is the forces that keep them.
 
         Raises:
             ConvergenceError: on all ranks: it did not converge; the message has the residuals.
         """
         increment, residuals, rule = start.copy(), [], self._convergence
-        missing = target - increment[self._held]
-        unmet = conditions
+        gap = target - increment[self._prescribed]
+        open_constraints = constraints
         balance = forces(increment)
-        for step in range(rule.most_steps + 1):
-            left = self._unbalanced(balance.residual, conditions)
+        for step in range(rule.max_iterations + 1):
+            left = self._without_constraint_forces(balance.residual, constraints)
             residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
-            unmoved = self._norm(missing) == 0.0 and not (unmet is not None and bool(unmet.missing.any()))
-            jumps = step == 0 and not unmoved
+            closed = open_constraints is None or not open_constraints.gap.any()
+            jumps = step == 0 and not (closed and self._norm(gap) == 0.0)
             stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= rule.round_off
             if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
                 return Solution(increment, tuple(residuals), balance)
-            if step == rule.most_steps:
+            if step == rule.max_iterations:
                 break
-            if step < 2 or residuals[-1] > self._keeps_below * residuals[-2]:
-                matrix, held = tangent(increment), False
-            change = self._direction(matrix, left, missing, residuals, held=held, conditions=unmet)
-            held = True
-            missing = np.zeros_like(missing)
-            if unmet is not None:
-                unmet = replace(unmet, missing=np.zeros_like(unmet.missing))
+            if step < 2 or residuals[-1] > self._reuse_below * residuals[-2]:
+                matrix, reused = tangent(increment), False
+            change = self._direction(matrix, left, gap, residuals, reused=reused, constraints=open_constraints)
+            reused = True
+            gap = np.zeros_like(gap)
+            if open_constraints is not None:
+                open_constraints = replace(open_constraints, gap=np.zeros_like(open_constraints.gap))
             increment, balance = self._search(increment, change, balance, forces, full=jumps)
         raise ConvergenceError(
-            f"Newton's method did not converge in {rule.most_steps} steps; the residuals were "
+            f"Newton's method did not converge in {rule.max_iterations} steps; the residuals were "
             + ", ".join(f"{residual:.1e}" for residual in residuals)
         )
 
     def solve_columns(
-        self, matrix: PETSc.Mat, block: FloatArray, conditions: Conditions | None = None
+        self, matrix: PETSc.Mat, block: FloatArray, constraints: LinearConstraints | None = None
     ) -> FloatArray:
-        """The inverse of a tangent with held dofs, times columns. Collective.
+        """The inverse of a tangent with prescribed dofs, times columns. Collective.
 
         Args:
             matrix: the tangent, which is changed.
-            block: (owned dofs, k); rows of held dofs are not read.
-            conditions: that each of the solutions meets.
+            block: (owned dofs, k); rows of prescribed dofs are not read.
+            constraints: that each of the solutions meets.
 
         Returns:
-            (owned dofs, k), zero at held dofs.
+            (owned dofs, k), zero at prescribed dofs.
         """
-        return self.inverse(matrix, conditions)(block)
+        return self.inverse(matrix, constraints)(block)
 
-    def inverse(self, matrix: PETSc.Mat, conditions: Conditions | None = None) -> Callable[[FloatArray], FloatArray]:
+    def inverse(
+        self, matrix: PETSc.Mat, constraints: LinearConstraints | None = None
+    ) -> Callable[[FloatArray], FloatArray]:
         """As `solve_columns`, for one block after the other, until the next tangent is taken. Collective."""
-        self.linear.hold(matrix)
-        self.linear.renew()  # a factor of this matrix solves for all columns at once
-        self.linear.take(matrix)
-        if conditions is None:
+        self.linear.constrain(matrix)
+        self.linear.discard_preconditioner()  # a factor of this matrix solves for all columns at once
+        self.linear.set_operator(matrix)
+        if constraints is None:
             return self.linear.solve_block
-        unmet, meeting = conditions, self.linear.solve_block(conditions.columns)
+        responses = self.linear.solve_block(constraints.columns)
 
         def solve(block: FloatArray) -> FloatArray:
             solution = self.linear.solve_block(block)
-            return np.asarray(solution - self._excess(solution, meeting, unmet))
+            return np.asarray(solution - self._constraint_correction(solution, responses, constraints))
 
         return solve
 
-    def factorise_next(self) -> None:
+    def discard_factor(self) -> None:
         """Forget the factor, as at a checkpoint."""
-        self.linear.renew()
+        self.linear.discard_preconditioner()
 
     def _direction(
         self,
         matrix: PETSc.Mat,
         residual: FloatArray,
-        missing: FloatArray,
+        gap: FloatArray,
         residuals: list[float],
         *,
-        held: bool,
-        conditions: Conditions | None,
+        reused: bool,
+        constraints: LinearConstraints | None,
     ) -> FloatArray:
-        """Newton's step (local dofs including ghosts,); ``held``: of a matrix that was used before. Collective."""
+        """Newton's step (local dofs including ghosts,); ``reused``: the matrix was used before. Collective."""
         right, left = matrix.createVecLeft(), matrix.createVecRight()
         left.array[:] = 0.0
-        left.array[self._held] = missing
+        left.array[self._prescribed] = gap
         matrix.mult(left, right)
-        right.array[:] = -residual if held else -residual - right.array
-        right.array[self._held] = missing
-        if not held:
-            self.linear.hold(matrix)
-            if conditions is not None:
-                self.linear.renew()
-        self.linear.take(matrix)
-        loose = min(self._looseness, 0.1 * residuals[-1]) if len(residuals) > 1 else self._looseness
+        right.array[:] = -residual if reused else -residual - right.array
+        right.array[self._prescribed] = gap
+        if not reused:
+            self.linear.constrain(matrix)
+            if constraints is not None:
+                self.linear.discard_preconditioner()
+        self.linear.set_operator(matrix)
+        loose = min(self._forcing_term, 0.1 * residuals[-1]) if len(residuals) > 1 else self._forcing_term
         step = self.linear.solve(right.array, loose)
-        step[self._held] = missing  # exact, whatever Krylov's method left
-        if conditions is not None:
-            if not held:
-                self._meeting = self.linear.solve_block(conditions.columns)
-            step -= self._excess(step[:, None], self._meeting, conditions)[:, 0]
+        step[self._prescribed] = gap  # exact, whatever Krylov's method left
+        if constraints is not None:
+            if not reused:
+                self._responses = self.linear.solve_block(constraints.columns)
+            step -= self._constraint_correction(step[:, None], self._responses, constraints)[:, 0]
         self._ghosted.array[: self._body.n_owned] = step
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
 
-    def _excess(self, steps: FloatArray, meeting: FloatArray, conditions: Conditions) -> FloatArray:
-        """What steps (owned dofs, k) that meet no conditions are too much, by the displacements of their forces."""
-        m = len(conditions.missing)
-        products = inner(self._body.comm, conditions.columns, np.hstack([meeting, steps]))
-        shares = np.linalg.solve(products[:, :m], products[:, m:] - conditions.missing[:, None])
-        return np.asarray(meeting @ shares)
+    def _constraint_correction(
+        self, steps: FloatArray, responses: FloatArray, constraints: LinearConstraints
+    ) -> FloatArray:
+        """What unconstrained steps (owned dofs, k) violate of the constraints, as displacements by their forces.
 
-    def _unbalanced(self, residual: FloatArray, conditions: Conditions | None) -> FloatArray:
-        """The residual less the forces that keep the conditions. Collective."""
-        if conditions is None:
+        ``responses``: (owned dofs, m) the displacements by unit forces along the constraints' columns.
+        """
+        m = len(constraints.gap)
+        products = inner(self._body.comm, constraints.columns, np.hstack([responses, steps]))
+        shares = np.linalg.solve(products[:, :m], products[:, m:] - constraints.gap[:, None])
+        return np.asarray(responses @ shares)
+
+    def _without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
+        """The residual less the forces that keep the constraints. Collective."""
+        if constraints is None:
             return residual
-        along = self._body.comm.allreduce(conditions.columns.T @ residual, op=MPI.SUM)
-        return np.asarray(residual - conditions.columns @ along)
+        along = self._body.comm.allreduce(constraints.columns.T @ residual, op=MPI.SUM)
+        return np.asarray(residual - constraints.columns @ along)
 
     def _search(
         self,
@@ -252,11 +259,11 @@ class Newton:
     ) -> tuple[FloatArray, Balance]:
         """Go along a step until the residual does no more work on it. Collective.
 
-        A step that turns cells inside out is halved; one that moves held dofs is taken in full.
+        A step that turns cells inside out is halved; one that moves prescribed dofs is taken in full.
         """
         work = self._work(change, before.residual)
         share, best, inverted = 1.0, None, InvertedCellError()
-        for _ in range(_TRIES):
+        for _ in range(_MAX_HALVINGS):
             try:
                 balance = forces(increment + share * change)
             except InvertedCellError as error:
@@ -269,7 +276,7 @@ class Newton:
             left = self._work(change, balance.residual)
             if best is None or abs(left) < best[0]:
                 best = abs(left), share, balance
-            if abs(left) <= _WORK_LEFT * abs(work):
+            if abs(left) <= _WORK_RATIO * abs(work):
                 break
             # where the work would vanish if it were linear in the share
             guess = share * work / (work - left) if work != left else 0.5 * share

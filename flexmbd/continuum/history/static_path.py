@@ -31,7 +31,7 @@ class Equilibrium:
     Attributes:
         t: its load parameter.
         residuals: of Newton's method, relative.
-        reactions: (held dofs of this rank,) N, with which the held dofs are held.
+        reactions: (prescribed dofs of this rank,) N.
     """
 
     t: float
@@ -41,7 +41,7 @@ class Equilibrium:
 
 @dataclass(eq=False)
 class StaticPath:
-    """What a slow loading has gone through.
+    """The equilibria of a slow loading, and what they cost.
 
     Attributes:
         steps: the accepted ones.
@@ -57,10 +57,10 @@ class StaticPath:
 
 
 class PathError(ConvergenceError):
-    """A loading that could not be followed to its end; the body stands at the last accepted step.
+    """A loading that could not be followed to its end; the body is in the state of the last accepted step.
 
     Attributes:
-        path: what was gone through.
+        path: the accepted steps.
     """
 
     def __init__(self, message: str, path: StaticPath | None = None) -> None:
@@ -68,12 +68,12 @@ class PathError(ConvergenceError):
         self.path = path
 
 
-def held_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[np.int32]:
-    """Owned dofs of facet groups that are held. Collective.
+def prescribed_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[np.int32]:
+    """Owned dofs of facet groups whose displacement is prescribed along axes. Collective.
 
     Args:
         body: the body.
-        groups: by the name of a facet group the axes along which it is held, as "x" or "xyz".
+        groups: by the name of a facet group the axes along which it is prescribed, as "x" or "xyz".
 
     Raises:
         MeshError: on all ranks: no such facet group, or other axes.
@@ -82,7 +82,7 @@ def held_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[np.int
     for name, axes in groups.items():
         wrong = set(axes) - set("xyz")
         if wrong or not axes:
-            raise MeshError(f"facet group {name!r} is held along {axes!r}; give axes out of 'xyz'")
+            raise MeshError(f"facet group {name!r} is prescribed along {axes!r}; give axes out of 'xyz'")
         nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(name))
         found += [body.displacement_dofs[nodes, "xyz".index(axis)] for axis in axes]
     dofs = np.unique(np.concatenate(found)).astype(np.int32)
@@ -106,7 +106,7 @@ def follow(
     body: NonlinearModel,
     times: Sequence[float],
     *,
-    held: NDArray[np.int32],
+    prescribed: NDArray[np.int32],
     displacement: Values | None = None,
     load: Values | None = None,
     solver: LinearSolver = DEFAULT_SOLVER,
@@ -120,8 +120,8 @@ def follow(
     Args:
         body: the body, which stands at the last of `times` afterwards.
         times: ascending load parameters of the equilibria that are wanted; the first is a step of its own.
-        held: owned dofs whose displacement is given (`held_dofs`).
-        displacement: (held dofs,) m, from the undeformed body, at a load parameter; zero if None.
+        prescribed: owned dofs whose displacement is given (`prescribed_dofs`).
+        displacement: (prescribed dofs,) m, from the undeformed body, at a load parameter; zero if None.
         load: (owned dofs,) N, dead loads in body axes; none if None.
         solver: of the linear systems.
         convergence: of Newton's method.
@@ -133,45 +133,47 @@ def follow(
         PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
             it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
-    newton, path = Newton(body, held, solver=solver, convergence=convergence), StaticPath()
+    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence), StaticPath()
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
         raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
-    for wanted in times:
-        whole = wanted - reached
-        step = most = whole
-        while reached < wanted:
-            t = wanted if step >= wanted - reached else reached + step
+    for target in times:
+        interval = target - reached
+        step = largest = interval
+        while reached < target:
+            t = target if step >= target - reached else reached + step
             try:
                 start = guess * ((t - reached) / before) if before else guess
-                solution = _equilibrium(body, newton, t, start, displacement=displacement, load=load, held=held)
+                solution = _equilibrium(
+                    body, newton, t, start, displacement=displacement, load=load, prescribed=prescribed
+                )
                 body.check_increment(solution.increment)
                 body.commit(solution.increment)
             except ConvergenceError as reason:
                 body.revert()
-                newton.factorise_next()
+                newton.discard_factor()
                 path.cuts += 1
                 path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
                 guess = np.zeros_like(guess)
-                step = 0.5 * min(step, wanted - reached)
+                step = 0.5 * min(step, target - reached)
                 if isinstance(reason, LargeIncrementError):  # which does not pass, as a bad first guess does
-                    most = step
-                if step < smallest * whole:
+                    largest = step
+                if step < smallest * interval:
                     raise PathError(
-                        f"the loading stopped at {reached:.6g} on its way to {wanted:.6g}, where the body stands: "
+                        f"the loading stopped at {reached:.6g} on its way to {target:.6g}, where the body stands: "
                         f"{reason}",
                         path,
                     ) from reason
                 continue
             before, reached = t - reached, t
             guess = solution.increment
-            path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[held]))
+            path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[prescribed]))
             if len(solution.residuals) < 6:
-                step = min(1.5 * step, most)
-            most = min(1.1 * most, whole)
+                step = min(1.5 * step, largest)
+            largest = min(1.1 * largest, interval)
         if accepted is not None:
-            accepted(wanted)
+            accepted(target)
     path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
     return path
 
@@ -184,11 +186,11 @@ def _equilibrium(
     *,
     displacement: Values | None,
     load: Values | None,
-    held: NDArray[np.int32],
+    prescribed: NDArray[np.int32],
 ) -> Solution:
     """Newton's solution of one step."""
     external = np.zeros(body.n_owned) if load is None else load(t)
-    goal = np.zeros(len(held)) if displacement is None else displacement(t)
+    goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
 
     def forces(increment: FloatArray) -> Balance:
         internal = body.force(increment)
@@ -197,7 +199,7 @@ def _equilibrium(
             body.check_cells()
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
-        size = max(body.norm(external), body.norm(residual[held]))
+        size = max(body.norm(external), body.norm(residual[prescribed]))
         return Balance(residual, size if size > 0.0 else body.norm(internal))
 
-    return newton.solve(start, goal - body.displacement[held], forces, body.tangent)
+    return newton.solve(start, goal - body.displacement[prescribed], forces, body.tangent)

@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float64]
 # A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
 _SYMMETRIC = 1e-12
 
-# Of Krylov's method: the most iterations, and how far the systems of a block are solved.
-_MOST, _EXACT = 200, 1e-12
+# Krylov's method: most iterations, and the relative residual to which the systems of a block are solved.
+_MAX_ITERATIONS, _EXACT = 200, 1e-12
 
 # Couplings weaker than this, relative to the diagonal, do not join two nodes to one aggregate.
 _THRESHOLD, _PREFIX = 0.02, "flexmbd_newton_"
@@ -48,18 +48,18 @@ class LinearSolver:
     """How the linear systems of Newton's method are solved.
 
     Attributes:
-        most_iterations: after a solution that took more Krylov iterations the next tangent is
+        max_iterations: after a solution that took more Krylov iterations the next tangent is
             factorised, or coarsened, anew; 0: every tangent is.
-        keeps_below: a tangent is kept for the next step where the last one left less than this part of
+        reuse_below: a tangent is used for the next step too where the last one left less than this part of
             the residual; 0: every step has its own, and Newton's method is quadratic.
-        looseness: a system is solved to this part of its right-hand side at first; the closer Newton's
-            method comes, the tighter, so that it stays quadratic.
+        forcing_term: largest relative residual of a linear system (Eisenstat & Walker 1996,
+            doi:10.1137/0917003); the closer Newton's method comes, the smaller, so that it stays quadratic.
         preconditioner: of Krylov's method.
     """
 
-    most_iterations: int = 12
-    keeps_below: float = 0.0
-    looseness: float = 1e-2
+    max_iterations: int = 12
+    reuse_below: float = 0.0
+    forcing_term: float = 1e-2
     preconditioner: Preconditioner = Preconditioner.FACTOR
 
 
@@ -74,51 +74,51 @@ class TangentSolver:
         iterations: of Krylov's method so far.
     """
 
-    def __init__(self, body: NonlinearModel, held: NDArray[np.int32], choice: LinearSolver) -> None:
+    def __init__(self, body: NonlinearModel, prescribed: NDArray[np.int32], settings: LinearSolver) -> None:
         """Nothing is computed yet.
 
         Args:
             body: whose tangents they are.
-            held: owned dofs whose displacement is given.
-            choice: how.
+            prescribed: owned dofs whose displacement is given.
+            settings: of the solver.
 
         Raises:
             FormulationError: multigrid is asked for, and there are unknowns besides the displacement.
         """
-        self._coarsens = choice.preconditioner is Preconditioner.MULTIGRID
-        if self._coarsens and body.has_rotations:
+        self._uses_multigrid = settings.preconditioner is Preconditioner.MULTIGRID
+        if self._uses_multigrid and body.has_rotations:
             raise FormulationError(
                 f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid does not know; "
                 "take Preconditioner.FACTOR"
             )
-        self._body, self._held, self._choice = body, held, choice
+        self._body, self._prescribed, self._settings = body, prescribed, settings
         self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
         self._ksp: PETSc.KSP | None = None
-        self._kept = PETSc.Mat()  # what the preconditioner was made of
+        self._preconditioning_matrix = PETSc.Mat()  # what the preconditioner was made of
         self._stale = True
         self.factorisations = self.iterations = 0
 
-    def renew(self) -> None:
-        """The next tangent gets a preconditioner of its own."""
+    def discard_preconditioner(self) -> None:
+        """Make a new preconditioner of the next tangent."""
         self._stale = True
 
-    def hold(self, matrix: PETSc.Mat) -> None:
-        """Make rows and columns of held dofs those of the unit matrix. Collective."""
+    def constrain(self, matrix: PETSc.Mat) -> None:
+        """Make rows and columns of prescribed dofs those of the unit matrix. Collective."""
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        matrix.zeroRowsColumns((self._held + self._first).astype(PETSc.IntType), diag=1.0)
+        matrix.zeroRowsColumns((self._prescribed + self._first).astype(PETSc.IntType), diag=1.0)
 
-    def take(self, matrix: PETSc.Mat) -> None:
-        """Go over to a tangent whose dofs are held. Collective."""
-        if self._ksp is None or self._stale or self._choice.most_iterations == 0:
+    def set_operator(self, matrix: PETSc.Mat) -> None:
+        """Solve with this tangent from now on; prescribed dofs are constrained in it already. Collective."""
+        if self._ksp is None or self._stale or self._settings.max_iterations == 0:
             if self._ksp is not None:
                 self._ksp.destroy()
-                self._kept.destroy()
-            self._kept = matrix.copy()
-            self._ksp = self._made(matrix, self._kept)
+                self._preconditioning_matrix.destroy()
+            self._preconditioning_matrix = matrix.copy()
+            self._ksp = self._new_ksp(matrix, self._preconditioning_matrix)
             self.factorisations += 1
             self._stale = False
         else:
-            self._ksp.setOperators(matrix, self._kept)
+            self._ksp.setOperators(matrix, self._preconditioning_matrix)
 
     def solve(self, load: FloatArray, tolerance: float) -> FloatArray:
         """(owned dofs,) m, for a load (owned dofs,), to a part of it. Collective.
@@ -126,65 +126,67 @@ class TangentSolver:
         Raises:
             ConvergenceError: on all ranks: it takes too many iterations.
         """
-        ksp = self._taken()
+        ksp = self._current_ksp()
         right, left = ksp.getOperators()[0].createVecs()
         right.setArray(load)
-        ksp.setTolerances(rtol=max(tolerance, _EXACT), atol=0.0, max_it=_MOST)
+        ksp.setTolerances(rtol=max(tolerance, _EXACT), atol=0.0, max_it=_MAX_ITERATIONS)
         ksp.solve(right, left)
-        taken = ksp.getIterationNumber()
-        self.iterations += taken
-        self._stale = taken > self._choice.most_iterations
+        iterations = ksp.getIterationNumber()
+        self.iterations += iterations
+        self._stale = iterations > self._settings.max_iterations
         if ksp.getConvergedReason() < 0:
             self._stale = True
-            remedy = "take a smaller step" + (", or Preconditioner.FACTOR" if self._coarsens else "")
-            raise ConvergenceError(f"the linear system of a Newton step was not solved ({taken} iterations); {remedy}")
+            remedy = "take a smaller step" + (", or Preconditioner.FACTOR" if self._uses_multigrid else "")
+            raise ConvergenceError(
+                f"the linear system of a Newton step was not solved ({iterations} iterations); {remedy}"
+            )
         return np.asarray(left.array_r.copy())
 
     def solve_block(self, block: FloatArray) -> FloatArray:
-        """The inverse times a block (owned dofs, k), zero at held dofs. Collective.
+        """The inverse times a block (owned dofs, k), zero at prescribed dofs. Collective.
 
-        Right after a `take` that renewed the preconditioner. Rows of held dofs are not read.
+        Right after a `set_operator` that made a new preconditioner. Rows of prescribed dofs are not read.
 
         Raises:
             ConvergenceError: as `solve`.
         """
         free = block.copy()
-        free[self._held] = 0.0
-        if self._coarsens:
+        free[self._prescribed] = 0.0
+        if self._uses_multigrid:
             columns = [self.solve(column, _EXACT) for column in free.T]
             return np.stack(columns, axis=1) if columns else free
         right = to_dense(self._body.comm, free)
         left = right.duplicate()
-        self._taken().getPC().getFactorMatrix().matSolve(right, left)
+        self._current_ksp().getPC().getFactorMatrix().matSolve(right, left)
         solution = from_dense(left)
         left.destroy()
         right.destroy()
         return solution
 
-    def _taken(self) -> PETSc.KSP:
+    def _current_ksp(self) -> PETSc.KSP:
         if self._ksp is None:
             raise ConvergenceError("a linear system is to be solved before there is a tangent")
         return self._ksp
 
-    def _made(self, matrix: PETSc.Mat, kept: PETSc.Mat) -> PETSc.KSP:
+    def _new_ksp(self, matrix: PETSc.Mat, preconditioning_matrix: PETSc.Mat) -> PETSc.KSP:
         """Krylov's method on a matrix, preconditioned by a copy of it that is kept. Collective."""
         ksp = PETSc.KSP().create(matrix.comm)
         ksp.setType(PETSc.KSP.Type.GMRES)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setGMRESRestart(100)
-        ksp.setOperators(matrix, kept)
-        if self._coarsens:
-            self._coarsen(ksp, kept)
+        ksp.setOperators(matrix, preconditioning_matrix)
+        if self._uses_multigrid:
+            self._set_up_multigrid(ksp, preconditioning_matrix)
         else:
             symmetric = _is_symmetric(matrix)
-            kept.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+            preconditioning_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
             ksp.getPC().setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
             ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
             ksp.setUp()
         ksp.getPC().setReusePreconditioner(True)
         return ksp
 
-    def _coarsen(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
+    def _set_up_multigrid(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> None:
         """Make the levels of multigrid, with the rigid motions from where the body stands. Collective."""
         layout, n = self._body.layout, self._body.layout.n_owned_nodes
         x = (layout.node_x + self._body.displacement.reshape(-1, 3))[:n]
@@ -193,8 +195,8 @@ class TangentSolver:
         for axis, turn in enumerate(np.eye(3)):
             nodal[:, :, 3 + axis] = np.cross(turn, x)
         motions: FloatArray = nodal.reshape(-1, 6)
-        motions[self._held] = 0.0
-        # where all of a direction is held, as in plane strain, it has no motion
+        motions[self._prescribed] = 0.0
+        # a direction in which all dofs are prescribed, as in plane strain, has no rigid motion
         near, vectors = near_null_space(matrix, motions[:, np.diag(inner(self._body.comm, motions, motions)) > 0.0])
         matrix.setNearNullSpace(near)
         options = PETSc.Options(_PREFIX)  # not to be had but by PETSc's options

@@ -1,4 +1,4 @@
-"""Averaged frames of a body that turns and strains finitely: conditions on the displacement of a face's nodes.
+"""Averaged frames of a body that turns and strains finitely: constraints on the displacement of a face's nodes.
 
 The frame of an averaged interface moves so that the displacement of the face, as it is seen from the frame, has no
 mean: with C the average of the interface (its mean translation and small rotation),
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
-from flexmbd.continuum.history.displacement_newton import Conditions
+from flexmbd.continuum.history.displacement_newton import LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 
 class FaceAverages:
-    """The conditions of all averaged interfaces of a body. Constructing one is collective."""
+    """The constraints of all averaged interfaces of a body. Constructing one is collective."""
 
     def __init__(self, body: NonlinearModel, bonds: BondedNodes) -> None:
         """Collect the averages.
@@ -53,13 +53,15 @@ class FaceAverages:
     def __bool__(self) -> bool:
         return bool(self._faces)
 
-    def conditions(self, motion: FrameMotion, R: FloatArray, *, lacking: FloatArray | None = None) -> Conditions | None:
-        """The conditions on a displacement (owned dofs,). Collective.
+    def constraints(
+        self, motion: FrameMotion, R: FloatArray, *, displacement: FloatArray | None = None
+    ) -> LinearConstraints | None:
+        """The constraints on a displacement (owned dofs,). Collective.
 
         Args:
             motion: of the frames.
             R: (3, 3), from the axes of the displacement to inertial ones.
-            lacking: (interface nodes, 3) m, a displacement in these axes that would meet them, as for
+            displacement: (interface nodes, 3) m, one in these axes that meets them, as for
                 `BondedNodes.nodes`; zero by default.
 
         Returns:
@@ -71,10 +73,10 @@ class FaceAverages:
         for i, (k, axes, dofs, basis) in enumerate(self._faces):
             turn = R.T @ motion.R[k] @ axes.T
             columns[dofs.ravel(), 6 * i : 6 * i + 6] = np.einsum("ab,nbi->nai", turn, basis).reshape(-1, 6)
-        missing: FloatArray = np.zeros(columns.shape[1])
-        if lacking is not None:
+        gap: FloatArray = np.zeros(columns.shape[1])
+        if displacement is not None:
             bonds, field = self._bonds, np.zeros((self._n_owned // 3, 3))
             mine = bonds.own & bonds.averaged
-            field[bonds.nodes[mine]] = lacking[mine]
-            missing = bonds.total(np.asarray(columns.T @ field.reshape(-1)))
-        return Conditions(columns, missing)
+            field[bonds.nodes[mine]] = displacement[mine]
+            gap = bonds.total(np.asarray(columns.T @ field.reshape(-1)))
+        return LinearConstraints(columns, gap)

@@ -1,7 +1,7 @@
-"""What the frames of a body with history feel: wrenches, and their derivative with the other nodes condensed.
+"""The wrenches of a body with history on its frames, and their derivative with the other nodes condensed.
 
-The nodes between the frames follow a small motion of these in balance: of a step's end with their inertia, by the
-scheme, or at rest without.
+The nodes between the frames follow small motions of these in equilibrium: at a step's end with their inertia, by the
+scheme of integration, or at rest without.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrameResponse:
-    """Of k frames.
+    """The wrenches on k frames and what they depend on.
 
     Attributes:
         wrenches: (k, 6) on them.
         slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
         fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
-        pushes: (interface nodes, 3) N, on the frames.
+        nodal_forces: (interface nodes, 3) N, on the frames.
     """
 
     wrenches: FloatArray
     slopes: FloatArray
     fields: FloatArray
-    pushes: FloatArray
+    nodal_forces: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,27 +66,27 @@ class Condensation:
         self.mass.mult(right, left)
         return np.asarray(left.array.copy())
 
-    def pushes(self, residual: FloatArray, felt: FloatArray) -> FloatArray:
-        """(interface nodes, 3) N, on the frames: what the nodes are held with, but for the bonded ones' lumped mass.
+    def nodal_forces(self, residual: FloatArray, apparent_acceleration: FloatArray) -> FloatArray:
+        """(interface nodes, 3) N, on the frames: constraint forces of the nodes, less those of bonded nodes' lumped mass.
 
         Args:
             residual: (owned dofs,) N, in inertial axes.
-            felt: (local nodes, 3) m/s^2, accelerations less gravity.
+            apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
         """
         bonds = self.bonds
         forces = np.zeros((len(bonds.nodes), 3))
         forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
-        inertia = bonds.mass[:, None] * felt[bonds.nodes]
+        inertia = bonds.mass[:, None] * apparent_acceleration[bonds.nodes]
         return np.where(bonds.averaged[:, None], forces, forces + inertia)
 
-    def respond(
+    def condense(
         self,
         tangent: Callable[[], PETSc.Mat],
         residual: FloatArray,
         motion: FrameMotion,
         *,
         x: FloatArray,
-        felt: FloatArray,
+        apparent_acceleration: FloatArray,
         slopes: tuple[float, float],
     ) -> FrameResponse:
         """Condense. Collective.
@@ -96,39 +96,39 @@ class Condensation:
             residual: (owned dofs,) N, of internal and inertia forces, in inertial axes.
             motion: of the frames.
             x: (local nodes, 3) m.
-            felt: (local nodes, 3) m/s^2, accelerations less gravity.
+            apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
         """
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
-        internal = residual - self.product(felt)
-        pushes = self.pushes(residual, felt)
+        internal = residual - self.product(apparent_acceleration)
+        nodal_forces = self.nodal_forces(residual, apparent_acceleration)
         matrix = tangent()
-        whole = matrix.copy()
+        full_tangent = matrix.copy()
         columns = range(6 * len(bonds.frames))
         arms = x[nodes] - motion.p[bonds.frame_of]
         moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
         own, averaged = bonds.own, bonds.own & bonds.averaged
         # of each column at owned nodes, in inertial axes
-        carried, against, accelerations, turned, kept = np.zeros((5, len(columns), n, 3))
+        carried, relative, accelerations, turned, constraint_forces = np.zeros((5, len(columns), n, 3))
         for j, (dx, da, turn, shift) in enumerate(moves):
             # what the nodes move against the body's axes, which the first frame carries
-            against[j, nodes[own]] = dx[own]
+            relative[j, nodes[own]] = dx[own]
             if j < 6:
                 carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
-                against[j] -= carried[j]
+                relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal.reshape(-1, 3))
-            accelerations[j] = (-1.0 / per_x) * against[j]
+            accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
-            kept[j, nodes[mine]] = _crossed(turn, pushes[mine])
-        left = multiply(whole, _columns(against @ R)) + multiply(self.mass, _columns(accelerations @ R))
+            constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
+        left = multiply(full_tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
         left += _columns(turned @ R)
-        conditions = self.averages.conditions(motion, R)
-        moved = self.newton.solve_columns(matrix, -left - _columns(kept @ R), conditions)
-        changes = (left + multiply(whole, moved)).T.reshape(len(columns), n, 3) @ R.T
+        constraints = self.averages.constraints(motion, R)
+        moved = self.newton.solve_columns(matrix, -left - _columns(constraint_forces @ R), constraints)
+        changes = (left + multiply(full_tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
         moved = moved.T.reshape(len(columns), n, 3) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
@@ -136,13 +136,13 @@ class Condensation:
             forces[own] = -changes[j, nodes[own]]
             forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
             # the arms turn with their frame, and averaged nodes move
-            swung: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
-            swung[averaged] += moved[j, nodes[averaged]]
+            arm_changes: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            arm_changes[averaged] += moved[j, nodes[averaged]]
             wrench = bonds.wrenches(forces, arms)
-            wrench[:, 3:] += bonds.wrenches(pushes, swung)[:, 3:]
+            wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
             derivative[:, j] = wrench.reshape(-1)
-        whole.destroy()
-        return FrameResponse(bonds.wrenches(pushes, arms), derivative, carried + against + moved, pushes)
+        full_tangent.destroy()
+        return FrameResponse(bonds.wrenches(nodal_forces, arms), derivative, carried + relative + moved, nodal_forces)
 
 
 def _columns(fields: FloatArray) -> FloatArray:

@@ -32,13 +32,13 @@ from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 
 FloatArray = NDArray[np.float64]
 
-#: Far below what a machine asks of its own iteration.
-_TIGHT = Convergence(tolerance=1e-11, round_off=1e-6)
+#: Far below the tolerance of a machine's own iteration.
+_CONVERGENCE = Convergence(tolerance=1e-11, round_off=1e-6)
 
 #: A tangent costs some ten times the forces, and a step of a motion is short.
-_SOLVER = LinearSolver(keeps_below=0.03)
+_SOLVER = LinearSolver(reuse_below=0.03)
 
-#: Of the scheme: nothing accelerates.
+#: `Scheme.slopes` at rest: displacements cause no accelerations.
 _AT_REST = (np.inf, 1.0)
 
 
@@ -102,18 +102,18 @@ class ImplicitContinuum:
         self._M = body.mass()
         self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
         self._averages = FaceAverages(body, bonds)
-        self._lend()
+        self._remove_frame_mass()
         self.frames: tuple[InteriorFrame, ...] = self._bonds.frames
         self.mass = self._bonds.free_mass
         self._bonded = bonds.nodes[~bonds.averaged]
         dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
-        self._held = np.sort(dofs.reshape(-1)).astype(np.int32)
-        self._newton = Newton(body, self._held, solver=solver, convergence=_TIGHT)
+        self._prescribed = np.sort(dofs.reshape(-1)).astype(np.int32)
+        self._newton = Newton(body, self._prescribed, solver=solver, convergence=_CONVERGENCE)
         self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
         self._memory = BodyMemory(body)
-        self._rest = body.snapshot()
+        self._undeformed = body.snapshot()
         # a residual of this size's `round_off` is rounding's, and good
-        self._least = self._round_off() / _TIGHT.round_off
+        self._smallest_force = self._round_off() / _CONVERGENCE.round_off
         self._gravity: FloatArray = np.zeros(3)
         self._state: _NodalState | None = None
         self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
@@ -122,66 +122,66 @@ class ImplicitContinuum:
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
         body, bonds = self.body, self._bonds
-        body.restore(self._rest)
-        self._newton.factorise_next()
+        body.restore(self._undeformed)
+        self._newton.discard_factor()
         self._gravity, self._pose, self._trial = np.asarray(gravity, dtype=float), bonds.pose(motion), None
         p, R = self._pose
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = _NodalState(t, x, v, v, v, 0.0, v)
-        return self._let_go(motion, np.zeros(body.n_owned))
+        return self._start_accelerations(motion, np.zeros(body.n_owned))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
-        now, internal = self._started(), self.body.force(np.zeros(self.body.layout.n_local))
+        now, internal = self._current_state(), self.body.force(np.zeros(self.body.layout.n_local))
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
-        return self._let_go(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
+        return self._start_accelerations(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
 
     def settle(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.settle`. Collective."""
-        self._refuse_loose()
+        self._check_rigid_interface()
         body, bonds = self.body, self._bonds
-        pose, still = bonds.pose(motion), np.zeros_like(self._started().x)
+        pose, still = bonds.pose(motion), np.zeros_like(self._current_state().x)
         weight = self._in_body(self._inertia(still), pose[1])
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment)
             if body.is_updated:
                 body.check_cells()
-            return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._least))
+            return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._smallest_force))
 
         guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
         solution = self._solve(guess, motion, forces, body.tangent)
-        x: FloatArray = self._places(solution.increment, pose)
+        x: FloatArray = self._positions(solution.increment, pose)
         v = still + motion.v[0]
         self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0, still), solution.increment)
-        response = self._frames.respond(
+        response = self._frames.condense(
             lambda: body.tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
             motion,
             x=x,
-            felt=still - self._gravity,
+            apparent_acceleration=still - self._gravity,
             slopes=_AT_REST,
         )
         return response.wrenches, response.slopes
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
-        self._refuse_loose()
-        body, now = self.body, self._started()
+        self._check_rigid_interface()
+        body, now = self.body, self._current_state()
         internal = body.force(np.zeros(body.layout.n_local))
-        felt = np.zeros_like(now.x) - self._gravity
+        apparent_acceleration = np.zeros_like(now.x) - self._gravity
         found = linear_equations(
             self._frames,
             motion,
             internal=self._in_inertial(internal, self._bonds.pose(motion)[1]),
             x=now.x,
-            felt=felt,
+            apparent_acceleration=apparent_acceleration,
             modes=modes,
-            held=self._held,
+            prescribed=self._prescribed,
         )
         self.revert()
         return found
@@ -190,7 +190,7 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
     ) -> tuple[FloatArray, FloatArray]:
         """See `ImplicitInterior.trial`. Collective."""
-        now, body, bonds = self._started(), self.body, self._bonds
+        now, body, bonds = self._current_state(), self.body, self._bonds
         auxiliary = now.auxiliary
         if now.h > 0.0:
             auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
@@ -199,41 +199,41 @@ class ImplicitContinuum:
         per_x, _ = scheme.slopes(h)
 
         def motion_of(increment: FloatArray) -> _NodalState:
-            x = self._places(increment, pose)
-            a: FloatArray = (1.0 / per_x) * (x - self._foretold(now, auxiliary, h, scheme))
+            x = self._positions(increment, pose)
+            a: FloatArray = (1.0 / per_x) * (x - self._predictor(now, auxiliary, h, scheme))
             a[self._bonded] = a_bonds
             return _NodalState(t_end, x, now.v, a, auxiliary, h, now.a)
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment)
             inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
-            return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._least))
+            return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._smallest_force))
 
         def tangent(increment: FloatArray) -> PETSc.Mat:
             matrix = body.tangent(increment)
             matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             return matrix
 
-        guess = self._guess(now, auxiliary, h, scheme, pose=pose)
+        guess = self._initial_guess(now, auxiliary, h, scheme, pose=pose)
         try:
             solution = self._solve(guess, motion, forces, tangent)
         except ConvergenceError:
             # accelerations of vibrations shorter than the step lead astray: begin from the body as it is deformed
             if not guess.any():
                 raise
-            self._newton.factorise_next()
+            self._newton.discard_factor()
             solution = self._solve(np.zeros_like(guess), motion, forces, tangent)
         body.check_increment(solution.increment)
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
         self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
-        response = self._frames.respond(
+        response = self._frames.condense(
             lambda: tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
             motion,
             x=end.x,
-            felt=end.a - self._gravity,
+            apparent_acceleration=end.a - self._gravity,
             slopes=scheme.slopes(h),
         )
         return response.wrenches, response.slopes
@@ -243,7 +243,7 @@ class ImplicitContinuum:
         if self._trial is None:
             raise SceneError("a continuum body is to accept a step that was not tried")
         self.body.commit(self._trial.increment)
-        before, self._state = self._started(), self._trial.motion
+        before, self._state = self._current_state(), self._trial.motion
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = None
 
@@ -251,11 +251,11 @@ class ImplicitContinuum:
         """See `ImplicitInterior.revert`."""
         self.body.revert()
         self._trial = None
-        self._newton.factorise_next()
+        self._newton.discard_factor()
 
     def snapshot(self) -> Memory:
         """See `Interior.snapshot`. Collective."""
-        now, memory = self._started(), self._memory
+        now, memory = self._current_state(), self._memory
         arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
         return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
@@ -269,14 +269,14 @@ class ImplicitContinuum:
         self._gravity = arrays["gravity"].copy()
         self._state = _NodalState(t=t, h=h, **nodal)
         self._trial = None
-        self._newton.factorise_next()
+        self._newton.discard_factor()
 
     def energies(self) -> Mapping[str, float]:
         """See `Interior.energies`. Collective."""
-        now, bonds = self._started(), self._bonds
+        now, bonds = self._current_state(), self._bonds
         n = self.body.layout.n_owned_nodes
-        held = bonds.own & ~bonds.averaged
-        bonded, mass = bonds.nodes[held], bonds.mass[held]
+        mine = bonds.own & ~bonds.averaged
+        bonded, mass = bonds.nodes[mine], bonds.mass[mine]
         momentum = self._frames.product(now.v).reshape(-1, 3)
         kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
         weight = self._frames.product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
@@ -284,26 +284,26 @@ class ImplicitContinuum:
         kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
         return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
 
-    def _refuse_loose(self) -> None:
+    def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
             raise SceneError(
                 "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
                 "found only where one interface is rigid (Coupling.RIGID)"
             )
 
-    def _started(self) -> _NodalState:
+    def _current_state(self) -> _NodalState:
         if self._state is None:
             raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
         return self._state
 
-    def _foretold(self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
-        """Positions at the step's end if no node had a true acceleration there."""
+    def _predictor(self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
+        """(local nodes, 3) m, positions at the step's end by the scheme with zero accelerations there."""
         return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
 
-    def _guess(
+    def _initial_guess(
         self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
-        """Displacement in body axes to begin with: the last trial's, or with unchanged accelerations."""
+        """Where Newton's method begins, in body axes: at the last trial's end, or with unchanged accelerations."""
         if self._trial is not None:
             return self._trial.increment
         x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
@@ -331,12 +331,12 @@ class ImplicitContinuum:
         bonds, pose = self._bonds, self._bonds.pose(motion)
         # the first step moves the bonded nodes, and the others with them
         moved, steps = guess.reshape(-1, 3).copy(), self._increment(bonds.positions(motion), bonds.nodes, pose)
-        lacking = steps - moved[bonds.nodes]
+        gap = steps - moved[bonds.nodes]
         moved[self._bonded] = steps[~bonds.averaged]
-        conditions = self._averages.conditions(motion, pose[1], lacking=lacking)
-        return self._newton.solve(guess, moved.reshape(-1)[self._held], forces, tangent, conditions)
+        constraints = self._averages.constraints(motion, pose[1], displacement=gap)
+        return self._newton.solve(guess, moved.reshape(-1)[self._prescribed], forces, tangent, constraints)
 
-    def _places(self, increment: FloatArray, pose: tuple[FloatArray, FloatArray]) -> FloatArray:
+    def _positions(self, increment: FloatArray, pose: tuple[FloatArray, FloatArray]) -> FloatArray:
         """(local nodes, 3) m, of the nodes in inertial axes."""
         shape = (self.body.layout.node_x.reshape(-1) + self.body.displacement + increment).reshape(-1, 3)
         return np.asarray(pose[0] + shape @ pose[1].T)
@@ -348,52 +348,41 @@ class ImplicitContinuum:
         return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
 
     def _round_off(self) -> float:
-        """N, what rounding does to the internal forces. Collective."""
+        """N, round-off of the internal forces. Collective."""
         matrix = self.body.tangent(np.zeros(self.body.layout.n_local))
         largest = abs(self.body.layout.node_x).max(initial=0.0)
         extent = float(max(self.body.comm.allgather(largest)))
         return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
 
-    def _let_go(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
-        """Accelerate from the state at hand with internal forces (owned dofs,) N, in inertial axes. Collective.
+    def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
+        """Set the accelerations that internal forces (owned dofs,) N, in inertial axes, cause. Collective.
 
         Returns:
             (k, 6) wrenches on the frames.
         """
-        now, bonds, body = self._started(), self._bonds, self.body
+        now, bonds, body = self._current_state(), self._bonds, self.body
         a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
         a[self._bonded] = carried[~bonds.averaged]
-        conditions = self._averages.conditions(motion, np.eye(3), lacking=carried)
+        constraints = self._averages.constraints(motion, np.eye(3), displacement=carried)
         matrix = self._M.copy()
         forces = -(internal + self._inertia(a)).reshape(-1, 1)
-        found = self._newton.solve_columns(matrix, forces, conditions)[:, 0]
-        self._newton.factorise_next()
+        found = self._newton.solve_columns(matrix, forces, constraints)[:, 0]
+        self._newton.discard_factor()
         matrix.destroy()
         vector = body.vector()
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
         a = np.asarray(a + vector.array.reshape(-1, 3))
         self._state = replace(now, a=a, auxiliary=a.copy(), a_before=a.copy())
-        pushes = self._frames.pushes(internal + self._inertia(a), a - self._gravity)
-        return bonds.wrenches(pushes, bonds.arms(motion))
+        nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a - self._gravity)
+        return bonds.wrenches(nodal_forces, bonds.arms(motion))
 
-    def _lend(self) -> None:
-        """Take what the frames of averaged interfaces have of their nodes' mass out of the mass matrix. Collective."""
+    def _remove_frame_mass(self) -> None:
+        """Subtract from the mass matrix the nodal masses that frames of averaged interfaces carry. Collective."""
         bonds = self._bonds
         mine, diagonal = bonds.own & bonds.averaged, self._M.getDiagonal()
         diagonal.array.reshape(-1, 3)[bonds.nodes[mine]] -= bonds.mass[mine, None]
         self._M.setDiagonal(diagonal)
-
-    def _pushes(self, residual: FloatArray, a: FloatArray) -> FloatArray:
-        """(interface nodes, 3) N, on the frames, from the residual (owned dofs,) in inertial axes.
-
-        What the nodes are held with, but for the lumped mass of the bonded ones.
-        """
-        bonds = self._bonds
-        forces = np.zeros((len(bonds.nodes), 3))
-        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
-        inertia = bonds.mass[:, None] * (a[bonds.nodes] - self._gravity)
-        return np.where(bonds.averaged[:, None], forces, forces + inertia)
 
 
 _NODAL = ("x", "v", "a", "auxiliary", "a_before")

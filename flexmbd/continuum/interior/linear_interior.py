@@ -1,8 +1,8 @@
 """Linear equations of a body with history about the state it stands in: Craig and Bampton's, with that state's tangent.
 
-The nodes' small displacements are those that follow the frames in balance and vibrations with the frames held, of the
-tangent stiffness at the state and the consistent mass. What is left out by taking fewer vibrations than there are is
-what it is of any reduced body; the answer to slow motions of the frames is exact.
+The nodes' small displacements are combinations of static modes, in which they follow the frames in equilibrium, and of
+fixed-interface modes, of the tangent stiffness at the state and the consistent mass. Taking fewer fixed-interface modes
+than there are costs as much as in any reduced body; the response to slow motions of the frames is exact.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 FloatArray = NDArray[np.float64]
 
 # Of the eigensolver: start vectors, and vectors of the basis for each mode and beside.
-_WIDTH, _A_MODE, _BESIDE = 8, 10, 100
+_WIDTH, _PER_MODE, _SPARE = 8, 10, 100
 
 
 def linear_equations(
@@ -31,9 +31,9 @@ def linear_equations(
     *,
     internal: FloatArray,
     x: FloatArray,
-    felt: FloatArray,
+    apparent_acceleration: FloatArray,
     modes: InteriorModes,
-    held: NDArray[np.int32],
+    prescribed: NDArray[np.int32],
 ) -> LinearInterior:
     """See `SteadyInterior.linear`. Collective.
 
@@ -42,57 +42,61 @@ def linear_equations(
         motion: of the frames.
         internal: (owned dofs,) N, internal forces in inertial axes.
         x: (local nodes, 3) m, of the nodes.
-        felt: (local nodes, 3) m/s^2, minus gravity.
+        apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
         modes: how many vibrations.
-        held: owned dofs that the frames hold.
+        prescribed: owned dofs that move with the frames.
 
     Raises:
         ConvergenceError: on all ranks: the body buckles between its frames, or the eigensolver did not converge.
     """
     body, comm = frames.body, frames.body.comm
     R = frames.bonds.pose(motion)[1]
-    residual = internal + frames.product(felt)
+    residual = internal + frames.product(apparent_acceleration)
     matrix = body.unloading_tangent()
     stiffness = matrix.copy()
-    found = frames.respond(lambda: matrix, residual, motion, x=x, felt=felt, slopes=(np.inf, 1.0))
-    vibrations = _vibrations(frames, stiffness.copy(), motion, modes=modes, held=held)
-    follows: FloatArray = (found.fields @ R).reshape(len(found.fields), -1).T
-    fields = np.asfortranarray(np.hstack([follows, vibrations.shapes]))
-    k, n = follows.shape[1], vibrations.shapes.shape[1]
+    response = frames.condense(
+        lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, slopes=(np.inf, 1.0)
+    )
+    fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
+    static_modes: FloatArray = (response.fields @ R).reshape(len(response.fields), -1).T
+    fields = np.asfortranarray(np.hstack([static_modes, fixed_modes.shapes]))
+    k, n = static_modes.shape[1], fixed_modes.shapes.shape[1]
     mass = inner(comm, fields, multiply(frames.mass, fields))
-    mass[:k, :k] -= _lumped(frames, follows)
-    forces = multiply(stiffness, vibrations.shapes)
-    whole = np.zeros((k + n, k + n))
-    whole[:k, :k] = -found.slopes
-    whole[:k, k:] = inner(comm, follows, forces) - _swung(frames, found, vibrations.shapes, R)
-    whole[k:, k:] = inner(comm, vibrations.shapes, forces)
-    unbalanced = inner(comm, vibrations.shapes, (residual.reshape(-1, 3) @ R).reshape(-1, 1))[:, 0]
+    mass[:k, :k] -= _bonded_mass(frames, static_modes)
+    forces = multiply(stiffness, fixed_modes.shapes)
+    stiffness_matrix = np.zeros((k + n, k + n))
+    stiffness_matrix[:k, :k] = -response.slopes
+    stiffness_matrix[:k, k:] = inner(comm, static_modes, forces)
+    stiffness_matrix[:k, k:] -= _averaged_moments(frames, response, fixed_modes.shapes, R)
+    stiffness_matrix[k:, k:] = inner(comm, fixed_modes.shapes, forces)
+    unbalanced = inner(comm, fixed_modes.shapes, (residual.reshape(-1, 3) @ R).reshape(-1, 1))[:, 0]
     stiffness.destroy()
-    lacking = np.concatenate([-found.wrenches.reshape(-1), unbalanced])
-    return LinearInterior(0.5 * (mass + mass.T), np.zeros_like(whole), whole, lacking)
+    residual_load = np.concatenate([-response.wrenches.reshape(-1), unbalanced])
+    return LinearInterior(0.5 * (mass + mass.T), np.zeros_like(stiffness_matrix), stiffness_matrix, residual_load)
 
 
-def _vibrations(
+def _fixed_interface_modes(
     frames: Condensation,
     stiffness: PETSc.Mat,
     motion: FrameMotion,
     *,
     modes: InteriorModes,
-    held: NDArray[np.int32],
+    prescribed: NDArray[np.int32],
 ) -> Modes:
-    """The slowest vibrations with the frames held, shapes in body axes. Collective."""
+    """The lowest modes with the frames fixed, shapes in body axes. Collective."""
     body, R = frames.body, frames.bonds.pose(motion)[1]
-    conditions = frames.averages.conditions(motion, R)
-    solve = frames.newton.inverse(stiffness, conditions)
-    free = int(body.comm.allreduce(body.n_owned - len(held))) - (0 if conditions is None else len(conditions.missing))
+    constraints = frames.averages.constraints(motion, R)
+    solve = frames.newton.inverse(stiffness, constraints)
+    free = int(body.comm.allreduce(body.n_owned - len(prescribed)))
+    free -= 0 if constraints is None else len(constraints.gap)
     count = min(modes.count, free)
     if count == 0:
         return Modes(np.zeros(0), np.zeros((body.n_owned, 0)))
     mass = frames.mass.copy()
     first = mass.getOwnershipRange()[0]
-    mass.zeroRowsColumns((held + first).astype(PETSc.IntType), diag=0.0)
+    mass.zeroRowsColumns((prescribed + first).astype(PETSc.IntType), diag=0.0)
     start = np.random.default_rng(body.comm.rank).normal(size=(_WIDTH, body.n_owned)).T
-    process = BlockLanczos(solve, mass, start=np.asfortranarray(start), limit=_A_MODE * count + _BESIDE)
+    process = BlockLanczos(solve, mass, start=np.asfortranarray(start), limit=_PER_MODE * count + _SPARE)
     if np.isfinite(modes.below_hz):
         highest = (2.0 * np.pi * modes.below_hz) ** 2
         process.find_beyond(highest, most=count)
@@ -104,28 +108,29 @@ def _vibrations(
             "where the body stands it buckles between its frames: a vibration with the frames held has a negative "
             "stiffness; linearise about a state that stays"
         )
-    found = process.modes(count)
+    fixed_modes = process.modes(count)
     mass.destroy()
-    return found
+    return fixed_modes
 
 
-def _lumped(frames: Condensation, follows: FloatArray) -> FloatArray:
+def _bonded_mass(frames: Condensation, static_modes: FloatArray) -> FloatArray:
     """(6 k, 6 k) mass matrix of the bonded nodes' lumped mass, which is the frames'. Collective."""
     bonds = frames.bonds
     mine = bonds.own & ~bonds.averaged
-    moved = follows.reshape(-1, 3, follows.shape[1])[bonds.nodes[mine]]
+    moved = static_modes.reshape(-1, 3, static_modes.shape[1])[bonds.nodes[mine]]
     weighted = bonds.mass[mine, None, None] * moved
-    return inner(frames.body.comm, moved.reshape(-1, follows.shape[1]), weighted.reshape(-1, follows.shape[1]))
+    columns = static_modes.shape[1]
+    return inner(frames.body.comm, moved.reshape(-1, columns), weighted.reshape(-1, columns))
 
 
-def _swung(frames: Condensation, found: FrameResponse, shapes: FloatArray, R: FloatArray) -> FloatArray:
-    """(6 k, n) wrenches of the pushes on averaged frames by what vibrations move their nodes. Collective."""
+def _averaged_moments(frames: Condensation, response: FrameResponse, shapes: FloatArray, R: FloatArray) -> FloatArray:
+    """(6 k, n) moments of the nodal forces on averaged frames, as modes move their points of attack. Collective."""
     bonds, columns = frames.bonds, np.zeros((6 * len(frames.bonds.frames), shapes.shape[1]))
     mine = bonds.own & bonds.averaged
     for j, shape in enumerate(shapes.T):
         arms = np.zeros((len(bonds.nodes), 3))
         arms[mine] = shape.reshape(-1, 3)[bonds.nodes[mine]] @ R.T
-        wrench = bonds.wrenches(found.pushes, arms)
+        wrench = bonds.wrenches(response.nodal_forces, arms)
         wrench[:, :3] = 0.0
         columns[:, j] = wrench.reshape(-1)
     return columns
