@@ -67,7 +67,7 @@ class Condensation:
         return np.asarray(left.array.copy())
 
     def nodal_forces(self, residual: FloatArray, apparent_acceleration: FloatArray) -> FloatArray:
-        """(interface nodes, 3) N, on the frames: constraint forces of the nodes, less those of bonded nodes' lumped mass.
+        """(interface nodes, 3) N, on the frames: the nodes' constraint forces less inertia of the bonded ones' mass.
 
         Args:
             residual: (owned dofs,) N, in inertial axes.
