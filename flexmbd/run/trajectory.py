@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
@@ -31,6 +32,8 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.scene_index import Slots
+from flexmbd.multibody.start.independent_rows import look
+from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
@@ -175,17 +178,32 @@ class Trajectory:
         return self.rotation(body.frame(body.solid.com), t=t) @ self.stretch(body, t=t)
 
     def at(self, t: float) -> Instant:
-        """The machine at a time (s), which answers what its joints pass on at the ends of steps alone.
+        """The machine at a time (s).
+
+        Between the ends of steps the reactions of loops are those that the interpolated motion needs: forces are then
+        evaluated anew, which is collective over the team where they are Python callables.  What the joints of a machine
+        with bodies that have a history pass on is told by ``reaction`` alone.
 
         Raises:
             SceneError: a time outside the trajectory, or what is no single time.
         """
         if not is_number(t):
             raise SceneError(f"one time in s is wanted, got {t!r:.100}")
-        x, v, a = self.motion(t)
-        rows = np.flatnonzero(self.t == t)
-        known = self.multipliers[rows[0]] if len(rows) and self.scene.interiors is None else None
-        return Instant(self.scene, float(t), x[0], v[0], a[0], known)
+        x, v, a = (part[0] for part in self.motion(t))
+        return Instant(self.scene, float(t), x, v, a, self._multipliers(float(t), x, v, a))
+
+    def _multipliers(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
+        """(m,) at a time (s) at which the machine moves so; None where what interiors exert is not known."""
+        if self.scene.interiors is not None:
+            return None
+        row = int(np.argmin(np.abs(self.t - t)))
+        if self.t[row] == t or not self.multipliers.shape[1]:
+            return self.multipliers[row]
+        work = new_work(self.scene.plan)
+        self.scene.forget_failure()
+        evaluate_times(self.scene.plan, t, work.time)
+        rank = look(self.scene, work, self.x[row]).rank
+        return balancing_multipliers(self.scene, work, x, v, a, rank=rank)
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""

@@ -95,6 +95,10 @@ def test_frames_differ_to_second_order_in_the_deflection(part):
             s, apart, less = s / 4.0, less, _apart(machine, changed, s / 16.0)
         note(f"apart by {apart} and {less}")
         assume(apart > 10.0 * ROUND_OFF)
+        # where higher orders still count, less of the loads tells: first order would leave a quarter down to rounding
+        while less > LEFT * apart + ROUND_OFF and less > 10.0 * ROUND_OFF:
+            s, apart, less = s / 4.0, less, _apart(machine, changed, s / 16.0)
+            note(f"apart by {apart} and {less}")
         assert less <= LEFT * apart + ROUND_OFF
 
     many(agree, 30, part, few=8)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from beam_records import Beam
+from machines import slider_crank
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
@@ -49,6 +51,51 @@ def test_a_pendulum_moves_and_pulls_as_in_closed_form():
     for instant in instants[:2]:
         np.testing.assert_allclose(instant.reaction(hinge), [*(R.T @ pull), 0.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_array_equal(instants[0].reaction(hinge), run.reaction(hinge)[0])
+
+
+def test_reactions_between_the_ends_of_steps_of_a_tree():
+    """The pull of a pendulum in closed form, of what the instant itself says of its motion."""
+    scene, hinge, com = pendulum()
+    run = scene.simulate(0.5, rtol=1e-10)
+    for t in 0.5 * (run.t[3:8] + run.t[4:9]):
+        instant = run.at(t)
+        pull = MASS * (instant.acceleration(com) + np.array([0.0, 0.0, G]))
+        np.testing.assert_allclose(instant.reaction(hinge)[:3], instant.rotation(com).T @ pull, atol=1e-12 * MASS * G)
+
+
+def rigid_slider_crank():
+    """Planar, of joints in space: three of its five rows are redundant."""
+    scene, _, crank = slider_crank(axis="y")
+    crank.velocity = 20.0
+    return scene, [crank, *scene.compile().index.closures]
+
+
+def elastic_slider_crank():
+    """A bent beam on two balls between crank and slider."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    crank = scene.add(fm.RigidBody(0.9, (4e-4, 6e-4, 8e-4), (0.02, 0.0, 0.0)), name="crank")
+    beam = scene.add(Beam(0.3, 0.02, 0.03, 2e11, 7800.0, 3, 0.02, "a").build(), name="beam")
+    slider = scene.add(fm.RigidBody(0.5, (2e-4, 2e-4, 2e-4)), name="slider")
+    turn = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), crank.frame())
+    big = scene.connect(fm.joint.Spherical(), crank.frame((0.08, 0.0, 0.0)), beam.frame("a"))
+    small = scene.connect(fm.joint.Spherical(), beam.frame("b"), slider.frame())
+    guide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame())
+    turn.position, turn.velocity = 0.3, 20.0
+    return scene, [turn, big, small, guide]
+
+
+@pytest.mark.parametrize("machine", [rigid_slider_crank, elastic_slider_crank])
+def test_reactions_between_the_ends_of_steps_of_loops(machine):
+    """Those of a run that ends there; redundant joints share the load by the smallest multipliers."""
+    scene, joints = machine()
+    run = scene.simulate(0.03, rtol=1e-9)
+    for k in (2, len(run.t) // 2, len(run.t) - 4):
+        t = float(0.4 * run.t[k] + 0.6 * run.t[k + 1])
+        there, others = machine()
+        exact = there.simulate(t, rtol=1e-9)
+        wanted = np.array([exact.reaction(joint)[-1] for joint in others])
+        found = np.array([run.at(t).reaction(joint) for joint in joints])
+        np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
 
 
 def test_what_is_not_there_is_told_alike():

@@ -1,13 +1,20 @@
-"""Redundant loop rows: the smallest multipliers that do what those of the independent rows do."""
+"""Reactions of loops whose rows may be redundant: the smallest multipliers that do what the loops need."""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, row_sizes
+from flexmbd.multibody.plan.scene_matrices import (
+    constraint_jacobian,
+    coordinate_sizes,
+    mass_factor,
+    row_sizes,
+)
 from flexmbd.multibody.start.independent_rows import look
 from flexmbd.multibody.start.loop_closing import CLOSED
 
@@ -42,6 +49,40 @@ def minimum_norm_multipliers(
         own = found.left[:, : min(independent, int(np.sum(found.sigma > round_off)))]
         spread[k] = own @ (own.T @ (reaction * rows)) / rows
     return spread
+
+
+def balancing_multipliers(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, a: FloatArray, *, rank: int
+) -> FloatArray:
+    """(m,) N or N m: the smallest multipliers that balance a motion, M a + b - f + C^T nu = 0.
+
+    A motion known to some tolerance is balanced as well as any reactions can, in the metric of M^-1 (Gauss).  The
+    smallest are meant as by `minimum_norm_multipliers`.
+
+    Args:
+        scene: with all its rows.
+        work: scratch; ``work.time`` holds the functions of time at the instant.
+        x: (nx,) configuration.
+        v: (nv,) velocities.
+        a: (nv,) accelerations.
+        rank: how many of the rows are independent there.
+
+    Raises:
+        AssemblyError: some motion moves no mass.
+        SceneError: a user's function of force failed, which is asked anew.
+    """
+    free, rows = scene.plan.free, row_sizes(scene)
+    if rank == 0 or len(free) == 0:
+        return np.zeros(len(rows))
+    force = np.zeros(scene.nv)
+    residual(scene.plan, work, x, v, a, np.zeros(len(rows)), force)
+    scene.refuse_failed(work)
+    lower = mass_factor(scene, work, x)
+    slopes = constraint_jacobian(scene, work, x)[:, free] / rows[:, None]
+    both = scipy.linalg.solve_triangular(lower, np.column_stack([force[free], slopes.T]), lower=True)
+    left, sigma, right = np.linalg.svd(both[:, 1:], full_matrices=False)
+    shares = right[:rank].T @ ((left[:, :rank].T @ both[:, 0]) / sigma[:rank])
+    return np.asarray(-shares / rows, dtype=np.float64)
 
 
 def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str]:

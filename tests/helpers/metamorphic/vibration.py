@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 
 def in_motion(by, machine):
-    """Sizes (observation.Sizes) of errors of a motion: one of position that vibrates is one of speed too, at its rate."""
+    """Sizes of errors of a motion, from those of a state: one of position that vibrates is one of speed too."""
     rate = fastest_vibration(machine)
     return replace(
         by,
