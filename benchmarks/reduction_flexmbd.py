@@ -25,7 +25,7 @@ STAGES = (
     ("flexmbd.reduction.static_shapes.interior_stiffness", "_factor", "factor"),
     ("flexmbd.reduction.static_shapes.interior_stiffness", "_iteration", "factor"),
     ("flexmbd.reduction.static_shapes.interior_stiffness", "continued", "static"),
-    ("flexmbd.reduction.modes.truncation", "fixed_interface_modes", "modes"),
+    ("flexmbd.reduction.modes.fixed_modes", "fixed_interface_modes", "modes"),
     ("flexmbd.reduction.optional_groups", "responses", "geometric"),
     ("flexmbd.reduction.stiffening.stretch_modes", "stretch_modes", "geometric"),
     ("flexmbd.reduction.stiffening.geometric_stiffness", "stiffening", "geometric"),

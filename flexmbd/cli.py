@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from flexmbd.command import check, convert, doctor, export, inspect, plot, reduce, simulate
-from flexmbd.command.terminal import Parser, is_root, warn
+from flexmbd.command.terminal import Parser, is_root, print_warning
 from flexmbd.errors import FlexmbdError
 
 _FAULT = 2
@@ -79,10 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except FlexmbdError as error:
-        warn(str(error))
+        print_warning(str(error))
         return _FAULT
     except KeyboardInterrupt:
-        warn("stopped by Ctrl-C")
+        print_warning("stopped by Ctrl-C")
         return _INTERRUPTED
     except BrokenPipeError:
         _forget_stdout()

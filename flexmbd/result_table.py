@@ -84,7 +84,7 @@ def read_table(path: Path) -> ResultTable:
 
 
 def _from_archive(path: Path) -> ResultTable:
-    arrays = read_archive(path, wanted=("names", "units", "values"))
+    arrays = read_archive(path, requested=("names", "units", "values"))
     missing = [name for name in ("names", "units", "values") if name not in arrays]
     if missing:
         raise ExportError(f"{path} is no table of results: it has no array {', '.join(missing)}")

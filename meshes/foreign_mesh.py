@@ -166,11 +166,11 @@ def _check_numbers(path: Path, what: str, numbers: IntArray) -> None:
         )
 
 
-def _rows(path: Path, what: str, numbers: IntArray, wanted: IntArray) -> IntArray:
+def _rows(path: Path, what: str, numbers: IntArray, requested: IntArray) -> IntArray:
     """Where numbers stand in an ascending list."""
-    rows = np.searchsorted(numbers, wanted)
+    rows = np.searchsorted(numbers, requested)
     rows[rows == len(numbers)] = 0
-    missing = wanted[numbers[rows] != wanted]
+    missing = requested[numbers[rows] != requested]
     if len(missing) > 0:
         raise MeshError(f"{path}: {what} {missing[0]} is used and not given; the file is not complete")
     return rows.astype(np.int64)

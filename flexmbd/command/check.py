@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flexmbd.command.terminal import say
+from flexmbd.command.terminal import print_line
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -32,5 +32,5 @@ def check(arguments: argparse.Namespace) -> int:
     name: str = arguments.form
     source = Path(name) if name.endswith(".py") or "/" in name else name
     sheet = check_form(source, comm=MPI.COMM_WORLD)
-    say(sheet.text())
+    print_line(sheet.text())
     return 0 if sheet.passed else 1

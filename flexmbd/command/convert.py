@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from flexmbd.command.body_file import RECORD, check_free, kind_of, read_body, write_body
-from flexmbd.command.export import add_writing, tell_written
+from flexmbd.command.export import add_writing, report_written
 from flexmbd.export import FORMATS, format_named
 
 
@@ -43,5 +43,5 @@ def convert(arguments: argparse.Namespace) -> int:
     check_free(arguments.output, force=arguments.force, source=arguments.source)
     body = read_body(arguments.source, kind=arguments.source_kind)
     left_out = write_body(body, arguments.output, kind=kind, lossy=arguments.lossy)
-    tell_written(arguments.output, kind, left_out, as_json=arguments.json)
+    report_written(arguments.output, kind, left_out, as_json=arguments.json)
     return 0

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexmbd.command.terminal import add_json, launched_ranks, say, say_json
+from flexmbd.command.terminal import add_json, launched_ranks, print_json, print_line
 from flexmbd.multibody.kernels.base.compiling import cache_folder
 
 _BROKEN = 1
@@ -99,10 +99,10 @@ def doctor(arguments: argparse.Namespace) -> int:
     findings += [*_listed("clients", _CLIENTS, ""), *_programs(), _compiler()]
     broken = [one for one in findings if one.state == "broken"]
     if arguments.json:
-        say_json({"healthy": not broken, "findings": [asdict(one) for one in findings]})
+        print_json({"healthy": not broken, "findings": [asdict(one) for one in findings]})
     else:
-        say(_sheet(findings))
-        say(f"\n{len(broken)} broken" if broken else "\nnothing that is needed is broken")
+        print_line(_sheet(findings))
+        print_line(f"\n{len(broken)} broken" if broken else "\nnothing that is needed is broken")
     return _BROKEN if broken else 0
 
 
@@ -235,11 +235,11 @@ def _load(name: str) -> tuple[bool, str]:
 def _probe(names: list[str]) -> dict[str, tuple[bool, str]]:
     """Whether each module loads in a process of its own, and its version or what is wrong."""
     # a process that mpirun has not started must not believe that it did
-    told = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_FILE", "PMIX_", "PMI_", "PRTE_LAUNCHED")
+    prefixes = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_FILE", "PMIX_", "PMI_", "PRTE_LAUNCHED")
     outside = {
         key: value
         for key, value in os.environ.items()
-        if not key.startswith(told) or key.startswith("PMIX_MCA")
+        if not key.startswith(prefixes) or key.startswith("PMIX_MCA")
     }
     fault = "no answer"
     out = ""

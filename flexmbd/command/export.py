@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from flexmbd.command.body_file import check_free, read_body, write_body
-from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.export import FORMATS, format_named
 
 
@@ -53,15 +53,15 @@ def export(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output or source.with_name(source.stem + chosen.suffix)
     check_free(output, force=arguments.force, source=source)
     left_out = write_body(read_body(source), output, kind=chosen.name, lossy=arguments.lossy)
-    tell_written(output, chosen.name, left_out, as_json=arguments.json)
+    report_written(output, chosen.name, left_out, as_json=arguments.json)
     return 0
 
 
-def tell_written(path: Path, kind: str, left_out: tuple[str, ...], *, as_json: bool) -> None:
+def report_written(path: Path, kind: str, left_out: tuple[str, ...], *, as_json: bool) -> None:
     """Say what was written, and what the file leaves out."""
     if as_json:
-        say_json({"file": path, "format": kind, "bytes": path.stat().st_size, "left_out": left_out})
+        print_json({"file": path, "format": kind, "bytes": path.stat().st_size, "left_out": left_out})
         return
-    say(f"{path}: written as {kind}")
+    print_line(f"{path}: written as {kind}")
     for phrase in left_out:
-        say(f"  left out: {phrase}")
+        print_line(f"  left out: {phrase}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexmbd.command.body_file import read_body
-from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import InterfaceError
 from flexmbd.record.file import VERSION
 from flexmbd.record.groups import FRAME_DOFS
@@ -54,13 +54,13 @@ def inspect(arguments: argparse.Namespace) -> int:
     clamped = parse_clamped(arguments.clamped)
     held = body.frequencies(clamped) if clamped else None
     if arguments.json:
-        say_json(facts(body, file=arguments.record, clamped=clamped))
+        print_json(facts(body, file=arguments.record, clamped=clamped))
         return 0
-    say(body.inspect().rstrip("\n"))
+    print_line(body.inspect().rstrip("\n"))
     if held is not None:
-        say(f"\nfrequencies (Hz) with {' and '.join(arguments.clamped)} clamped")
+        print_line(f"\nfrequencies (Hz) with {' and '.join(arguments.clamped)} clamped")
         for number, frequency in enumerate(held, start=1):
-            say(f"  {number:>5}{frequency:>14.6g}")
+            print_line(f"  {number:>5}{frequency:>14.6g}")
     return 0
 
 

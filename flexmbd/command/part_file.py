@@ -174,9 +174,9 @@ def _faces_alike(chosen: Sequence[StepFace], part: StepPart) -> Callable[[StepFa
 
 
 def _default_size(part: StepPart, bores: Sequence[Bore]) -> float:
-    wanted = min([_SHARE_OF_LENGTH * max(part.size), *(_SHARE_OF_RADIUS * bore.radius for bore in bores)])
+    largest = min([_SHARE_OF_LENGTH * max(part.size), *(_SHARE_OF_RADIUS * bore.radius for bore in bores)])
     finest = (6 * math.sqrt(2) * part.volume / _MANY_CELLS) ** (1 / 3)
-    return float(f"{max(wanted, finest):.3g}")
+    return float(f"{max(largest, finest):.3g}")
 
 
 def list_part(path: Path, *, scale: float, comm: MPI.Comm) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexmbd.command.body_file import check_free, read_body
-from flexmbd.command.terminal import add_json, say, say_json
+from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import ExportError, PictureError
 from flexmbd.result_table import SUFFIXES, ResultTable, read_table
 
@@ -64,9 +64,9 @@ def plot(arguments: argparse.Namespace) -> int:
     if arguments.list:
         columns = _columns(table)
         if arguments.json:
-            say_json({"file": source, "columns": columns})
+            print_json({"file": source, "columns": columns})
         else:
-            say("\n".join(f"{name} [{unit}]" for name, unit in columns.items()))
+            print_line("\n".join(f"{name} [{unit}]" for name, unit in columns.items()))
         return 0
     output: Path = arguments.output or source.with_suffix(".png")
     if output.suffix.lower() not in _KINDS:
@@ -80,9 +80,9 @@ def plot(arguments: argparse.Namespace) -> int:
         figure = _over_time(table, drawn, source.stem)
     _save(figure, output)
     if arguments.json:
-        say_json({"file": output, "columns": drawn})
+        print_json({"file": output, "columns": drawn})
     else:
-        say(f"{output}: {len(drawn)} column{'s' if len(drawn) > 1 else ''}")
+        print_line(f"{output}: {len(drawn)} column{'s' if len(drawn) > 1 else ''}")
     return 0
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmbd.command.body_file import check_free
 from flexmbd.command.material_file import Material, make_damping, read_material
-from flexmbd.command.terminal import add_json, note, say, say_json
+from flexmbd.command.terminal import add_json, print_json, print_line, print_progress
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError
 
@@ -136,7 +136,7 @@ def reduce(arguments: argparse.Namespace) -> int:
 
     comm = MPI.COMM_WORLD
     if arguments.list:
-        say(list_part(arguments.mesh, scale=arguments.scale, comm=comm))
+        print_line(list_part(arguments.mesh, scale=arguments.scale, comm=comm))
         return 0
     _require(arguments)
     interfaces = [parse_interface(text) for text in arguments.interface]
@@ -147,7 +147,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     is_path = material.form.endswith(".py") or "/" in material.form
     form: Any = load_form(Path(material.form) if is_path else material.form)
     parameters = make_parameters(form, material.parameters)
-    note(f"reading {arguments.mesh}")
+    print_progress(f"reading {arguments.mesh}")
     mesh, size = mesh_part(
         arguments.mesh,
         tags=arguments.tag,
@@ -159,9 +159,9 @@ def reduce(arguments: argparse.Namespace) -> int:
         comm=comm,
     )
     frame = None if arguments.floating or not interfaces else arguments.frame or interfaces[0].name
-    note("assembling")
+    print_progress("assembling")
     model = ContinuumModel(mesh, form, parameters, degree=arguments.degree, interfaces=interfaces)
-    note("reducing")
+    print_progress("reducing")
     body = craig_bampton(
         model,
         modes=truncation,
@@ -171,7 +171,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         keep=Keep(modes=arguments.keep_modes, surface=arguments.keep_surface),
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))
-    _tell(arguments.output, body, size, as_json=arguments.json)
+    _report(arguments.output, body, size, as_json=arguments.json)
     return 0
 
 
@@ -196,16 +196,16 @@ def _material(arguments: argparse.Namespace) -> Material:
     return material
 
 
-def _tell(path: Path, body: ReducedBody, size: float | None, *, as_json: bool) -> None:
+def _report(path: Path, body: ReducedBody, size: float | None, *, as_json: bool) -> None:
     """Say what was written."""
     lowest = math.sqrt(body.stiffness[0]) / (2 * math.pi) if body.n_modes else None
     if as_json:
         found = {"file": path, "n_modes": body.n_modes, "lowest_hz": lowest, "cell_size": size, "mass": body.mass}
-        say_json({**found, "fingerprint": body.fingerprint()})
+        print_json({**found, "fingerprint": body.fingerprint()})
         return
     cells = "" if size is None else f", cells of {size:.3g} m"
     frequency = "" if lowest is None else f", the lowest at {lowest:.6g} Hz"
-    say(f"{path}: {body.n_modes} modes{frequency}{cells}; `flexmbd inspect {path}` shows it")
+    print_line(f"{path}: {body.n_modes} modes{frequency}{cells}; `flexmbd inspect {path}` shows it")
 
 
 def parse_interface(text: str) -> Interface:

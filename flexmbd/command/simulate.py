@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from flexmbd.command.body_file import check_free
-from flexmbd.command.terminal import add_json, say, say_json, warn
+from flexmbd.command.terminal import add_json, print_json, print_line, print_warning
 from flexmbd.errors import SceneError
 from flexmbd.result_table import ResultTable, write_table
 from flexmbd.run.stopped import SimulationError
@@ -62,7 +62,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     film = None if scene.output.film is None else folder / scene.output.film
     built = build(scene)
     if arguments.explain:
-        say(built.system.explain(rtol=scene.run.rtol, h=scene.run.h, integrator=_integrator(scene)))
+        print_line(built.system.explain(rtol=scene.run.rtol, h=scene.run.h, integrator=_integrator(scene)))
         return 0
     columns = plan_columns(built, scene.output)
     _make_folder(folder)
@@ -97,10 +97,10 @@ def _wants_bar(arguments: argparse.Namespace) -> bool:
 
 def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory | None, SimulationError | None]:
     """The trajectory; of a simulation that stopped early the part that there is, and the error."""
-    wanted = scene.run
+    settings = scene.run
     try:
         run = built.system.simulate(
-            wanted.t_end, rtol=wanted.rtol, h=wanted.h, integrator=_integrator(scene), progress=progress
+            settings.t_end, rtol=settings.rtol, h=settings.h, integrator=_integrator(scene), progress=progress
         )
     except SimulationError as error:
         return error.trajectory, error
@@ -122,9 +122,9 @@ def _report(
     stats = run.stats
     end = float(run.t[-1])
     if fault is not None:
-        warn(f"{fault}; what was computed until t = {end:.6g} s is in {', '.join(map(str, files))}")
+        print_warning(f"{fault}; what was computed until t = {end:.6g} s is in {', '.join(map(str, files))}")
     if arguments.json:
-        say_json(
+        print_json(
             {
                 "completed": fault is None,
                 "error": None if fault is None else str(fault),
@@ -140,7 +140,7 @@ def _report(
             }
         )
     elif not arguments.quiet:
-        say(f"{end:.6g} s simulated in {stats.seconds:.3g} s: {stats.steps} steps, {stats.integrator}")
+        print_line(f"{end:.6g} s simulated in {stats.seconds:.3g} s: {stats.steps} steps, {stats.integrator}")
         for path in files:
             what = f": {len(table.values)} rows, {len(table.names)} columns" if path.stem == "results" else ""
-            say(f"{path}{what}")
+            print_line(f"{path}{what}")

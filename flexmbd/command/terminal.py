@@ -30,15 +30,15 @@ def is_root() -> bool:
         from mpi4py import MPI
 
         return bool(MPI.COMM_WORLD.rank == 0)
-    return _told(_RANKS, 0) == 0
+    return _first_number(_RANKS, 0) == 0
 
 
 def launched_ranks() -> int:
     """Number of processes that mpirun started with this one; 1 without it."""
-    return _told(_SIZES, 1)
+    return _first_number(_SIZES, 1)
 
 
-def _told(names: tuple[str, ...], default: int) -> int:
+def _first_number(names: tuple[str, ...], default: int) -> int:
     """What mpirun tells in the first of these environment variables."""
     for name in names:
         text = os.environ.get(name, "")
@@ -47,27 +47,27 @@ def _told(names: tuple[str, ...], default: int) -> int:
     return default
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line on stdout, on rank 0."""
     if is_root():
         print(text)
 
 
-def warn(text: str) -> None:
+def print_warning(text: str) -> None:
     """Print a line on stderr, on rank 0."""
     if is_root():
         print(f"flexmbd: {text}", file=sys.stderr)
 
 
-def note(text: str) -> None:
+def print_progress(text: str) -> None:
     """Tell a person at the terminal what takes its time now; nothing where nobody looks on."""
     if is_root() and sys.stderr.isatty():
         print(f"flexmbd: {text} ...", file=sys.stderr)
 
 
-def say_json(values: Mapping[str, Any]) -> None:
+def print_json(values: Mapping[str, Any]) -> None:
     """Print an object as JSON on rank 0; arrays become lists, and numbers that are not finite null."""
-    say(json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False))
+    print_line(json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def _plain(value: Any) -> Any:

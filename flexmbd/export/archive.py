@@ -31,12 +31,12 @@ def write_archive(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     return write_file(path, buffer.getvalue())
 
 
-def read_archive(path: str | Path, *, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_archive(path: str | Path, *, requested: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
     """The arrays of an archive by name.
 
     Args:
         path: a file of zipped .npy members.
-        wanted: names to read, others are passed over unread; all by default.
+        requested: names to read, others are passed over unread; all by default.
 
     Raises:
         ExportError: the file is missing, damaged, no such archive, or claims more than is sensible; an array is of
@@ -46,7 +46,9 @@ def read_archive(path: str | Path, *, wanted: Collection[str] | None = None) -> 
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [
-                item for item in archive.infolist() if wanted is None or item.filename.removesuffix(".npy") in wanted
+                item
+                for item in archive.infolist()
+                if requested is None or item.filename.removesuffix(".npy") in requested
             ]
             _refuse_excess(path, members)
             return {item.filename.removesuffix(".npy"): _array(archive, item) for item in members}

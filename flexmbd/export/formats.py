@@ -10,30 +10,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexmbd.errors import ExportError
-from flexmbd.export.exudyn_files.exudyn_file import CARRIES as _EXUDYN
+from flexmbd.export.exudyn_files.exudyn_file import CAPABILITIES as _EXUDYN
 from flexmbd.export.exudyn_files.exudyn_file import exudyn
 from flexmbd.export.exudyn_files.exudyn_reader import read_exudyn
-from flexmbd.export.functional_mockup.reduced_unit import CARRIES as _FMU
+from flexmbd.export.functional_mockup.reduced_unit import CAPABILITIES as _FMU
 from flexmbd.export.functional_mockup.reduced_unit import fmu
-from flexmbd.export.loss import Carries
-from flexmbd.export.mbdyn_files.mbdyn_file import CARRIES as _MBDYN
+from flexmbd.export.loss import Capabilities
+from flexmbd.export.mbdyn_files.mbdyn_file import CAPABILITIES as _MBDYN
 from flexmbd.export.mbdyn_files.mbdyn_file import mbdyn
 from flexmbd.export.mbdyn_files.mbdyn_reader import read_mbdyn
-from flexmbd.export.record_arrays import CARRIES as _NPZ
+from flexmbd.export.record_arrays import CAPABILITIES as _NPZ
 from flexmbd.export.record_arrays import npz, read_npz
-from flexmbd.export.sid_files.sid_file import CARRIES as _SID
+from flexmbd.export.sid_files.sid_file import CAPABILITIES as _SID
 from flexmbd.export.sid_files.sid_file import read_sid, sid
-from flexmbd.export.superelements.calculix_file import CARRIES as _CALCULIX
+from flexmbd.export.superelements.calculix_file import CAPABILITIES as _CALCULIX
 from flexmbd.export.superelements.calculix_file import calculix, read_calculix
-from flexmbd.export.superelements.dmig_file import CARRIES as _DMIG
+from flexmbd.export.superelements.dmig_file import CAPABILITIES as _DMIG
 from flexmbd.export.superelements.dmig_file import dmig, read_dmig
-from flexmbd.export.superelements.extptfm_file import CARRIES as _OPENFAST
+from flexmbd.export.superelements.extptfm_file import CAPABILITIES as _OPENFAST
 from flexmbd.export.superelements.extptfm_file import openfast, read_openfast
-from flexmbd.export.superelements.op4_file import CARRIES as _OP4
+from flexmbd.export.superelements.op4_file import CAPABILITIES as _OP4
 from flexmbd.export.superelements.op4_file import op4, read_op4
-from flexmbd.export.superelements.simscape_file import CARRIES as _SIMSCAPE
+from flexmbd.export.superelements.simscape_file import CAPABILITIES as _SIMSCAPE
 from flexmbd.export.superelements.simscape_file import read_simscape, simscape
-from flexmbd.export.vtkhdf_file import CARRIES as _VTKHDF
+from flexmbd.export.vtkhdf_file import CAPABILITIES as _VTKHDF
 from flexmbd.export.vtkhdf_file import vtkhdf_modes
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -59,7 +59,7 @@ class Format:
     name: str
     programs: str
     suffix: str
-    carries: Carries
+    capabilities: Capabilities
     write: Writer
     read: Reader | None = None
     digits: int = 9

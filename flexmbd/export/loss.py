@@ -17,7 +17,7 @@ from flexmbd.record.reduced_body import ReducedBody
 
 
 @dataclass(frozen=True)
-class Carries:
+class Capabilities:
     """What a format can carry; docs/export.md shows it as a table.
 
     Attributes:
@@ -51,12 +51,12 @@ def check_body(body: object) -> None:
         )
 
 
-def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool) -> tuple[str, ...]:
+def check_losses(body: ReducedBody, capabilities: Capabilities, *, kind: str, lossy: bool) -> tuple[str, ...]:
     """What a file of this kind leaves out of this body.
 
     Args:
         body: what shall be written.
-        carries: what the format can carry.
+        capabilities: what the format can carry.
         kind: the format, for messages.
         lossy: write although the body itself becomes another.
 
@@ -69,38 +69,38 @@ def settle_losses(body: ReducedBody, carries: Carries, *, kind: str, lossy: bool
     """
     check_body(body)
     refuse_no_truth(ExportError, lossy=lossy)
-    grave = list(_grave(body, carries))
-    if grave and not lossy:
+    refused = list(_losses_of_the_body(body, capabilities))
+    if refused and not lossy:
         raise ExportError(
-            f"{kind} cannot carry all of this body; lost would be {', and '.join(grave)}: choose another format, or "
+            f"{kind} cannot carry all of this body; lost would be {', and '.join(refused)}: choose another format, or "
             "say lossy=True (--lossy) to write it without"
         )
-    return (*grave, *_slight(body, carries))
+    return (*refused, *_losses_of_extras(body, capabilities))
 
 
-def _grave(body: ReducedBody, carries: Carries) -> list[str]:
+def _losses_of_the_body(body: ReducedBody, capabilities: Capabilities) -> list[str]:
     losses = []
-    if carries.interfaces is not None and len(body.interfaces) > carries.interfaces:
+    if capabilities.interfaces is not None and len(body.interfaces) > capabilities.interfaces:
         names = ", ".join(frame.name for frame in body.interfaces)
-        losses.append(f"interfaces: it takes {carries.interfaces}, the body has {len(body.interfaces)} ({names})")
-    if not carries.rotations and any(np.any(frame.modes[3:]) for frame in body.interfaces):
+        losses.append(f"interfaces: it takes {capabilities.interfaces}, the body has {len(body.interfaces)} ({names})")
+    if not capabilities.rotations and any(np.any(frame.modes[3:]) for frame in body.interfaces):
         losses.append("the rotations of the interface frames")
-    if not carries.damping and np.any(body.damping):
+    if not capabilities.damping and np.any(body.damping):
         losses.append("the damping matrix")
-    if not carries.floating and body.frame is None and body.n_modes > 0:
+    if not capabilities.floating and body.frame is None and body.n_modes > 0:
         losses.append("the floating frame: it takes bodies whose frame sits on an interface")
     return losses
 
 
-def _slight(body: ReducedBody, carries: Carries) -> list[str]:
+def _losses_of_extras(body: ReducedBody, capabilities: Capabilities) -> list[str]:
     losses = []
-    if not carries.large_motion and body.n_modes > 0:
+    if not capabilities.large_motion and body.n_modes > 0:
         losses.append("the inertia of large motions: the file holds the body near its undeformed place")
-    if not carries.stiffening and (body.stretch is not None or body.geometric is not None):
+    if not capabilities.stiffening and (body.stretch is not None or body.geometric is not None):
         losses.append("stiffening by load and by spinning")
-    if not carries.nodes and body.modes is not None:
+    if not capabilities.nodes and body.modes is not None:
         losses.append("the modes at the mesh's nodes")
-    if not carries.stress and body.stress is not None:
+    if not capabilities.stress and body.stress is not None:
         losses.append("the stress modes")
     if body.loads is not None:
         losses.append(f"the named loads ({', '.join(body.loads.names)})")

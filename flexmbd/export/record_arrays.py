@@ -12,11 +12,11 @@ import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.archive import read_archive, write_archive
-from flexmbd.export.loss import Carries, check_body
+from flexmbd.export.loss import Capabilities, check_body
 from flexmbd.record.file import Tree
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(stiffening=True, nodes=True, stress=True)
+CAPABILITIES = Capabilities(stiffening=True, nodes=True, stress=True)
 
 
 def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.loss import Carries, check_body
+from flexmbd.export.loss import Capabilities, check_body
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.record.groups import FloatArray, IntArray, Surface
 from flexmbd.record.reduced_body import ReducedBody
@@ -28,7 +28,7 @@ from flexmbd.run.trajectory import Trajectory
 if TYPE_CHECKING:
     import h5py
 
-CARRIES = Carries(interfaces=0, rotations=False, damping=False, large_motion=False, nodes=True)
+CAPABILITIES = Capabilities(interfaces=0, rotations=False, damping=False, large_motion=False, nodes=True)
 
 # VTK's numbers of kinds of cells, and how many points each has.
 _POINT, _TRIANGLE = 1, 5
@@ -189,10 +189,10 @@ def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
 
     target = Path(os.path.realpath(path))
     try:
-        with _draft(target) as draft:
-            with h5py.File(draft, "x") as file:
+        with _temporary_file(target) as temporary:
+            with h5py.File(temporary, "x") as file:
                 fill(file)
-            os.replace(draft, target)
+            os.replace(temporary, target)
     except OSError as error:
         raise ExportError(
             f"cannot write {path}: {error.strerror or error}; nothing was changed there: choose a folder that exists, "
@@ -201,12 +201,12 @@ def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
 
 
 @contextmanager
-def _draft(target: Path) -> Iterator[Path]:
+def _temporary_file(target: Path) -> Iterator[Path]:
     """A name beside the target, of a file that is gone afterwards."""
     if target.exists() and not target.is_file():
         raise OSError(f"{target} is no regular file")
-    draft = target.with_name(f".{secrets.token_hex(8)}.part")
+    temporary = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        yield draft
+        yield temporary
     finally:
-        draft.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)

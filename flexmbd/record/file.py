@@ -159,16 +159,16 @@ def replace_file(path: Path, *parts: bytes) -> None:
         # the rename would put a file in the place of a device
         raise OSError(errno.EINVAL, "it is no regular file")
     # another name for each writer, so that two at once do not meet
-    draft = path.with_name(f".{secrets.token_hex(8)}.part")
+    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with open(draft, "xb") as file:
+        with open(temporary, "xb") as file:
             for part in parts:
                 file.write(part)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(draft, path)
+        os.replace(temporary, path)
     except OSError:
-        draft.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
     try:

@@ -16,9 +16,9 @@ from flexmbd.reduction.modes.eigensolver import BlockMethod as BlockMethod
 from flexmbd.reduction.modes.eigensolver import Eigensolver as Eigensolver
 from flexmbd.reduction.modes.eigensolver import KrylovSchur as KrylovSchur
 from flexmbd.reduction.modes.eigensolver import SpectrumSlicing as SpectrumSlicing
+from flexmbd.reduction.modes.fixed_modes import TruncationErrors as TruncationErrors
+from flexmbd.reduction.modes.fixed_modes import truncation_errors as truncation_errors
 from flexmbd.reduction.modes.truncation import Truncation as Truncation
-from flexmbd.reduction.modes.truncation import TruncationErrors as TruncationErrors
-from flexmbd.reduction.modes.truncation import truncation_errors as truncation_errors
 from flexmbd.reduction.optional_groups import Keep as Keep
 from flexmbd.reduction.static_shapes.condensation import CondensedMatrices as CondensedMatrices
 from flexmbd.reduction.static_shapes.condensation import static_condensation as static_condensation

@@ -16,8 +16,9 @@ from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FRAME_DOFS, ReducedBody
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.modes.eigensolver import Eigensolver, chosen_eigensolver
+from flexmbd.reduction.modes.fixed_modes import fixed_interface_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
-from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation, fixed_interface_modes
+from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver

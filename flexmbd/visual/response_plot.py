@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import PictureError
 from flexmbd.multibody.team import Team
 from flexmbd.visual.destination import checked_path, save
-from flexmbd.visual.series_plot import SUFFIXES, bare, new_figure
+from flexmbd.visual.series_plot import SUFFIXES, new_figure, remove_frame
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +77,7 @@ def plot_response(
     phase.set_ylabel("phase in degrees")
     phase.set_xlabel("frequency in Hz")
     for axes in (gain, phase):
-        bare(axes)
+        remove_frame(axes)
     if target is not None:
         save(figure, target, machine.team)
     return figure

@@ -79,7 +79,7 @@ def plot_series(
     axes.set_title(title)
     curves = len(axes.lines)
     _mark_events(axes, trajectory)
-    _dress(axes, legend=curves > 1 or len(axes.lines) > curves)
+    _format_axes(axes, legend=curves > 1 or len(axes.lines) > curves)
     if target is not None:
         save(figure, target, trajectory.team)
     return figure
@@ -151,13 +151,13 @@ def _mark_events(axes: Axes, trajectory: RecordedMotion) -> None:
         seen.add(name)
 
 
-def _dress(axes: Axes, *, legend: bool) -> None:
-    bare(axes)
+def _format_axes(axes: Axes, *, legend: bool) -> None:
+    remove_frame(axes)
     if legend:
         axes.legend(frameon=False)
 
 
-def bare(axes: Axes) -> None:
+def remove_frame(axes: Axes) -> None:
     """A grid, and no lines at the top and the right."""
     axes.grid(color="0.9")
     axes.spines[["top", "right"]].set_visible(False)

@@ -57,7 +57,7 @@ def test_layers():
     whole = layered()
     cut = cut_mesh(whole, {"hinge": "middle"})
     assert list(cut.pieces) == ["rest 1", "hinge", "rest 2"]
-    assert (cut.yielding, cut.elastic, cut.crumbs) == (("hinge",), ("rest 1", "rest 2"), 0)
+    assert (cut.yielding, cut.elastic, cut.fragments) == (("hinge",), ("rest 1", "rest 2"), 0)
     assert [n_cells(piece) for piece in cut.pieces.values()] == [5, 5, 5]
     assert [list(piece.cell_groups) for piece in cut.pieces.values()] == [["low"], ["middle"], ["high"]]
     sides = {"x_min", "x_max", "y_min", "y_max"}
@@ -177,10 +177,10 @@ def test_loose_cells_go_to_the_neighbour_they_share_most_with():
     labels = np.where(np.arange(n) < 100, 1, 0)
     wrong = labels.copy()
     wrong[140] = 1
-    np.testing.assert_array_equal(cell_graph.without_crumbs(wrong, pairs, "hexahedron"), labels)
+    np.testing.assert_array_equal(cell_graph.merge_fragments(wrong, pairs, "hexahedron"), labels)
     wrong[138:145] = 1
-    np.testing.assert_array_equal(cell_graph.without_crumbs(wrong, pairs, "hexahedron"), wrong)
-    np.testing.assert_array_equal(cell_graph.without_crumbs(wrong, pairs, "tetrahedron"), labels)
+    np.testing.assert_array_equal(cell_graph.merge_fragments(wrong, pairs, "hexahedron"), wrong)
+    np.testing.assert_array_equal(cell_graph.merge_fragments(wrong, pairs, "tetrahedron"), labels)
 
 
 @pytest.mark.parametrize(

@@ -18,14 +18,14 @@ def row(one):
     def said(carried):
         return "yes" if carried else "-"
 
-    carries = one.carries
+    capabilities = one.capabilities
     cells = [
         f"`{one.name}`",
         one.suffix,
         one.programs,
-        "all" if carries.interfaces is None else f"{carries.interfaces or '-'}",
-        *(said(getattr(carries, name)) for name in ("rotations", "damping", "large_motion", "stiffening")),
-        *(said(getattr(carries, name)) for name in ("floating", "nodes", "stress")),
+        "all" if capabilities.interfaces is None else f"{capabilities.interfaces or '-'}",
+        *(said(getattr(capabilities, name)) for name in ("rotations", "damping", "large_motion", "stiffening")),
+        *(said(getattr(capabilities, name)) for name in ("floating", "nodes", "stress")),
         "-" if one.read is None else f"{one.digits} digits",
     ]
     return f"| {' | '.join(cells)} |"

@@ -60,12 +60,12 @@ def receptance(body, names, omega, *, rotations, damped):
 def test_mass_and_frequencies(trip):
     one, wanted, back = trip
     names = common(wanted, back)
-    if one.carries.interfaces is None:
+    if one.capabilities.interfaces is None:
         assert names == [frame.name for frame in wanted.interfaces]
     close(back.mass, wanted.mass, digits=one.digits)
     close(np.linalg.eigvalsh(back.inertia), np.linalg.eigvalsh(wanted.inertia), digits=one.digits)
     close(back.frequencies(), wanted.frequencies(), digits=one.digits)
-    if one.carries.rotations:
+    if one.capabilities.rotations:
         close(back.frequencies(names[:1]), wanted.frequencies(names[:1]), digits=one.digits)
 
 
@@ -82,7 +82,7 @@ def test_motion_of_interfaces_under_forces(trip):
     names = common(wanted, back)
     rates = 2.0 * np.pi * wanted.frequencies()[:3]
     for omega in (0.3 * rates[0], 0.5 * (rates[0] + rates[1]), 0.5 * (rates[1] + rates[2])):
-        options = dict(rotations=one.carries.rotations, damped=one.carries.damping)
+        options = dict(rotations=one.capabilities.rotations, damped=one.capabilities.damping)
         found, right = (receptance(body, names, omega, **options) for body in (back, wanted))
         # a force's work and a moment's are measured against what they do at their own frame
         size = np.sqrt(np.abs(np.diag(right)))
@@ -101,7 +101,7 @@ def responses(body, names):
 def test_inertia_integrals(trip):
     """All entries of the Gram matrix, seen by shapes that do not depend on the modes' signs and rotations."""
     one, wanted, back = trip
-    if not one.carries.large_motion:
+    if not one.capabilities.large_motion:
         return
     names = common(wanted, back)
     grams = []

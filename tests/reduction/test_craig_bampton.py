@@ -24,7 +24,7 @@ from flexmbd.errors import ConvergenceError, InterfaceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction import Keep, craig_bampton, guyan
-from flexmbd.reduction.modes import truncation
+from flexmbd.reduction.modes import fixed_modes
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -197,7 +197,7 @@ def test_beam_of_another_program(monkeypatch):
 
     Their fourteen modes have the first of a pair alone.
     """
-    monkeypatch.setattr(truncation, "_EQUAL", 0.0)
+    monkeypatch.setattr(fixed_modes, "_EQUAL", 0.0)
     body = craig_bampton(beam_19k(), modes=14, frame="root")
     clamped = body.frequencies(["root"])
     assert clamped[0] == pytest.approx(4.18074, abs=5e-6)

@@ -19,7 +19,7 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton
-from flexmbd.reduction.modes import truncation
+from flexmbd.reduction.modes import fixed_modes
 from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch
 from flexmbd.reduction.modes.sturm import count_below
 from flexmbd.reduction.static_shapes.statics import body_statics
@@ -146,7 +146,7 @@ class Careless(BlockLanczos):
 def test_a_mode_that_was_left_out_is_found(monkeypatch):
     model = cube("x_min", "x_max")
     exact = reduced(model)
-    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
+    monkeypatch.setattr(fixed_modes.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
     assert reduced(model).stiffness == pytest.approx(exact.stiffness, rel=1e-10)
     # nothing else tells
     wrong = reduced(model, modes=Truncation(14, complete=False))
@@ -156,7 +156,7 @@ def test_a_mode_that_was_left_out_is_found(monkeypatch):
 
 
 def test_a_mode_that_stays_away_is_told(monkeypatch):
-    monkeypatch.setattr(truncation.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
+    monkeypatch.setattr(fixed_modes.eigen, "BlockLanczos", Careless)  # type: ignore[attr-defined]
     monkeypatch.setattr(Careless, "learns", False)
     with pytest.raises(ConvergenceError, match=r"found \d+ of \d+|are missing"):
         reduced(cube("x_min", "x_max"))

@@ -343,8 +343,8 @@ def _term_faults(
             continue
         integrand, rule = term
         if not _is_rule(rule, cell):
-            wanted = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
-            yield f"{label} must state {wanted}, got {rule!r}"
+            expected = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
+            yield f"{label} must state {expected}, got {rule!r}"
         if isinstance(integrand, ufl.BaseForm):
             yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
         elif not isinstance(integrand, ufl.core.expr.Expr):

@@ -75,7 +75,7 @@ def derivatives_at_rest(terms: Iterable[ufl.Form], u: fem.Function) -> list[fem.
 
 
 def assemble(
-    wanted: Mapping[str, Sequence[fem.Form]], groups: Sequence[CellGroup], space: fem.FunctionSpace
+    forms_by_name: Mapping[str, Sequence[fem.Form]], groups: Sequence[CellGroup], space: fem.FunctionSpace
 ) -> list[PETSc.Mat]:
     """Sums of bilinear forms as matrices. Collective.
 
@@ -83,7 +83,7 @@ def assemble(
     assembling in PETSc matrices, where every entry's place is looked up.
 
     Args:
-        wanted: for each matrix its forms, by what a message calls it.
+        forms_by_name: for each matrix its forms, by what a message calls it.
         groups: of the model that the forms are of.
         space: of the unknown.
 
@@ -93,9 +93,9 @@ def assemble(
     Raises:
         FormulationError: on all ranks: a matrix has entries that are not finite.
     """
-    blocks = empty_matrix([form for forms in wanted.values() for form in forms], groups, space)
+    blocks = empty_matrix([form for forms in forms_by_name.values() for form in forms], groups, space)
     matrices = []
-    for name, forms in wanted.items():
+    for name, forms in forms_by_name.items():
         blocks.set_value(0.0)
         for form in forms:
             fem.assemble_matrix(blocks, form)

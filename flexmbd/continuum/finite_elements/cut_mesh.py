@@ -30,7 +30,7 @@ class CutMesh:
     pieces: Mapping[str, TaggedMesh]
     cuts: tuple[Cut, ...]
     summaries: Mapping[str, PieceSummary]
-    crumbs: int
+    fragments: int
 
     @property
     def yielding(self) -> tuple[str, ...]:
@@ -69,8 +69,8 @@ class CutMesh:
             centre = ", ".join(map(_shown, cut.p))
             size = f"{cut.facets} facets, {cut.area:.4g} m^2"
             lines.append(f"  {cut.name:{width}}  cut        {size} around ({centre}) m")
-        if self.crumbs:
-            lines.append(f"  {self.crumbs} cells that a cut left loose went to their neighbours")
+        if self.fragments:
+            lines.append(f"  {self.fragments} cells that a cut left loose went to their neighbours")
         return "\n".join(lines)
 
 
@@ -102,9 +102,9 @@ def cut_mesh(mesh: TaggedMesh, regions: Mapping[str, Region]) -> CutMesh:
     def run() -> tuple[tuple[str, ...], tuple[Cut, ...], dict[str, PieceSummary], int]:
         nonlocal found
         found = divide(whole, regions)
-        return found.names, found.cuts, found.summaries(), found.crumbs
+        return found.names, found.cuts, found.summaries(), found.fragments
 
-    names, cuts, summaries, crumbs = parallel.on_root(comm, run)
+    names, cuts, summaries, fragments = parallel.on_root(comm, run)
 
     def share(number: int) -> MeshInput:
         if found is None:  # for the type checker: it is called on rank 0 alone
@@ -112,7 +112,7 @@ def cut_mesh(mesh: TaggedMesh, regions: Mapping[str, Region]) -> CutMesh:
         return found.share(number)
 
     pieces = {name: spread(comm, from_root(comm, partial(share, i))) for i, name in enumerate(names)}
-    return CutMesh(pieces, cuts, summaries, crumbs)
+    return CutMesh(pieces, cuts, summaries, fragments)
 
 
 def _described(region: Region) -> str:

@@ -151,8 +151,8 @@ def _cell_densities(mesh: TaggedMesh, density: Density) -> FloatArray:
     named = density if isinstance(density, Mapping) else {None: density}
     bad = {name: value for name, value in named.items() if not (np.isfinite(value) and value > 0.0)}
     if bad or not named:
-        told = ", ".join(f"{value}" if name is None else f"{value} of {name!r}" for name, value in bad.items())
-        raise MeshError(f"density must be positive (kg/m^3), got {told or 'none'}")
+        listed = ", ".join(f"{value}" if name is None else f"{value} of {name!r}" for name, value in bad.items())
+        raise MeshError(f"density must be positive (kg/m^3), got {listed or 'none'}")
     owned = mesh.mesh.topology.index_map(mesh.dim).size_local
     rho: FloatArray = np.full(owned, np.nan)
     for name, value in named.items():

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 # A piece with fewer cells than this part of the largest one of its kind is a crumb; of tetrahedra also one
 # with fewer than two bricks have.
-_CRUMB, _TETRAHEDRA = 0.02, 12
+_FRAGMENT, _TETRAHEDRA = 0.02, 12
 
 
 def entity_table(cell: str, dim: int) -> IntArray:
@@ -68,8 +68,8 @@ def owners(rows: IntArray, cells: IntArray, table: IntArray) -> tuple[IntArray, 
     """
     every = np.sort(cells[:, table].reshape(-1, table.shape[1]), axis=1)
     likely = np.flatnonzero(np.isin(every, rows).all(axis=1))
-    wanted = np.sort(rows, axis=1)
-    unique, inverse = np.unique(np.vstack([wanted, every[likely]]), axis=0, return_inverse=True)
+    sorted_rows = np.sort(rows, axis=1)
+    unique, inverse = np.unique(np.vstack([sorted_rows, every[likely]]), axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
     row_of = np.full(len(unique), -1, dtype=np.int64)
     row_of[inverse[: len(rows)]] = np.arange(len(rows))
@@ -90,7 +90,7 @@ def components(a: IntArray, b: IntArray, n: int) -> tuple[int, IntArray]:
     return int(count), component.astype(np.int64)
 
 
-def without_crumbs(labels: IntArray, pairs: Neighbours, cell: str) -> IntArray:
+def merge_fragments(labels: IntArray, pairs: Neighbours, cell: str) -> IntArray:
     """Labels after the few cells that hang on a cut alone went to the neighbour they share most facets with.
 
     A plane through a free mesh leaves such cells.
@@ -102,12 +102,12 @@ def without_crumbs(labels: IntArray, pairs: Neighbours, cell: str) -> IntArray:
         label[piece] = labels
         largest = np.zeros(labels.max() + 1, dtype=np.int64)
         np.maximum.at(largest, label, sizes)
-        least = np.maximum(_CRUMB * largest[label], _TETRAHEDRA if cell == "tetrahedron" else 0)
-        crumbs = (sizes < least) & (sizes < largest[label])
+        least = np.maximum(_FRAGMENT * largest[label], _TETRAHEDRA if cell == "tetrahedron" else 0)
+        fragments = (sizes < least) & (sizes < largest[label])
         # over each facet between a crumb and what is none, from the one's piece to the other's label
         left, right = piece[pairs.a], piece[pairs.b]
         ways = np.concatenate([np.column_stack([left, right]), np.column_stack([right, left])])
-        ways = ways[crumbs[ways[:, 0]] & ~crumbs[ways[:, 1]]]
+        ways = ways[fragments[ways[:, 0]] & ~fragments[ways[:, 1]]]
         if len(ways) == 0:
             return labels
         shared = np.zeros((count, len(largest)), dtype=np.int64)

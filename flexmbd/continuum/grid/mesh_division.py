@@ -143,7 +143,7 @@ class Division:
     piece: IntArray
     cuts: tuple[Cut, ...]
     cut_facets: tuple[IntArray, ...]
-    crumbs: int
+    fragments: int
 
     def summaries(self) -> dict[str, PieceSummary]:
         """What there is to say of each piece."""
@@ -210,10 +210,10 @@ def divide(whole: WholeMesh, regions: Mapping[str, Region]) -> Division:
     """Cells to pieces, and the cuts; on rank 0."""
     cells, points = whole.arrays["cells"], whole.arrays["points"]
     names = list(regions)
-    wanted = _labels(whole, regions)
+    chosen_labels = _labels(whole, regions)
     pairs = cell_graph.neighbours(cells, whole.cell, whole.dim)
     by_groups = all(not callable(region) for region in regions.values())
-    labels = wanted if by_groups else cell_graph.without_crumbs(wanted, pairs, whole.cell)
+    labels = chosen_labels if by_groups else cell_graph.merge_fragments(chosen_labels, pairs, whole.cell)
     count, piece = cell_graph.pieces_of(labels, pairs)
     label = np.zeros(count, dtype=np.int64)
     label[piece] = labels
@@ -234,7 +234,7 @@ def divide(whole: WholeMesh, regions: Mapping[str, Region]) -> Division:
     taken = {cut.name for cut in cuts} & set(whole.groups["facet"])
     if taken or len(set(in_order)) < count:
         raise MeshError(f"the mesh or the regions have names that cuts and remainders would get: {in_order}, {taken}")
-    return Division(whole, in_order, tuple(names), rank[piece], cuts, facets, int((labels != wanted).sum()))
+    return Division(whole, in_order, tuple(names), rank[piece], cuts, facets, int((labels != chosen_labels).sum()))
 
 
 def _labels(whole: WholeMesh, regions: Mapping[str, Region]) -> IntArray:

@@ -30,8 +30,8 @@ def fetch(comm: MPI.Comm, block: Rows, numbers: IntArray) -> Rows:
     starts = np.concatenate(([0], np.cumsum(comm.allgather(len(block)))))
     owner = np.searchsorted(starts, numbers, side="right") - 1
     order, ends = _by_owner(owner, comm.size)
-    wanted = comm.alltoall(np.split(numbers[order], ends))
-    answers = comm.alltoall([block[which - starts[comm.rank]] for which in wanted])
+    requests = comm.alltoall(np.split(numbers[order], ends))
+    answers = comm.alltoall([block[which - starts[comm.rank]] for which in requests])
     values: Any = np.empty((len(numbers), *block.shape[1:]), dtype=block.dtype)
     values[order] = np.concatenate(answers)
     return values

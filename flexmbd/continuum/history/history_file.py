@@ -20,8 +20,8 @@ _VERSION = 1
 def fingerprint(body: NonlinearModel, **surroundings: object) -> str:
     """Tells bodies of other meshes, elements or materials apart, and what they stand in. Collective."""
     materials = [(group.name, group.form_name, group.parameters) for group in body.groups]
-    told = (body.mesh.fingerprint(), body.degree, materials, surroundings)
-    return hashlib.sha256(repr(told).encode()).hexdigest()
+    identity = (body.mesh.fingerprint(), body.degree, materials, surroundings)
+    return hashlib.sha256(repr(identity).encode()).hexdigest()
 
 
 def save_body(body: NonlinearModel, path: str | Path, *, t: float) -> None:

@@ -97,11 +97,11 @@ class NodalMotion:
             SceneError: the ranks were given different supports, planes or damping; damping is negative, or no number.
         """
         body.check_displacement_alone()
-        planes_told = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
+        plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
         self.surroundings: dict[str, object] = {
-            "supports": list(supports), "planes": planes_told, "damping": float(damping)
+            "supports": list(supports), "planes": plane_values, "damping": float(damping)
         }  # fmt: skip
         parallel.check_same(body.comm, SceneError, **self.surroundings)
         self._damping = float(damping)
@@ -163,9 +163,9 @@ class NodalMotion:
         self._stable.memory = self._fresh
         self._limit = self._with_contact(self._stable.at_rest)
         for plane in self.planes:
-            told = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
+            body_energies = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
             size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
-            plane.check_start(max(told), size)
+            plane.check_start(max(body_energies), size)
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Not collective."""
@@ -207,15 +207,15 @@ class NodalMotion:
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
         impacts), "friction" and "damping" (lost), "gravitational".
         """
-        told = self.body.energies()
+        body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
         kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
         _, contact, friction, damping = self._works
         sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping]))
         return {
             "kinetic": float(sums[0]),
-            "elastic": told.get("elastic", 0.0),
-            "plastic": told.get("plastic", 0.0),
+            "elastic": body_energies.get("elastic", 0.0),
+            "plastic": body_energies.get("plastic", 0.0),
             "contact": float(sums[2]),
             "friction": float(sums[3]),
             "damping": float(sums[4]),

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.export.archive import write_archive
-from flexmbd.export.loss import Carries, check_body, settle_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses
 from flexmbd.record.groups import FloatArray, InterfaceFrame
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(damping=False, nodes=True)
+CAPABILITIES = Capabilities(damping=False, nodes=True)
 
 #: What every such file holds; the keys that begin with "flexmbd " are ours, and Exudyn passes over them.
 TYPE = "ObjectFFRFreducedOrderInterface"
@@ -59,8 +59,8 @@ def exudyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple
     check_body(body)
     arrays = exudyn_arrays(body)
     rayleigh = rayleigh_damping(body)
-    losses = settle_losses(
-        body, replace(CARRIES, damping=rayleigh is not None), kind="Exudyn's file of a reduced body", lossy=lossy
+    losses = check_losses(
+        body, replace(CAPABILITIES, damping=rayleigh is not None), kind="Exudyn's file of a reduced body", lossy=lossy
     )
     write_archive(path, arrays)
     if rayleigh is not None and (rayleigh.mass or rayleigh.stiffness):

@@ -45,7 +45,7 @@ def read_exudyn(path: str | Path, *, interfaces: Mapping[str, Sequence[int]] | N
         ExportError: the file is missing, damaged, or holds something else; its arrays are not of one body; a frame's
             nodes are not in it, or too few.
     """
-    arrays = read_archive(path, wanted={*_NEEDED, *_OURS})
+    arrays = read_archive(path, requested={*_NEEDED, *_OURS})
     try:
         with np.errstate(all="raise", under="ignore"):
             return _body(path, arrays, interfaces or {})

@@ -28,10 +28,10 @@ from flexmbd.export.functional_mockup.unit_build import (
     source,
     zipped,
 )
-from flexmbd.export.loss import Carries, check_body, settle_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
-CARRIES = Carries(large_motion=False, floating=False)
+CAPABILITIES = Capabilities(large_motion=False, floating=False)
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def fmu(
             if body.n_modes
             else "an FMU of a body holds its frame B fast, and this body does not deform: it would do nothing"
         )
-    lost = settle_losses(body, CARRIES, kind="FMU", lossy=lossy)
+    lost = check_losses(body, CAPABILITIES, kind="FMU", lossy=lossy)
     variables = _variables(body)
     data = _data(body, variables)
     token = token_of(version, data, variables)

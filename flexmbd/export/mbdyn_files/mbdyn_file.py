@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries()
+CAPABILITIES = Capabilities()
 
 #: Lines of a file that MBDyn passes over and `read_mbdyn` understands.
 OURS = "** flexmbd"
@@ -46,7 +46,7 @@ def mbdyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[
     Raises:
         ExportError: the body has no modes; a frame's name is none for MBDyn; the destination cannot be written.
     """
-    losses = settle_losses(body, CARRIES, kind="MBDyn's modal joint", lossy=lossy)
+    losses = check_losses(body, CAPABILITIES, kind="MBDyn's modal joint", lossy=lossy)
     check_modes(body)
     for frame in body.interfaces:
         check_label(frame.name)

@@ -141,7 +141,7 @@ def _counts(path: str | Path, header: list[str]) -> tuple[int, int]:
     return nodes, modes
 
 
-def _body(path: str | Path, groups: _Groups, wanted: Sequence[str] | None) -> ReducedBody:
+def _body(path: str | Path, groups: _Groups, interfaces: Sequence[str] | None) -> ReducedBody:
     k, n = groups.nodes, groups.modes
     labels = groups.labels()
     x = np.column_stack([groups.numbers(group, k) for group in (5, 6, 7)])
@@ -163,13 +163,14 @@ def _body(path: str | Path, groups: _Groups, wanted: Sequence[str] | None) -> Re
     change = np.eye(4 + 3 * n)
     change[4:, 4:] = np.kron(basis, np.eye(3))
     shapes = shapes @ basis
-    names = [label for label, m in zip(labels, inertia[:, 0], strict=True) if m == 0.0] if wanted is None else wanted
+    massless = [label for label, m in zip(labels, inertia[:, 0], strict=True) if m == 0.0]
+    names = massless if interfaces is None else interfaces
     unknown = [name for name in names if name not in labels]
     if unknown:
         raise ExportError(f"{path} has no node {unknown[0]!r}; its nodes begin with {', '.join(labels[:8])}")
-    told = dict(_told(groups.ours))
+    comments = dict(_comments(groups.ours))
     frames = tuple(
-        InterfaceFrame(name, x[row], _axes(path, told.get(f"axes {name}")), shapes[row])
+        InterfaceFrame(name, x[row], _axes(path, comments.get(f"axes {name}")), shapes[row])
         for name, row in ((name, labels.index(name)) for name in names)
     )
     return ReducedBody(
@@ -177,12 +178,12 @@ def _body(path: str | Path, groups: _Groups, wanted: Sequence[str] | None) -> Re
         stiffness=stiffness,
         damping=basis.T @ damping @ basis,
         interfaces=frames,
-        frame=_frame(frames, told),
+        frame=_frame(frames, comments),
         partition=basis,
         partition_names=tuple(f"mode {number + 1}" for number in range(n)),
         provenance={"read from": "modal data file of MBDyn"},
-        p_MB_M=_numbers(path, told.get("mesh position"), 3, default=np.zeros(3)),
-        R_MB=_axes(path, told.get("mesh axes")),
+        p_MB_M=_numbers(path, comments.get("mesh position"), 3, default=np.zeros(3)),
+        R_MB=_axes(path, comments.get("mesh axes")),
         modes=None if groups.ours else _nodal_modes(labels, x, shapes),
     )
 
@@ -209,7 +210,7 @@ def _gram(x: FloatArray, shapes: FloatArray, inertia: FloatArray) -> FloatArray:
     return 0.5 * (gram + gram.T)
 
 
-def _told(ours: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+def _comments(ours: tuple[str, ...]) -> Iterator[tuple[str, str]]:
     """(what, its words) of our lines."""
     for line in ours:
         what, _, rest = line.partition(" ")
@@ -235,10 +236,10 @@ def _axes(path: str | Path, words: str | None) -> FloatArray:
     return axes
 
 
-def _frame(frames: tuple[InterfaceFrame, ...], told: dict[str, str]) -> str | None:
+def _frame(frames: tuple[InterfaceFrame, ...], comments: dict[str, str]) -> str | None:
     """The interface that carries B: as told, else the first node at the origin that no mode moves."""
-    if "frame" in told:
-        return told["frame"] if any(frame.name == told["frame"] for frame in frames) else None
+    if "frame" in comments:
+        return comments["frame"] if any(frame.name == comments["frame"] for frame in frames) else None
     return next((frame.name for frame in frames if not (frame.p_BI_B.any() or frame.modes.any())), None)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.files import write_file
-from flexmbd.export.loss import Carries, check_body, settle_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses
 from flexmbd.export.sid_files.sid_text import SidModal, SidNode, parse_sid, sid_text
 from flexmbd.export.sid_files.taylor_blocks import (
     AGREE,
@@ -27,7 +27,7 @@ from flexmbd.export.sid_files.taylor_blocks import (
 from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(stiffening=True)
+CAPABILITIES = Capabilities(stiffening=True)
 
 # The first line may not hold a keyword, since readers look for them anywhere in a line, nor be longer than theirs.
 _KEYWORDS = ("refmod", "frame", "part", "modal", "ksigma")
@@ -75,7 +75,7 @@ def sid(
     """
     check_body(body)
     every = body.modes is not None and bool(np.isin(body.modes.node, nodes).all())
-    lost = [*settle_losses(body, replace(CARRIES, nodes=every), kind="SID_FEM", lossy=lossy)]
+    lost = [*check_losses(body, replace(CAPABILITIES, nodes=every), kind="SID_FEM", lossy=lossy)]
     if body.stretch is not None:
         lost.append("stretch (stiffening is in the file load by load)" if body.geometric else "stretch")
     title = _NAMES + " ".join(_hidden(frame.name) for frame in body.interfaces)
@@ -227,9 +227,9 @@ def _frames(modal: SidModal) -> tuple[list[InterfaceFrame], NodalModes | None]:
     names = [f"node_{node.number}" for node in modal.nodes]
     n_frames = len(names)
     if modal.title.startswith(_NAMES.rstrip()):
-        told = [unquote(word) for word in modal.title.removeprefix(_NAMES.rstrip()).split()]
-        if len(told) <= len(names):
-            names, n_frames = told, len(told)
+        names_in_title = [unquote(word) for word in modal.title.removeprefix(_NAMES.rstrip()).split()]
+        if len(names_in_title) <= len(names):
+            names, n_frames = names_in_title, len(names_in_title)
     frames = [_frame(node, name, modal.n_modes) for node, name in zip(modal.nodes, names, strict=False)]
     points = [_frame(node, "", modal.n_modes) for node in modal.nodes[n_frames:]]
     if not points:

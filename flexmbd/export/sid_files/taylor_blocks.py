@@ -308,9 +308,9 @@ def _crossed(blocks: Mapping[str, Taylor], n: int) -> FloatArray:
     return 0.5 * (turning - turning.swapaxes(0, 1))
 
 
-def _same(what: str, found: FloatArray, wanted: FloatArray, *, size: FloatArray, tolerance: float) -> None:
-    worst = np.abs(found - wanted).max(initial=0.0)
-    largest = max(np.abs(size).max(initial=0.0), np.abs(wanted).max(initial=0.0))
+def _same(what: str, found: FloatArray, expected: FloatArray, *, size: FloatArray, tolerance: float) -> None:
+    worst = np.abs(found - expected).max(initial=0.0)
+    largest = max(np.abs(size).max(initial=0.0), np.abs(expected).max(initial=0.0))
     if worst > tolerance * largest:
         raise ExportError(
             f"{what} contradict each other by {worst / largest:.1e} of their size: other conventions hold in this "

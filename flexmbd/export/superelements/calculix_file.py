@@ -13,7 +13,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_text, write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.matrix_text import (
     Block,
     Dof,
@@ -37,7 +37,7 @@ from flexmbd.export.superelements.superelement_frames import (
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(large_motion=False)
+CAPABILITIES = Capabilities(large_motion=False)
 
 #: Nodes that CalculiX takes in one matrix.
 _MOST_NODES = 255
@@ -71,7 +71,7 @@ def calculix(
         ExportError: the body has no superelement or too many nodes, the name does not fit, or the destination cannot
             be written.
     """
-    left = settle_losses(body, CARRIES, kind="CalculiX", lossy=lossy)
+    left = check_losses(body, CAPABILITIES, kind="CalculiX", lossy=lossy)
     element = superelement(body)
     b, m = len(element.names), element.n_modes
     nodes = b + -(-m // 6)

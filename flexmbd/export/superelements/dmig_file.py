@@ -16,7 +16,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_text, write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
@@ -30,7 +30,7 @@ from flexmbd.export.superelements.superelement_frames import (
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(large_motion=False)
+CAPABILITIES = Capabilities(large_motion=False)
 
 # Node and component (0 for SPOINTs) of a row.
 _Dof = tuple[int, int]
@@ -57,7 +57,7 @@ def dmig(body: ReducedBody, path: str | Path, *, first: int = 1, lossy: bool = F
         ExportError: the body has no superelement, the numbers would have more than eight digits, or the destination
             cannot be written.
     """
-    left = settle_losses(body, CARRIES, kind="DMIG", lossy=lossy)
+    left = check_losses(body, CAPABILITIES, kind="DMIG", lossy=lossy)
     element = superelement(body)
     b, m = len(element.names), element.n_modes
     if first < 1 or first + b + m - 1 > _LARGEST_ID:

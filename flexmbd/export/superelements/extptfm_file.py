@@ -13,7 +13,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_text, write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.superelement import Superelement, superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
@@ -26,7 +26,7 @@ from flexmbd.export.superelements.superelement_frames import (
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
-CARRIES = Carries(interfaces=1, large_motion=False)
+CAPABILITIES = Capabilities(interfaces=1, large_motion=False)
 
 _MATRICES = {"!mass": "M", "!stiffness": "K", "!damping": "D"}
 
@@ -58,7 +58,7 @@ def openfast(
         ExportError: the body has none or several interfaces, or the destination cannot be written.
         InterfaceError: the body has no such interface.
     """
-    left = settle_losses(body, CARRIES, kind="OpenFAST", lossy=lossy)
+    left = check_losses(body, CAPABILITIES, kind="OpenFAST", lossy=lossy)
     if not body.interfaces:
         raise ExportError("OpenFAST takes one interface frame, and the body has none")
     chosen = body.interface(interface or body.frame or body.interfaces[0].name)

@@ -31,27 +31,27 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _TEXTS = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
-def read_mat(path: str | Path, *, wanted: Collection[str]) -> dict[str, FloatArray | list[str]]:
+def read_mat(path: str | Path, *, requested: Collection[str]) -> dict[str, FloatArray | list[str]]:
     """Variables by name: a float64 matrix, or a text's rows.
 
     Args:
         path: the file.
-        wanted: names of variables; others are passed over.
+        requested: names of variables; others are passed over.
 
     Raises:
-        ExportError: the file is missing, damaged, of version 7.3, or a wanted variable is neither a full real matrix
+        ExportError: the file is missing, damaged, of version 7.3, or a requested variable is neither a full real matrix
             nor text.
     """
     data = read_file(path)
     try:
-        return dict(_variables(data, wanted))
+        return dict(_variables(data, requested))
     except (ValueError, LookupError, OverflowError, MemoryError, struct.error, zlib.error) as error:
         raise ExportError(
             f"{path} is no MAT file of version 5 to 7 that can be read: {error}; Matlab writes one by save -v7"
         ) from error
 
 
-def _variables(data: bytes, wanted: Collection[str]) -> Iterator[tuple[str, FloatArray | list[str]]]:
+def _variables(data: bytes, requested: Collection[str]) -> Iterator[tuple[str, FloatArray | list[str]]]:
     if len(data) < _HEADER or data[126:128] not in (b"IM", b"MI"):
         raise ValueError("it has no header of version 5")
     order = "<" if data[126:128] == b"IM" else ">"
@@ -72,7 +72,7 @@ def _variables(data: bytes, wanted: Collection[str]) -> Iterator[tuple[str, Floa
             if kind != _MATRIX or len(content) != inner:
                 raise ValueError(f"the variable at byte {at} is damaged")
         at += 8 + size
-        name, value = _variable(content, order, wanted)
+        name, value = _variable(content, order, requested)
         if value is None:
             continue
         if name in seen:
@@ -81,7 +81,7 @@ def _variables(data: bytes, wanted: Collection[str]) -> Iterator[tuple[str, Floa
         yield name, value
 
 
-def _variable(content: bytes, order: str, wanted: Collection[str]) -> tuple[str, FloatArray | list[str] | None]:
+def _variable(content: bytes, order: str, requested: Collection[str]) -> tuple[str, FloatArray | list[str] | None]:
     parts = _elements(content, order)
     kind, flags_data = next(parts, (0, b""))
     if kind != _FLAGS or len(flags_data) != 8:
@@ -93,7 +93,7 @@ def _variable(content: bytes, order: str, wanted: Collection[str]) -> tuple[str,
     shape = struct.unpack(f"{order}{len(shape_data) // 4}i", shape_data)
     kind, name_data = next(parts, (0, b""))
     name = name_data.decode("ascii")
-    if kind != _NAME or name not in wanted:
+    if kind != _NAME or name not in requested:
         return name, None
     what = flags & 0xFF
     if flags & _COMPLEX or len(shape) != 2 or min(shape) < 0 or not (what in _NUMERIC or what == _CHARACTERS):

@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import read_text, write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
     MOST_ROWS,
@@ -28,7 +28,7 @@ from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
 
-CARRIES = Carries(large_motion=False)
+CAPABILITIES = Capabilities(large_motion=False)
 
 _RECTANGULAR, _SYMMETRIC = 2, 6
 _HEADER = re.compile(r"([ \d-]{8})([ \d-]{8})([ \d]{8})([ \d]{8})(.{8})\s*(?:\d+P,?)?(\d+)[ED](\d+)\.\d+\s*", re.ASCII)
@@ -51,7 +51,7 @@ def op4(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
     Raises:
         ExportError: the body has no superelement, or the destination cannot be written.
     """
-    left = settle_losses(body, CARRIES, kind="OP4", lossy=lossy)
+    left = check_losses(body, CAPABILITIES, kind="OP4", lossy=lossy)
     element = superelement(body)
     # a row a frame: whether it carries B (1), B floats (2) or neither (0), then the name's characters
     letters = np.zeros((len(element.names), 1 + max(len(name) for name in element.names)))

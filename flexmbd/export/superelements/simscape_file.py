@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.loss import Carries, settle_losses
+from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.mat_file import read_mat
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -28,7 +28,7 @@ from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
 
-CARRIES = Carries(large_motion=False)
+CAPABILITIES = Capabilities(large_motion=False)
 
 _FLOATING = "(floating)"
 _NUMBERS = ("P", "K", "M", "D", "quaternions")
@@ -53,7 +53,7 @@ def simscape(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tup
     """
     import scipy.io
 
-    left = settle_losses(body, CARRIES, kind="Simscape", lossy=lossy)
+    left = check_losses(body, CAPABILITIES, kind="Simscape", lossy=lossy)
     element = superelement(body)
     buffer = io.BytesIO()
     variables = {
@@ -89,7 +89,7 @@ def read_simscape(
     Raises:
         ExportError: the file is damaged, or holds something else.
     """
-    variables = read_mat(path, wanted=(*_NUMBERS, "names", "frame"))
+    variables = read_mat(path, requested=(*_NUMBERS, "names", "frame"))
     texts = {name: value for name, value in variables.items() if isinstance(value, list)}
     arrays = {name: value for name, value in variables.items() if not isinstance(value, list)}
     try:

@@ -52,9 +52,9 @@ class KrylovSchurSearch:
 
     def find(self, count: int, *, spare: int = 0) -> None:
         """As in `ModeSearch`."""
-        wanted = min(count + spare, self._size)
-        if len(self.eigenvalues) < wanted:
-            self._take(*self._search(wanted))
+        requested = min(count + spare, self._size)
+        if len(self.eigenvalues) < requested:
+            self._take(*self._search(requested))
         if len(self.eigenvalues) < count:
             raise ConvergenceError(
                 f"the eigensolver (SLEPc's Krylov-Schur) found {len(self.eigenvalues)} of {count} fixed-interface "

@@ -117,7 +117,7 @@ def static_part(statics: Statics) -> StaticPart:
     )
 
 
-def spectrum(static: StaticPart, process: ModeSearch) -> Spectrum:
+def compute_spectrum(static: StaticPart, process: ModeSearch) -> Spectrum:
     """What the modes that have converged tell of the body; at least one, or all there are. Collective."""
     k = len(process.eigenvalues) - (0 if process.exhausted else 1)
     eigenvalues = process.eigenvalues[:k]
