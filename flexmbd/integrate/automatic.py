@@ -1,4 +1,4 @@
-"""Which integrator runs a scene when the user names none."""
+"""Choice of an integrator for a scene when the user names none."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
 _STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in
-_LARGE = 300  # velocities above which the eigenvalues of springs are not asked for
+_LARGE = 300  # velocities above which the eigenvalues of springs are not computed
 
-# What sets in or turns round within a step, which a method of high order does not like.
+# Forces that start or reverse within a step, which costs a method of high order its order.
 _ABRUPT = {kinds.ON_STOP: "stops", kinds.ON_FRICTION: "friction"}
-# What is stiff when it opens, however soft it is at the start.
+# Forces that may become stiff, however soft they are at the start.
 _HARD = {
     kinds.BETWEEN_PENALTY: "penalties",
     kinds.ON_STATE: "forces of the state, which may be stiff",
@@ -38,19 +38,19 @@ _SPRINGS = (kinds.ON_SPRING, kinds.ON_CHARACTERISTIC, kinds.BETWEEN_SPRING, kind
 
 
 @dataclass(frozen=True)
-class Choice:
-    """An integrator, and why it was taken.
+class IntegratorChoice:
+    """An integrator, and the reason for its choice.
 
     Attributes:
         method: the integrator.
-        why: a reason for a person.
+        why: the reason in words, for ``explain``.
     """
 
     method: Integrator
     why: str
 
 
-def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
+def choose(start: Start, *, t: float, rtol: float, h: float | None) -> IntegratorChoice:
     """Choose an integrator for a scene at its consistent start at time ``t`` (s).
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control:
@@ -61,27 +61,27 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Choice:
     if start.scene.interiors is not None:
         return _with_history(start.scene.interiors)
     if h is not None:
-        return Choice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
+        return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     found = {int(kind) for kind in force_elements(start.scene.plan).kind}
     abrupt = [text for kind, text in _ABRUPT.items() if kind in found]
     if abrupt:
-        return Choice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
+        return IntegratorChoice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
     stiff = _stiffness(start, found, t)
     if stiff:
-        return Choice(RadauIIA(), f"stiff: {stiff}")
+        return IntegratorChoice(RadauIIA(), f"stiff: {stiff}")
     pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
-    return Choice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
+    return IntegratorChoice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
 
 
-def _with_history(interiors: Interiors) -> Choice:
+def _with_history(interiors: Interiors) -> IntegratorChoice:
     """Implicit where all interiors can be; else explicit."""
     if all(isinstance(body.interior, ImplicitInterior) for body in interiors.bodies):
-        return Choice(GeneralizedAlpha(), "bodies with history, whose interiors are solved for")
-    return Choice(CentralDifference(), "bodies with history, whose interiors step explicitly")
+        return IntegratorChoice(GeneralizedAlpha(), "bodies with history, whose interiors are solved for")
+    return IntegratorChoice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
 def _stiffness(start: Start, found: set[int], t: float) -> str:
-    """What in the scene is stiff; empty if nothing is."""
+    """The stiff parts of the scene in words; empty if there are none."""
     plan = start.scene.plan
     if len(plan.flex):
         return "modes of flexible bodies"

@@ -1,7 +1,7 @@
-"""The controller of steps: how long each is, what becomes of it, and what is stored, whatever the method.
+"""The step-size controller: length of each step, acceptance or rejection, and the record, for all methods.
 
-A method is an attempt at a step, in the text of a loop of its own, as the controller is, for to hand over all arrays
-takes as long as half a small step:
+A method is an attempt at a step.  Attempt and controller are inlined into a loop of the method's own, for passing all
+arrays takes as long as half a small step:
 
     h = 0.0
     while True:
@@ -34,18 +34,18 @@ FloatArray = NDArray[np.float64]
 #: Ends of stretches that no step contains whole, where there are none.
 NO_KNOTS: FloatArray = np.zeros(0)
 
-_SLIVER = 1e-6  # of a step: what rounding of the time leaves, no step of its own
+_SLIVER = 1e-6  # of a step: a remainder that rounding of the time leaves, not a step
 
 
 class Rule(NamedTuple):
-    """How a method's steps follow from its errors.
+    """Constants of a method's step-size controller.
 
     exponent: of the step over the error.  proportional, integral: shares of it for the last error and for that before.
-    trend: 1 where the error's trend over two steps foretells the next, else 0.  least_before: the smallest error of
-    the step before that counts.
-    least, most: a step's size over that of the step before.  failed: what is left of a step without an end.
-    worth: growth that is worth a change.  tight: growth below which the step had better shrink, for its safety is
-    spent; shrunk: by that then, or by more.  hold: steps without growth after a rejection.
+    trend: 1 for a predictive controller, by the error's trend over two steps (Gustafsson 1994), else 0.
+    least_before: lower bound of the error of the step before.
+    least, most: bounds of the factor from a step to the next.  failed: factor after a step that was not solved.
+    worth, tight: dead zone; with a growth factor between them the step stays.  shrunk: the factor, at most, below it.
+    hold: steps without growth after a rejection.
     longest: the longest step in characteristic times of the machine; room: its share that is taken where it rules.
     shortest: part of a fixed step that may be tried in its place.
     """
@@ -72,7 +72,7 @@ SAFETY = 0.9
 
 
 class Stepper(NamedTuple):
-    """A method at work on a machine.
+    """A method bound to a machine.
 
     advance: steps until TIME_END (DONE), until as many rows are stored as there is room for (OUTPUT), or until a step
     fails that cannot be done without (its code); no step contains two of the given knots (k,) s and goes on.
@@ -86,10 +86,10 @@ class Stepper(NamedTuple):
 
 
 def no_factors() -> None:
-    """What an explicit method drops: it keeps no factors from step to step."""
+    """``Stepper.drop_factors`` of an explicit method, which keeps no factors."""
 
 
-def driver(
+def make_advance(
     loop: Any, method: Any, rule: Rule, state: st.State, groups: st.Groups
 ) -> Callable[[st.Record, FloatArray], int]:
     """A stepper's ``advance`` by a method's compiled loop; ``method``: a named tuple of what its attempts work with."""
@@ -101,8 +101,8 @@ def driver(
 
 
 @part_of_kernel
-def set_out(rule, knots, state, groups):
-    """The step to try; writes its end, WHOLE and RATE."""
+def propose_step(rule, knots, state, groups):
+    """The length (s) of the step to try; writes STEP_END, WHOLE_STEP and RATE."""
     number = state.numbers
     count = state.counts
     t = number[st.TIME]
@@ -111,7 +111,7 @@ def set_out(rule, knots, state, groups):
         i += 1
     count[st.KNOT] = i
     begins = i > 0 and knots[i - 1] == t
-    if begins:  # what a pulse of data made of it is no rate of the machine
+    if begins:  # accelerations of a pulse of data are not the machine's rate
         for g in range(groups.acceleration.shape[0]):
             groups.acceleration[g] = 0.0
     rate = st.machine_rate(state, groups)
@@ -122,11 +122,11 @@ def set_out(rule, knots, state, groups):
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
     h = number[st.STEP]
-    if number[st.REST] > 0.0:
-        h = number[st.REST]
-        if number[st.PART] > 0.0:
-            h = min(h, number[st.PART])
-    number[st.WHOLE] = h
+    if number[st.STEP_REMAINDER] > 0.0:
+        h = number[st.STEP_REMAINDER]
+        if number[st.STEP_PART] > 0.0:
+            h = min(h, number[st.STEP_PART])
+    number[st.WHOLE_STEP] = h
     left = number[st.TIME_END] - t
     if left <= h * (1.0 + _SLIVER):
         h = left
@@ -144,7 +144,7 @@ def set_out(rule, knots, state, groups):
 
 
 @part_of_kernel
-def _growth(rule, number, count, h, ratio):
+def _step_ratio(rule, number, count, h, ratio):
     """Factor from h to the next step after one whose error is ``ratio``."""
     size = max(ratio, 1e-10)
     before = max(number[st.RATIO_BEFORE], rule.least_before)
@@ -152,31 +152,32 @@ def _growth(rule, number, count, h, ratio):
     if rule.integral > 0.0:
         growth *= before ** (rule.exponent * rule.integral)
     accepted = number[st.STEP_ACCEPTED]
-    if rule.trend > 0.0 and accepted > 0.0 and count[st.HOLD] == 0:
+    if rule.trend > 0.0 and accepted > 0.0 and count[st.NO_GROWTH] == 0:
         growth = min(growth, number[st.SAFETY] * h / accepted * (before / (size * size)) ** rule.exponent)
     return min(rule.most, max(rule.least, growth))
 
 
 @part_of_kernel
-def _go_on(rule, state, h):
-    """Set the step that follows one of h that was taken."""
+def _after_acceptance(rule, state, h):
+    """Set the length of the step after an accepted one of h."""
     number = state.numbers
     count = state.counts
     if count[st.FIXED_STEP] == 1:
-        if number[st.REST] > 0.0:
-            number[st.REST] -= h
-        elif h < number[st.WHOLE] * (1.0 - _SLIVER):
+        if number[st.STEP_REMAINDER] > 0.0:
+            number[st.STEP_REMAINDER] -= h
+        elif h < number[st.WHOLE_STEP] * (1.0 - _SLIVER):
             if number[st.LATEST] < np.inf or number[st.TIME] < number[st.TIME_END]:
-                number[st.REST] = number[st.WHOLE] - h  # from a break or a knot back to where equal steps would lead
-        if number[st.REST] <= _SLIVER * number[st.STEP]:
-            number[st.REST] = 0.0
-            number[st.PART] = 0.0
+                # from a break or a knot back to where equal steps would lead
+                number[st.STEP_REMAINDER] = number[st.WHOLE_STEP] - h
+        if number[st.STEP_REMAINDER] <= _SLIVER * number[st.STEP]:
+            number[st.STEP_REMAINDER] = 0.0
+            number[st.STEP_PART] = 0.0
         return
-    ratio = number[st.RATIO]
-    growth = _growth(rule, number, count, h, ratio)
-    if h < number[st.WHOLE]:
-        number[st.STEP] = number[st.WHOLE]  # it was cut short by its end alone
-    elif growth > rule.worth and count[st.HOLD] == 0:
+    ratio = number[st.ERROR_RATIO]
+    growth = _step_ratio(rule, number, count, h, ratio)
+    if h < number[st.WHOLE_STEP]:
+        number[st.STEP] = number[st.WHOLE_STEP]  # it was cut short by its end alone
+    elif growth > rule.worth and count[st.NO_GROWTH] == 0:
         number[st.STEP] = min(number[st.STEP_CEILING], h * growth)
     elif growth > rule.tight:
         number[st.STEP] = h
@@ -184,16 +185,16 @@ def _go_on(rule, state, h):
         number[st.STEP] = h * min(growth, rule.shrunk)
     number[st.RATIO_BEFORE] = max(ratio, rule.least_before)
     number[st.STEP_ACCEPTED] = h
-    count[st.HOLD] = max(0, count[st.HOLD] - 1)
+    count[st.NO_GROWTH] = max(0, count[st.NO_GROWTH] - 1)
 
 
 @part_of_kernel
-def _try_again(rule, state, h):
-    """Set the step to try instead of h, which failed; a code where there is none."""
+def _after_rejection(rule, state, h):
+    """Set the shorter step to try after a rejected one of h; a failure's code where h is the shortest."""
     number = state.numbers
     count = state.counts
     count[st.REJECTED] += 1
-    ratio = number[st.RATIO]
+    ratio = number[st.ERROR_RATIO]
     solved = count[st.OUTCOME] == st.DONE
     why = count[st.OUTCOME]
     if solved:
@@ -201,12 +202,12 @@ def _try_again(rule, state, h):
     if count[st.FIXED_STEP] == 1:
         if h <= rule.shortest * number[st.STEP]:
             return why
-        number[st.REST] = max(number[st.REST], h)
-        number[st.PART] = 0.5 * h
+        number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
+        number[st.STEP_PART] = 0.5 * h
         return st.DONE
     if h <= number[st.STEP_FLOOR_SIZE]:
         return why
-    count[st.HOLD] = rule.hold
+    count[st.NO_GROWTH] = rule.hold
     shrink = rule.failed
     if solved:
         shrink = max(rule.least, number[st.SAFETY] * ratio**-rule.exponent) if np.isfinite(ratio) else rule.least
@@ -215,29 +216,29 @@ def _try_again(rule, state, h):
 
 
 @part_of_kernel
-def settle(plan, rule, state, groups, record, h):
-    """Judge the attempt at h: store its end or set another step; DONE to go on, else the code to stop with."""
+def accept_or_reject(plan, rule, state, groups, record, h):
+    """Accept the attempt at h and store its end, or set a shorter step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
     if outcome == st.CALLBACK_FAILED:
         return outcome
-    if outcome == st.DONE and state.numbers[st.RATIO] <= 1.0:
+    if outcome == st.DONE and state.numbers[st.ERROR_RATIO] <= 1.0:
         st.store(plan, state, groups, record, h)
-        _go_on(rule, state, h)
+        _after_acceptance(rule, state, h)
         return st.DONE
-    return _try_again(rule, state, h)
+    return _after_rejection(rule, state, h)
 
 
 @part_of_kernel
 def next_step(plan, rule, knots, state, groups, record, h):
-    """Judge the attempt at h (0: none yet) and set out on the step to try; 0 where to return OUTCOME."""
+    """Accept or reject the attempt at h (0: none yet); the length of the step to try, 0 where to return OUTCOME."""
     count = state.counts
     code = st.DONE
     if h > 0.0:
-        code = settle(plan, rule, state, groups, record, h)
+        code = accept_or_reject(plan, rule, state, groups, record, h)
     count[st.OUTCOME] = code
     if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END]:
         return 0.0
-    if count[st.STORED] >= min(record.t.shape[0], count[st.ROOM]):
+    if count[st.STORED] >= min(record.t.shape[0], count[st.MOST_STORED]):
         count[st.OUTCOME] = st.OUTPUT
         return 0.0
-    return set_out(rule, knots, state, groups)
+    return propose_step(rule, knots, state, groups)

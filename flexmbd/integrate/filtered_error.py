@@ -1,4 +1,4 @@
-"""A filtered local error over what rtol tolerates, for methods of order 2."""
+"""The ratio of a filtered local error to the tolerance, for methods of order 2."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 @part_of_kernel
 def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise):
-    """Largest local error (free,) over what is tolerated: rtol per radian of the motion that causes it.
+    """Largest ratio of the local error (free,) to the tolerance: rtol per radian of the motion that causes it.
 
-    A vibration faster than the machine is measured over its own radian, and its velocity by
-    what it displaces, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
+    A vibration faster than the machine is measured per radian of its own, and its velocity by
+    its displacement, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
     rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
     """
     largest = 0.0
@@ -30,7 +30,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(error_v[j]) / max(limit * speed, least * machine_rate)
-        if groups.kind[g] != kinds.GROUP_MODAL:  # of a vibration the velocity's error tells enough
+        if groups.kind[g] != kinds.GROUP_MODAL:  # of a vibration the velocity's error suffices
             part = max(part, abs(error_x[j]) / max(limit * size, least))
         if not part <= largest:
             largest = part
@@ -39,7 +39,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
 
 
 @part_of_kernel
-def own_rate_by(groups, k, curve):
+def vibration_rate(groups, k, curve):
     """Coordinate k's own rate (1/s), a vibration's frequency, by half the second derivative of its acceleration."""
     size = groups.acceleration[groups.of[k]]
     return np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""What a simulation asks of an integrator."""
+"""The interface between a simulation and its integrator."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 class Integrator(Protocol):
     """A method of integration: its options, and how to step a compiled scene with it.
 
-    It gives an attempt at a step; ``controller`` says how long each is and what becomes of it.  A rejected step leaves
+    It attempts steps; ``controller`` chooses their lengths and accepts or rejects them.  A rejected step leaves
     no trace in the state.  Every attempt evaluates functions of time at the instants of its own stages, but no later
-    than ``state.latest`` says.  With FIXED_STEP each step is STEP long but the last; else the local error rules
+    than ``state.function_time``.  With FIXED_STEP each step is STEP long but the last; else the local error rules
     (``state.error_ratio``).
     """
 
@@ -30,10 +30,10 @@ class Integrator(Protocol):
 
     @property
     def memory_rows(self) -> int:
-        """Rows of ``State.memory`` that the method wants."""
+        """Rows of ``State.memory`` that the method uses."""
 
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError where the method cannot run the scene, with a method that can."""
 
     def stepper(self, scene: CompiledScene, state: State, groups: Groups, work: Work) -> Stepper:
-        """Allocate what the method works with."""
+        """Allocate the method's workspace."""

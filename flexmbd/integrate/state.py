@@ -1,4 +1,4 @@
-"""What integrators share: where an integration stands, the scales of its error, its record."""
+"""Data that all integrators share: the state of an integration, the scales of its error, the record of its steps."""
 
 from __future__ import annotations
 
@@ -14,43 +14,44 @@ from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# What a stepper returns: that it is done or its record full; else what the step failed by that it could not do without.
-# The equations of a step that Newton's iteration does not solve; rows that cannot be told apart, or a singular matrix;
-# loops that do not close; what is not finite; an error that is too large however short the step.
+# Codes that a stepper returns.  DONE: the end is reached.  OUTPUT: the record is full.  The others are the failure of a
+# step that cannot be made shorter: a user's function; an interior; Newton's iteration; constraint rows that are
+# dependent, or a singular matrix; loops that do not close; a result that is not finite; an error above tolerance.
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
-SLOWEST = 7  # the machine's rate (1/s) is taken as at least this
-# Functions of time are asked no later than LATEST: what a step that ends at a break sees lies on the near side of it.
-# Of the step at hand: its end, what it would be but for that end, the machine's rate, its error over what is tolerated.
-LATEST, STEP_END, WHOLE, RATE, RATIO = range(8, 13)
-# Of a fixed step that is taken in parts: what is left of it, and the longest part (0: the rest).
-REST, PART = 13, 14
+LEAST_RATE = 7  # lower bound of the machine's rate (1/s)
+# LATEST: functions of time are evaluated no later than this, so that a step that ends at a break sees values before it.
+# Of the step at hand: the time of its end, its length before it was cut to that end, the machine's rate, its error over
+# the tolerance.
+LATEST, STEP_END, WHOLE_STEP, RATE, ERROR_RATIO = range(8, 13)
+# Of a fixed step that is taken in parts: the length that remains, and the longest part (0: all that remains).
+STEP_REMAINDER, STEP_PART = 13, 14
 # Error and size of the last step that error control accepted, a safety of the next; these and the method's own, from
 # METHOD on, are forgotten where the machine begins anew.
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
-# How firmly the kept constraint rows held at most since others were last looked at (see ``watch_rows``).
-FIRMNESS = 18
+# The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
+LARGEST_PIVOT = 18
 METHOD, N_NUMBER = 19, 31
 
 # Entries of ``State.counts``; from METHOD_COUNT on they are the method's own.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
 FIXED_STEP, WORST, STORED = 5, 6, 7
-# What the last attempt came to: DONE, or the code of a failure; the most rows to store before a stepper returns;
-# whether TIME is a break that the machine has not left yet; the first knot after TIME; whether other constraint rows
-# than those that are kept may come to hold better; why to look for them before the next step: LOOSENED, or the code of
-# a step's failure; steps without growth left.
-OUTCOME, ROOM, AT_BREAK, KNOT, WATCHED, LOOK, HOLD = range(8, 15)
+# OUTCOME: of the last attempt, DONE or the code of its failure.  MOST_STORED: rows to store before a stepper returns.
+# AT_BREAK: whether TIME is a break that the machine has not left yet.  KNOT: the first knot after TIME.  WATCH_ROWS:
+# whether other constraint rows may become better conditioned than those kept.  RESELECT_ROWS: why rows are to be
+# selected anew before the next step, PIVOT_FELL or the code of a step's failure.  NO_GROWTH: steps that may not grow.
+OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS, NO_GROWTH = range(8, 15)
 METHOD_COUNT, N_COUNT = 15, 21
-LOOSENED = 1
+PIVOT_FELL = 1
 
-_LOOSE = 1.0 / 16.0  # of the pivots' former size, the square of how firmly rows hold: worth a look at others
+_PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selected anew
 
 _FADE = 0.95  # of a coordinate's own rate, from step to step
 _ONSET = 4.0  # times that of the step before, or the machine's
 
-#: No relative error is asked for below this.
+#: Lower bound of relative tolerances.
 ROUND_OFF = 1e-12
 
 
@@ -108,7 +109,7 @@ def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
     At least one over the simulated time, for a machine that starts at rest has none yet.
-    Takes note of the largest velocities and accelerations on the way.
+    Updates the largest velocities and accelerations of the groups.
     """
     for k in range(state.v.shape[0]):
         g = groups.of[k]
@@ -124,7 +125,7 @@ def machine_rate(state, groups):
             modes = max(modes, rate)
         else:
             joints = max(joints, rate)
-    return max(joints if joints > 0.0 else modes, state.numbers[SLOWEST])
+    return max(joints if joints > 0.0 else modes, state.numbers[LEAST_RATE])
 
 
 @kernel
@@ -142,8 +143,8 @@ def group_speed(groups, g, rate):
 def set_scales(state, groups, s, rate, limit):
     """Scales of Newton's corrections: sizes met so far, velocities over the machine's own time.
 
-    No scale asks for less than round-off of the machine's whole motion, for modes that hardly
-    move get theirs from differences of it.
+    No scale is below round-off of the machine's whole motion, for small modal coordinates are
+    computed from differences of it.
     """
     for k in range(state.v.shape[0]):
         g = groups.of[k]
@@ -153,8 +154,8 @@ def set_scales(state, groups, s, rate, limit):
 
 
 @kernel
-def pushed(response, reactions, j):
-    """The acceleration of coordinate j that reactions (m,) make of masses free of the loops.
+def reaction_acceleration(response, reactions, j):
+    """The acceleration of coordinate j that reactions (m,) cause in the machine without its loops.
 
     Forces out of balance count by the acceleration that they would make of such masses, for the units of multipliers
     say nothing, and of rows that can hardly be told apart they are large without effect.  Where accelerations and
@@ -179,25 +180,25 @@ def own_rate(rate, before, machine_rate):
 
 
 @kernel
-def watch_rows(state, pivot):
-    """Have the stepper return where kept rows hold much less firmly than they did, if others may hold better.
+def watch_pivot(state, pivot):
+    """Make the stepper return where the smallest pivot of the kept rows has fallen much, if others may serve better.
 
     ``pivot``: the smallest of C B^-1 C^T, rows over the largest lengths that they had.
     """
-    if state.counts[WATCHED] == 0:
+    if state.counts[WATCH_ROWS] == 0:
         return
-    if pivot < _LOOSE * state.numbers[FIRMNESS]:
-        state.counts[LOOK] = LOOSENED
-        state.counts[ROOM] = 0
-    elif pivot > state.numbers[FIRMNESS]:
-        state.numbers[FIRMNESS] = pivot
+    if pivot < _PIVOT_FALL * state.numbers[LARGEST_PIVOT]:
+        state.counts[RESELECT_ROWS] = PIVOT_FELL
+        state.counts[MOST_STORED] = 0
+    elif pivot > state.numbers[LARGEST_PIVOT]:
+        state.numbers[LARGEST_PIVOT] = pivot
 
 
 @kernel
-def latest(numbers, t):
-    """The instant at which functions of time are asked for t: at a break at the step's end, just before it.
+def function_time(numbers, t):
+    """The instant at which functions of time are evaluated for t: at a break at the step's end, just before it.
 
-    It is asked at each stage, so it gets the numbers alone: a state is some hundred words of arguments.
+    Takes the numbers alone, for it is called at each stage and a whole state is some hundred words of arguments.
     """
     return min(t, numbers[LATEST])
 

@@ -94,7 +94,7 @@ class Integration:
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
         self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
         self.state.counts[st.KNOT] = 0
-        self.state.counts[st.WATCHED] = not start.choice.for_good
+        self.state.counts[st.WATCH_ROWS] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
@@ -125,7 +125,7 @@ class Integration:
         """Forget what the method remembers of earlier steps, for the state was changed by hand."""
         if self.state.counts[st.FIXED_STEP] == 0:
             self.state.numbers[st.STEP] = min(self.state.numbers[st.STEP], self._first_step)
-        self.state.numbers[[st.REST, st.PART]] = 0.0
+        self.state.numbers[[st.STEP_REMAINDER, st.STEP_PART]] = 0.0
         evaluate_inputs(self.scene, self.work, self.t)
         self._forget()
 
@@ -136,12 +136,12 @@ class Integration:
         """
         number, count = self.state.numbers, self.state.counts
         count[st.STORED] = 0
-        count[st.ROOM] = self.room
+        count[st.MOST_STORED] = self.room
         self._departed.clear()
         if self._interiors is not None:
             self._interiors.buffer.clear()
-        failed = int(count[st.LOOK])
-        if failed and not self._choose_rows() and failed != st.LOOSENED:
+        failed = int(count[st.RESELECT_ROWS])
+        if failed and not self._choose_rows() and failed != st.PIVOT_FELL:
             return failed
         code = st.DONE
         while code == st.DONE and self.t < t_end:
@@ -151,20 +151,21 @@ class Integration:
             number[st.TIME_END] = min(t_end, ahead)
             number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
             code = self._stepper.advance(self.record, self._breaks.knots)
-            code, count[st.LOOK] = (int(one) for one in self._team.agree(np.array([code, count[st.LOOK]], float)))
+            agreed = self._team.agree(np.array([code, count[st.RESELECT_ROWS]], float))
+            code, count[st.RESELECT_ROWS] = (int(one) for one in agreed)
             if code == st.DONE and self.t == ahead:
                 count[st.AT_BREAK] = 1
-        if count[st.WATCHED] == 1 and code in _MAY_BE_ROWS:
-            count[st.LOOK] = code
+        if count[st.WATCH_ROWS] == 1 and code in _MAY_BE_ROWS:
+            count[st.RESELECT_ROWS] = code
             return st.OUTPUT
         return code
 
     def _choose_rows(self) -> bool:
         """Keep other rows where they hold more firmly, and begin anew with them; whether there are any.  Collective."""
         full, s = self.start.unreduced, self.state
-        failed = s.counts[st.LOOK] != st.LOOSENED
-        s.counts[st.LOOK] = 0
-        s.numbers[st.FIRMNESS] = 0.0
+        failed = s.counts[st.RESELECT_ROWS] != st.PIVOT_FELL
+        s.counts[st.RESELECT_ROWS] = 0
+        s.numbers[st.LARGEST_PIVOT] = 0.0
         evaluate_inputs(self.scene, self.work, self.t)
         worth = _WORTH_AFTER_FAILURE if failed else _WORTH
         rows = firmer_rows(full, self.work, s.x, list(self._rows), worth=worth) or self._rows
@@ -191,7 +192,7 @@ class Integration:
 
     def _beside(self, t: float) -> float:
         """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
-        return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.SLOWEST])))
+        return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.LEAST_RATE])))
 
     def _leave_break(self) -> None:
         """Go on from a break with what acts just after it; what is remembered of the steps before it is forgotten."""
@@ -216,7 +217,7 @@ class Integration:
             return
         scene, number = self.scene, self.state.numbers
         rates = np.abs(jump) / scene.group_full[scene.group_of]
-        if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.SLOWEST]):
+        if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.LEAST_RATE]):
             worst = scene.velocity_names[int(np.argmax(rates))]
             raise SceneError(
                 f"the rate of a prescribed motion jumps at t = {self.t:.6g} s, that of {worst!r} by "
@@ -228,7 +229,7 @@ class Integration:
         """Let the method begin where the state stands; ``work.time`` is up to date."""
         count, number = self.state.counts, self.state.numbers
         count[st.AT_BREAK] = 0
-        count[st.HOLD :] = 0
+        count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
         number[st.STEP_BEFORE] = 0.0
         self.state.memory[:] = 0.0
@@ -263,7 +264,7 @@ class Integration:
 
     def series(self) -> tuple[FloatArray, ...]:
         """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken.  Collective."""
-        if self.state.counts[st.LOOK] == st.LOOSENED:
+        if self.state.counts[st.RESELECT_ROWS] == st.PIVOT_FELL:
             self._choose_rows()
         return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
 
@@ -320,12 +321,12 @@ def new_snapshot(
     number[st.STEP] = h if h is not None else _first_step(start, rtol, span, method.order)
     number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
-    number[st.SLOWEST] = 1.0 / span
+    number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
-    count[st.ROOM] = MOST_ROWS
+    count[st.MOST_STORED] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector
-from flexmbd.integrate.discrete_gradient.gradient import EVALUATE, LINEARISE, PLACE, new_scratch
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
 from flexmbd.integrate.discrete_gradient.newton import bind
+from flexmbd.integrate.discrete_gradient.workspace import EVALUATE, LINEARISE, PLACE, new_workspace
 from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -394,7 +394,7 @@ def parts(scene, h):
     compiled, state, groups, work = (kept[name] for name in ("scene", "state", "groups", "work"))
     plan = compiled.plan
     stored = storing_plan(plan)
-    s = new_scratch(plan, work, compiled.nx, compiled.nv, projector(compiled, stored), row_sizes(compiled))
+    s = new_workspace(plan, work, compiled.nx, compiled.nv, projector(compiled, stored), row_sizes(compiled))
     loops = new_loops(plan, state)
     bind(plan, stored, work, loops, state, groups, s)
     put_scales(state, groups, s)

@@ -47,7 +47,7 @@ def estimated_and_true(method, rtol):
         exact = solve_ivp(equation, (t, run.t), (x, v), method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
         share = rtol * min(1.0, (run.t - t) * rate)
         error = max(abs(run.state.x[0] - exact[0]), abs(run.state.v[0] - exact[1]) / rate) / share
-        found.append((run.state.numbers[st.RATIO], error))
+        found.append((run.state.numbers[st.ERROR_RATIO], error))
     return np.array(found[4:])  # the first ones grow from a cautious start
 
 

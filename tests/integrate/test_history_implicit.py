@@ -22,9 +22,11 @@ IMPLICIT = fm.GeneralizedAlpha()
 def newton_sizes(monkeypatch, scene, method, **how):
     """Corrections of Newton's iterations, step by step."""
     sizes = []
-    iterate, set_out = alpha_interiors.iterate, alpha_interiors.set_out
-    monkeypatch.setattr(alpha_interiors, "iterate", lambda *args: (sizes[-1].append(iterate(*args)), sizes[-1][-1])[1])
-    monkeypatch.setattr(alpha_interiors, "set_out", lambda *args: (sizes.append([]), set_out(*args))[1])
+    iterate, set_out = alpha_interiors.newton_iteration, alpha_interiors.begin_step
+    monkeypatch.setattr(
+        alpha_interiors, "newton_iteration", lambda *args: (sizes[-1].append(iterate(*args)), sizes[-1][-1])[1]
+    )
+    monkeypatch.setattr(alpha_interiors, "begin_step", lambda *args: (sizes.append([]), set_out(*args))[1])
     run = scene.simulate(integrator=method, **how)
     return sizes, run
 

@@ -33,7 +33,7 @@ def solve_semidefinite(matrix, rank, order, scale, rhs, scratch, out):
 
 @entry_kernel
 def respond(plan, work, aw, loops, rank, rows, out):
-    loop_dynamics.respond(plan, work, aw, loops, rank, rows, out)
+    loop_dynamics.minimum_norm_motion(plan, work, aw, loops, rank, rows, out)
 
 
 def parallel_tree(seed, *, twisted=False):
@@ -152,8 +152,8 @@ def test_respond_solves_the_loops():
     loops, aw = loop_dynamics.new_loops(kept, state), new_articulated_work(kept)
     articulate(kept, work, aw, x)
     forward_kinematics(kept, work, x, v, v)
-    solve_rows(kept, work, aw, loops.paths, loops.small)
-    rank = factor_semidefinite(loops.small, loops.order, loops.scale)
+    solve_rows(kept, work, aw, loops.paths, loops.row_factors)
+    rank = factor_semidefinite(loops.row_factors, loops.row_order, loops.row_scale)
     rates = np.arange(1.0, m + 1.0)
     moved = np.zeros(n)
     respond(kept, work, aw, loops, rank, rates, moved)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from flexmbd.errors import ExportError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import generalized_alpha
-from flexmbd.integrate.alpha import layout as alpha_layout
+from flexmbd.integrate.alpha import workspace as alpha_layout
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.controller import NO_KNOTS
 from flexmbd.integrate.explicit import explicit_runge_kutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, new_method
-from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, survey
+from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, set_row_scales
 from flexmbd.integrate.explicit.tableau import Tableau
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
@@ -121,12 +121,12 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     state.counts[alpha_layout.INDEX] = method.index
     state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
     state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
-    scratch = alpha_layout.new_scratch(plan, work, scene.nx, scene.nv)
+    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv)
     tangent = Call(tangent_after_residual, (
-        plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full
+        plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full_tangent
     ))  # fmt: skip
     scratch.kernels[:] = 0
-    one = generalized_alpha.Method(plan, work, scratch)
+    one = generalized_alpha.AlphaMethod(plan, work, scratch)
     run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
     rows, behind = alpha_layout.EARLIEST + 1, ((scratch.kernels, tangent),)
     return Parts(run, resting, state, plan, rows, behind, breaks=breaks.jumps, impulses=impulses)
@@ -138,6 +138,6 @@ def _explicit(
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
     own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
-    survey(scene, own, work)
+    set_row_scales(scene, own, work)
     method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
     return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))

@@ -155,7 +155,7 @@ def _data(
         "machine_step_size": st.STEP,
         "machine_stored": st.STORED,
         "machine_latest": st.LATEST,
-        "machine_rest": st.REST,
+        "machine_rest": st.STEP_REMAINDER,
         "machine_full": st.OUTPUT,
     }
     return (

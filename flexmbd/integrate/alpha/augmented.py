@@ -26,7 +26,7 @@ _LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
 
 @part_of_kernel
 def _is_open(plan, work, s):
-    """Whether a row stays open by more than its enforcement allows, at the step's end in ``s``."""
+    """Whether the gap of a row exceeds its tolerance at the step's end in ``s``."""
     forward_kinematics(plan, work, s.x, s.v, s.a)
     constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
     for i in range(plan.rows.shape[0]):
@@ -40,10 +40,10 @@ def _is_open(plan, work, s):
 
 @part_of_kernel
 def _next_pass(plan, s, factor, first):
-    """Take what the last pass left open into the known reactions; return Aitken's factor.
+    """Add the reaction to the last pass's gap to the known reactions; return Aitken's factor.
 
-    A position alone tells what is lacking: on a closed row damping may still pull, for the step
-    does not fulfil the velocity too.
+    Of a row that holds positions the gap alone counts: damping may act on a closed row, for the
+    step does not fulfil the velocity as well.
     """
     along = 0.0
     size = 0.0
@@ -52,15 +52,15 @@ def _next_pass(plan, s, factor, first):
         if is_augmented(row):
             k, c = augmented_stiffness(plan.data, row)
             lacks = k * s.phi[i] if holds_position(row) else c * s.phi_rate[i]
-            change = lacks - s.lacking[i]
-            along += s.lacking[i] * change
+            change = lacks - s.row_force[i]
+            along += s.row_force[i] * change
             size += change * change
-            s.lacking[i] = lacks
+            s.row_force[i] = lacks
     if not first and size > 0.0:
         factor = min(max(-factor * along / size, _LEAST), _MOST)
     for i in range(plan.rows.shape[0]):
         if is_augmented(plan.rows[i]):
-            s.known[i] += factor * s.lacking[i]
+            s.known_reaction[i] += factor * s.row_force[i]
     return factor
 
 
@@ -75,7 +75,7 @@ def solve_passes(plan, work, state, s, h, tolerance):
         row = plan.rows[i]
         if is_augmented(row):
             augmented = True
-            s.known[i] = state.multipliers[i]
+            s.known_reaction[i] = state.multipliers[i]
             tolerance = min(tolerance, 0.1 * augmented_tolerance(plan.data, row))
     factor = 1.0
     for k in range(_PASSES):

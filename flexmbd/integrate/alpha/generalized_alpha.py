@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import layout as step
+from flexmbd.integrate.alpha import workspace as step
 from flexmbd.integrate.alpha.augmented import solve_passes
 from flexmbd.integrate.alpha.interiors import ImplicitInteriors
-from flexmbd.integrate.alpha.layout import Scratch, new_scratch
 from flexmbd.integrate.alpha.local_error import local_error
-from flexmbd.integrate.alpha.memory import accept, set_out
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
-from flexmbd.integrate.history import refuse_explicit_only, refuse_passes
+from flexmbd.integrate.alpha.step_history import accept, prepare_step
+from flexmbd.integrate.alpha.workspace import AlphaWorkspace, new_workspace
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.interior_support import refuse_explicit_only, refuse_passes
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
@@ -32,12 +32,12 @@ ORDER = 2
 RULE = Rule(exponent=0.5)
 
 
-class Method(NamedTuple):
-    """What an attempt works with."""
+class AlphaMethod(NamedTuple):
+    """Arguments of an attempt."""
 
     plan: Plan
     work: Work
-    scratch: Scratch
+    scratch: AlphaWorkspace
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class GeneralizedAlpha:
         if self.index == 3 and state.counts[st.FIXED_STEP] == 0 and len(scene.plan.rows) > 0:
             raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
         interiors = scene.interiors
-        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
+        scratch = new_workspace(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
 
         def drop_factors() -> None:
             state.numbers[step.STEP_FACTORED] = 0.0
@@ -112,8 +112,8 @@ class GeneralizedAlpha:
             scheme = Scheme(*self.coefficients())
             machine = ImplicitInteriors(interiors, scheme, RULE, scene.plan, work, state, groups, scratch)
             return Stepper(machine.advance, begin, drop_factors)
-        method = Method(scene.plan, work, scratch)
-        return Stepper(driver(advance, method, RULE, state, groups), begin, drop_factors)
+        method = AlphaMethod(scene.plan, work, scratch)
+        return Stepper(make_advance(advance, method, RULE, state, groups), begin, drop_factors)
 
     def coefficients(self) -> tuple[float, float, float, float]:
         """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 20, 25)."""
@@ -127,7 +127,7 @@ class GeneralizedAlpha:
 def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     """Give the first step the auxiliary acceleration of its own instant, for full order.
 
-    It belongs alpha_m - alpha_f steps after the true one; the trial's slope tells its value.
+    It belongs alpha_m - alpha_f steps after the true one and follows from the trial's slope.
     """
     delay = state.numbers[step.ALPHA_M] - state.numbers[step.ALPHA_F]
     for _ in range(2):
@@ -143,10 +143,10 @@ def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan, work, s = method
     count = state.counts
-    aim = set_out(plan, work, state, groups, s, h)
-    solved = solve_passes(plan, work, state, s, h, aim)
-    if solved and count[step.KNOWN_BEFORE] == 0:
-        solved = _start_auxiliary(plan, work, state, groups, s, h, aim)
+    tolerance = prepare_step(plan, work, state, groups, s, h)
+    solved = solve_passes(plan, work, state, s, h, tolerance)
+    if solved and count[step.KNOWN_STEPS] == 0:
+        solved = _start_auxiliary(plan, work, state, groups, s, h, tolerance)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED
     elif solved:
@@ -154,7 +154,7 @@ def _attempt(method, state, groups, h):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
-        state.numbers[st.RATIO] = ratio
+        state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             accept(state, s)
     elif count[st.OUTCOME] == st.DONE:

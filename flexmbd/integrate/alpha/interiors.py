@@ -4,9 +4,9 @@ The interiors solve for their own unknowns at the frames' trial motion and hand 
 the frames' displacements; with the frames' twists T per unit velocity the iteration matrix gains - T^T (dw/dx) T.
 Each iteration is linearised anew.  A step that is not taken is reverted.
 
-At the start, after a break and after a much shorter step no history tells the auxiliary accelerations, the machine's
-and the interiors': such a step begins anew, see ``Scheme``.  So does a fixed step from an end of a short stretch of
-data, for beyond it they go another way; the steps of error control there are as short as the error asks for.
+At the start, after a break and after a much shorter step there is no history for the auxiliary accelerations of the
+machine and the interiors: such a step begins anew, see ``Scheme``.  So does a fixed step from an end of a short
+stretch of data, for beyond it they go another way; with error control the steps there are as short as they must be.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import layout, memory
-from flexmbd.integrate.alpha.layout import Scratch
+from flexmbd.integrate.alpha import step_history, workspace
 from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
-from flexmbd.integrate.alpha.step import correct, start_newton, trial, update
+from flexmbd.integrate.alpha.step import correct, evaluate_step, predict, update_end
+from flexmbd.integrate.alpha.workspace import AlphaWorkspace
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, Scheme
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -35,25 +35,25 @@ _STALLED = 1e-10  # a correction below which an iteration may stall: interiors a
 
 
 @entry_kernel
-def set_out(rule, knots, plan, work, state, groups, s):
-    """The step to try and what Newton is to reach, with the first guess."""
-    h = controller.set_out(rule, knots, state, groups)
-    aim = memory.set_out(plan, work, state, groups, s, h)
-    start_newton(plan, state, s, h, True)
-    return h, aim
+def begin_step(rule, knots, plan, work, state, groups, s):
+    """The step to try (s) and the tolerance of Newton's iteration; writes the predictor."""
+    h = controller.propose_step(rule, knots, state, groups)
+    tolerance = step_history.prepare_step(plan, work, state, groups, s, h)
+    predict(plan, state, s, h, True)
+    return h, tolerance
 
 
 @entry_kernel
-def place(plan, work, state, s, h, rows, motions):
-    """Put the step's end where the unknowns say, and tell the motions (k, N_MOTION) of the frames in ``rows``."""
-    update(plan, work, state, s, h, s.unknown)
+def place_end(plan, work, state, s, h, rows, motions):
+    """Put the step's end where the unknowns say; write the motions (k, N_MOTION) of the frames in ``rows``."""
+    update_end(plan, work, state, s, h, s.unknown)
     store_motions(plan, work, rows, s.x, s.v, s.a, motions)
 
 
 @entry_kernel
-def iterate(plan, work, state, s, h):
+def newton_iteration(plan, work, state, s, h):
     """One of Newton's iterations from the unknowns, with the wrenches that act: its correction's size, or NaN."""
-    trial(plan, work, state, s, h, s.unknown, s.equation)
+    evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
     state.counts[st.ITERATIONS] += 1
     if not linearise(plan, work, state, s, h):
         return np.nan
@@ -62,16 +62,16 @@ def iterate(plan, work, state, s, h):
 
 
 @entry_kernel
-def judge(rule, plan, work, state, groups, s, record, h):
-    """Judge the step that ``s`` holds, or its failure, OUTCOME, as ``controller.settle`` does."""
+def end_step(rule, plan, work, state, groups, s, record, h):
+    """Accept or reject the step in ``s``, or its failure OUTCOME, by ``controller.accept_or_reject``."""
     if state.counts[st.OUTCOME] == st.DONE:
         ratio = 0.0
         if state.counts[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
-        state.numbers[st.RATIO] = ratio
+        state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            memory.accept(state, s)
-    return controller.settle(plan, rule, state, groups, record, h)
+            step_history.accept(state, s)
+    return controller.accept_or_reject(plan, rule, state, groups, record, h)
 
 
 class ImplicitInteriors:
@@ -85,7 +85,7 @@ class ImplicitInteriors:
 
     def __init__(
         self, interiors: Interiors, scheme: Scheme, rule: controller.Rule, plan: Plan, work: Work, state: st.State,
-        groups: st.Groups, scratch: Scratch,
+        groups: st.Groups, scratch: AlphaWorkspace,
     ) -> None:
         self._interiors, self._scheme, self._rule = interiors, scheme, rule
         self._plan, self._work, self._state, self._groups, self._scratch = plan, work, state, groups, scratch
@@ -98,17 +98,17 @@ class ImplicitInteriors:
         machine = self._plan, self._work, self._state, self._groups, self._scratch
         while number[st.TIME] < number[st.TIME_END]:
             stored = int(count[st.STORED])
-            if stored >= min(len(record.t), count[st.ROOM]):
+            if stored >= min(len(record.t), count[st.MOST_STORED]):
                 return st.OUTPUT
-            h, aim = set_out(self._rule, knots, *machine)
+            h, tolerance = begin_step(self._rule, knots, *machine)
             k = int(count[st.KNOT])
             at_knot = k > 0 and knots[k - 1] == number[st.TIME] and count[st.FIXED_STEP] == 1
-            scheme = self._take_scheme(anew=at_knot or count[layout.KNOWN_BEFORE] == 0)
-            failure = self._solve(h, aim, scheme)
+            scheme = self._take_scheme(anew=at_knot or count[workspace.KNOWN_STEPS] == 0)
+            failure = self._solve(h, tolerance, scheme)
             count[st.OUTCOME] = st.DONE if failure is None else failure
             if self._plan.flag[0] != 0:
                 count[st.OUTCOME] = st.CALLBACK_FAILED
-            code = int(judge(self._rule, *machine, record, h))
+            code = int(end_step(self._rule, *machine, record, h))
             if count[st.STORED] == stored:
                 self._revert()
             else:
@@ -123,25 +123,25 @@ class ImplicitInteriors:
     def _take_scheme(self, *, anew: bool) -> Scheme:
         """The scheme of the next step, for the machine as well: with true accelerations alone where it begins anew."""
         number, scheme = self._state.numbers, self._scheme
-        number[layout.ALPHA_M : layout.GAMMA + 1] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        number[workspace.ALPHA_M : workspace.GAMMA + 1] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         if not anew:
             return scheme
-        number[layout.ALPHA_M : layout.GAMMA + 1] = 0.0, 0.0, *scheme.newmark()
-        self._state.memory[layout.AUXILIARY] = self._state.a
+        number[workspace.ALPHA_M : workspace.GAMMA + 1] = 0.0, 0.0, *scheme.newmark()
+        self._state.memory[workspace.AUXILIARY] = self._state.a
         return scheme.begun_anew()
 
     def _keep_auxiliary(self, scheme: Scheme) -> None:
         """Give the machine the auxiliary accelerations of a step that began anew, which was taken."""
         if scheme.anew:
             a, memory = self._state.a, self._state.memory
-            memory[layout.AUXILIARY] = a + scheme.delay * (a - memory[layout.BEFORE])
+            memory[workspace.AUXILIARY] = a + scheme.delay * (a - memory[workspace.BEFORE])
 
-    def _solve(self, h: float, aim: float, scheme: Scheme) -> int | None:
+    def _solve(self, h: float, tolerance: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
         plan, work, state, s = self._plan, self._work, self._state, self._scratch
         before = np.inf
         for _ in range(_MAX_ITERATIONS):
-            place(plan, work, state, s, h, self._rows, self._motions)
+            place_end(plan, work, state, s, h, self._rows, self._motions)
             if plan.flag[0] != 0 or not np.isfinite(self._motions).all():
                 return st.NOT_CONVERGED
             try:
@@ -149,8 +149,8 @@ class ImplicitInteriors:
             except SceneError as reason:
                 self._interiors.failure.append(reason)
                 return st.INTERIOR_FAILED
-            size = float(iterate(plan, work, state, s, h))
-            if size <= aim or (size <= _STALLED and size > 0.5 * before):
+            size = float(newton_iteration(plan, work, state, s, h))
+            if size <= tolerance or (size <= _STALLED and size > 0.5 * before):
                 return None
             if not np.isfinite(size):
                 break
@@ -158,7 +158,7 @@ class ImplicitInteriors:
         return st.NOT_CONVERGED
 
     def _try_interiors(self, h: float, scheme: Scheme) -> None:
-        """Let the interiors' wrenches at the frames' trial motion act, and put their slopes into the matrix."""
+        """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix."""
         plan, s, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
         motions = self._interiors.split_motions(self._motions)
         answers = self._interiors.ask(
@@ -167,15 +167,15 @@ class ImplicitInteriors:
         )
         self._interiors.put(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
         twists = self._interiors.twists(plan, self._work, s.x)[:, plan.free]
-        s.added[:] = 0.0
+        s.interior_stiffness[:] = 0.0
         first = 0
         for _, slopes in answers:
             part = twists[first : first + len(slopes)]
-            s.added[:] -= part.T @ slopes @ part
+            s.interior_stiffness[:] -= part.T @ slopes @ part
             first += len(slopes)
 
     def _revert(self) -> None:
-        """Let the interiors forget their trials."""
+        """Revert the interiors' trials."""
         for body in self._interiors.bodies:
             _implicit(body).revert()
 

@@ -1,12 +1,12 @@
-"""The local error of a generalized-alpha step, over what rtol tolerates."""
+"""The ratio of a generalized-alpha step's local error to the tolerance."""
 
 from __future__ import annotations
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import layout as step
+from flexmbd.integrate.alpha import workspace as step
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
-from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
+from flexmbd.integrate.filtered_error import filtered_ratio, vibration_rate
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -25,22 +25,22 @@ def _difference(plan, state, groups, s, h):
         a0 = state.a[k]
         a1 = s.a[k]
         curve = 0.0
-        if state.counts[step.KNOWN_BEFORE] > 0:
+        if state.counts[step.KNOWN_STEPS] > 0:
             curve = ((a1 - a0) / h - (a0 - state.memory[step.BEFORE, k]) / h_before) / (h + h_before)
         speed = h * 0.5 * (a0 + a1) - h**3 / 6.0 * curve
         travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
-        s.error_x[j] = (s.move[k] - h * state.v[k]) - travel
+        s.error_x[j] = (s.displacement[k] - h * state.v[k]) - travel
         s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
-        s.own[k] = own_rate_by(groups, k, curve)
+        s.own_rate[k] = vibration_rate(groups, k, curve)
 
 
 @part_of_kernel
 def _filter(plan, work, state, s):
     """Filter the velocity error by the tree's iteration matrix, as Radau codes do.
 
-    What the method damps on purpose is not an error to be resolved.  The residual is linear in
-    the accelerations and vanishes at the step's own, so it gives M times the error; the error is
-    blown up to the accelerations' size first, out of the round-off of what it is added to.
+    Vibrations that the method damps on purpose are not resolved.  The residual is linear in the
+    accelerations and vanishes at the step's own, so it gives M times the error; the error is
+    scaled up to the accelerations' size first, above the round-off of the sum.
     """
     nu = plan.free.shape[0]
     blown = 1.0
@@ -49,26 +49,26 @@ def _filter(plan, work, state, s):
         blown = max(blown, abs(s.a[plan.free[j]]))
         largest = max(largest, abs(s.error_v[0, j]))
     blown /= largest + 1e-300
-    for k in range(s.probe.shape[0]):
-        s.probe[k] = s.a[k]
+    for k in range(s.probe_acceleration.shape[0]):
+        s.probe_acceleration[k] = s.a[k]
     for j in range(nu):
-        s.probe[plan.free[j]] += blown * s.error_v[0, j]
-    residual(plan, work, s.x, s.v, s.probe, s.multipliers, s.out)
+        s.probe_acceleration[plan.free[j]] += blown * s.error_v[0, j]
+    residual(plan, work, s.x, s.v, s.probe_acceleration, s.multipliers, s.residual)
     state.counts[st.EVALUATIONS] += 1
     for j in range(nu):
-        s.error_v[0, j] = s.out[plan.free[j]] / blown
+        s.error_v[0, j] = s.residual[plan.free[j]] / blown
     if plan.rows.shape[0] > 0:
-        solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.error_v)
+        solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.error_v)
     else:
         solve_factored(plan, s, s.error_v)
 
 
 @part_of_kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
-    """Largest local error over what is tolerated, see ``filtered_ratio``."""
+    """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     _difference(plan, state, groups, s, h)
     if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
-    rates = state.memory[step.RATE]
-    noise = ROUND_OFF / s.firmness[0]
-    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own, rates, h, machine_rate, noise)
+    rates = state.memory[step.OWN_RATE]
+    noise = ROUND_OFF / s.least_pivot[0]
+    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own_rate, rates, h, machine_rate, noise)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha.layout import (
+from flexmbd.integrate.alpha.workspace import (
     CONTRACTION,
-    LENGTH,
+    ROW_LENGTH,
     STEP_FACTORED,
     coefficients,
     holds_position_alone,
@@ -22,34 +22,35 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 
-_OF_TREE = -1  # no pivot of LAPACK's: the factors are those of the tree
+_OF_TREE = -1  # in place of LAPACK's first pivot: the factors are those of the tree
 
 
 @kernel
 def _add_interiors(plan, s, per_x):
-    """Add to ``s.full`` what interiors' wrenches bring by positions, velocities following."""
-    for i in range(s.added.shape[0]):
-        for j in range(s.added.shape[0]):
-            s.full[plan.free[i], plan.free[j]] += per_x * s.added[i, j]
+    """Add the stiffness of the interiors' wrenches to ``s.full_tangent``, velocities following positions."""
+    for i in range(s.interior_stiffness.shape[0]):
+        for j in range(s.interior_stiffness.shape[0]):
+            s.full_tangent[plan.free[i], plan.free[j]] += per_x * s.interior_stiffness[i, j]
 
 
 @part_of_kernel
 def _put_derivatives(plan, work, s, per_x, per_v):
     """Fill the iteration matrix but for the shifts' columns, from the tangent at the last trial.
 
-    Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get what positions alone bring.  In a tree without
-    interiors the turns within a step count as small, which changes the matrix by their share of its stiffness.
+    Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get the derivatives by positions alone.  In a
+    tree without interiors the rotations within a step count as small, which changes the matrix by their share of its
+    stiffness.
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     tw = s.tangent
-    added = s.added.shape[0] > 0
+    added = s.interior_stiffness.shape[0] > 0
     turned = m > 0 or added
     for part in range(0 if turned else 1, 2):
         rates = float(part)
         call_separate(
             s.kernels[0],
-            (plan, work, tw, s.x, s.v, s.a, s.multipliers, per_x, rates * per_v, rates, s.full),
+            (plan, work, tw, s.x, s.v, s.a, s.multipliers, per_x, rates * per_v, rates, s.full_tangent),
         )
         if added:
             _add_interiors(plan, s, per_x)
@@ -57,36 +58,36 @@ def _put_derivatives(plan, work, s, per_x, per_v):
             break
         for i in range(nu):
             for j in range(nu):
-                s.block[i, j] = -s.full[plan.free[i], plan.free[j]]
-        turn_columns(plan, s.move, s.full)
-        turn_columns(plan, s.move, tw.rate_jacobian)
+                s.tree_matrix[i, j] = -s.full_tangent[plan.free[i], plan.free[j]]
+        turn_columns(plan, s.displacement, s.full_tangent)
+        turn_columns(plan, s.displacement, tw.rate_jacobian)
         for i in range(nu):
             for j in range(nu):
-                s.stiffness[i, j] = s.full[plan.free[i], plan.free[j]]
-                s.block[i, j] += s.stiffness[i, j]
+                s.stiffness[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
+                s.tree_matrix[i, j] += s.stiffness[i, j]
         for i in range(m):
             for j in range(nu):
                 s.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
     for i in range(nu):
         for j in range(nu):
-            s.matrix[i, j] = s.full[plan.free[i], plan.free[j]]
+            s.matrix[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
             if turned:
-                s.matrix[i, j] += s.block[i, j]
+                s.matrix[i, j] += s.tree_matrix[i, j]
         for k in range(m):
             s.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]
-    turn_columns(plan, s.move, tw.jacobian)
+    turn_columns(plan, s.displacement, tw.jacobian)
 
 
 @part_of_kernel
-def _put_shifts(plan, state, s, per_x, per_v):
-    """Fill the columns of the shifts of positions along ``s.direction``, and the rows that hold the loops."""
+def _put_shift_columns(plan, state, s, per_x, per_v):
+    """Fill the columns of the shifts of positions along ``s.shift_direction``, and the rows that hold the loops."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     for k in range(m):
         for i in range(nu):
             t = 0.0
             for j in range(nu):
-                t += s.stiffness[i, j] * s.direction[k, j]
+                t += s.stiffness[i, j] * s.shift_direction[k, j]
             s.matrix[i, nu + m + k] = t
     for i in range(m):
         unshifted = is_unshifted(plan, state, i)
@@ -106,8 +107,8 @@ def _put_shifts(plan, state, s, per_x, per_v):
             r = 0.0
             for j in range(nu):
                 x = s.tangent.jacobian[i, plan.free[j]]
-                t += x * s.direction[k, j]
-                r += (k_x * per_x * x + k_v * s.rate_stiffness[i, j]) * s.direction[k, j]
+                t += x * s.shift_direction[k, j]
+                r += (k_x * per_x * x + k_v * s.rate_stiffness[i, j]) * s.shift_direction[k, j]
             own = 1.0 if i == k else 0.0
             s.matrix[nu + i, nu + k] = 0.0
             s.matrix[nu + m + i, nu + k] = -own / total if augmented else 0.0
@@ -116,16 +117,16 @@ def _put_shifts(plan, state, s, per_x, per_v):
 
 
 @kernel
-def _note_firmness(plan, state, s):
-    """Take note of how firmly the rows hold, by ``s.direction``."""
+def _measure_row_pivot(plan, state, s):
+    """Write the rows' smallest pivot into ``s.least_pivot``, by ``s.shift_direction``."""
     m = plan.rows.shape[0]
     for i in range(m):
         for k in range(i + 1):
-            s.hold[i, k] = 0.0
+            s.row_factors[i, k] = 0.0
             for j in range(plan.free.shape[0]):
-                s.hold[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.direction[k, j]
-    rank = factor_rows(state, LENGTH, s.hold, s.hold_order)
-    s.firmness[0] = s.hold[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
+                s.row_factors[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.shift_direction[k, j]
+    rank = factor_rows(state, ROW_LENGTH, s.row_factors, s.row_order)
+    s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
 
 @part_of_kernel
@@ -140,28 +141,28 @@ def linearise(plan, work, state, s, h):
     state.numbers[CONTRACTION] = 1.0
     _put_derivatives(plan, work, s, per_x, per_v)
     if m > 0:
-        # what a unit reaction would move: along it go the shifts of positions, where there are any
+        # the motion by a unit reaction, along which positions are shifted
         for i in range(nu):
             for j in range(nu):
-                s.block[i, j] = s.matrix[i, j]
+                s.tree_matrix[i, j] = s.matrix[i, j]
             for k in range(m):
-                s.direction[k, i] = s.matrix[i, nu + k]
-        if factor(plan.lapack, s.block, s.block_pivot, s.sizes) != 0:
+                s.shift_direction[k, i] = s.matrix[i, nu + k]
+        if factor(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes) != 0:
             return False
-        solve(plan.lapack, s.block, s.block_pivot, s.sizes, s.direction)
-        _note_firmness(plan, state, s)
-        _put_shifts(plan, state, s, per_x, per_v)
+        solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.shift_direction)
+        _measure_row_pivot(plan, state, s)
+        _put_shift_columns(plan, state, s, per_x, per_v)
     for i in range(n):
         for j in range(n):
             if not np.isfinite(s.matrix[i, j]):
                 return False
     s.pivot[0] = _OF_TREE
-    if s.lines.shape[0] > 0 and factor_tree(s.lines, s.matrix):
+    if s.ancestors.shape[0] > 0 and factor_tree(s.ancestors, s.matrix):
         return True
-    if s.lines.shape[0] > 0:  # without pivots it failed, and is spoilt
+    if s.ancestors.shape[0] > 0:  # it failed without pivoting, and is overwritten
         for i in range(nu):
             for j in range(nu):
-                s.matrix[i, j] = s.full[plan.free[i], plan.free[j]]
+                s.matrix[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
     return factor(plan.lapack, s.matrix, s.pivot, s.sizes) == 0
 
 
@@ -169,6 +170,6 @@ def linearise(plan, work, state, s, h):
 def solve_factored(plan, s, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
     if s.pivot[0] == _OF_TREE:
-        solve_tree(s.lines, s.matrix, rhs)
+        solve_tree(s.ancestors, s.matrix, rhs)
     else:
         solve(plan.lapack, s.matrix, s.pivot, s.sizes, rhs)

@@ -1,4 +1,4 @@
-"""One implicit step of generalized-alpha: its equations, their linearisation, Newton's iteration.
+"""One implicit step of generalized-alpha: its equations, the predictor, Newton's iteration.
 
 The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
 loops' reactions, which close the loops at position level while velocities fulfil them too.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha.layout import (
+from flexmbd.integrate.alpha.matrix import linearise, solve_factored
+from flexmbd.integrate.alpha.workspace import (
     ALPHA_F,
     ALPHA_M,
     AUXILIARY,
@@ -19,11 +20,11 @@ from flexmbd.integrate.alpha.layout import (
     EARLIER,
     EARLIEST,
     GAMMA,
-    KNOWN_BEFORE,
+    KNOWN_STEPS,
+    NEXT_RENEWALS,
     NU_BEFORE,
     NU_EARLIER,
     NU_EARLIEST,
-    PATIENCE,
     RENEWALS,
     STEP_EARLIER,
     STEP_FACTORED,
@@ -31,7 +32,6 @@ from flexmbd.integrate.alpha.layout import (
     holds_position_alone,
     is_unshifted,
 )
-from flexmbd.integrate.alpha.matrix import linearise, solve_factored
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
@@ -40,13 +40,13 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
-#: What round-off makes of corrections, of the scales, where rows hold firmly.
+#: Corrections that round-off causes, over the scales, where rows are well conditioned.
 ROUND_OFF = 1e-14
 _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 
 @kernel
-def update(plan, work, state, s, h, unknown):
+def update_end(plan, work, state, s, h, unknown):
     """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
     number = state.numbers
     nu = plan.free.shape[0]
@@ -54,8 +54,8 @@ def update(plan, work, state, s, h, unknown):
     beta = number[BETA]
     gamma = number[GAMMA]
     per_x, _ = coefficients(number, h)
-    for k in range(s.move.shape[0]):
-        s.move[k] = 0.0
+    for k in range(s.displacement.shape[0]):
+        s.displacement[k] = 0.0
     for j in range(nu):
         k = plan.free[j]
         new = unknown[j]
@@ -66,7 +66,7 @@ def update(plan, work, state, s, h, unknown):
         ) / (1.0 - number[ALPHA_M])
         s.a[k] = new
         s.auxiliary[k] = auxiliary
-        s.move[k] = h * state.v[k] + h * h * (
+        s.displacement[k] = h * state.v[k] + h * h * (
             (0.5 - beta) * state.memory[AUXILIARY, k] + beta * auxiliary
         )
         s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.memory[AUXILIARY, k] + gamma * auxiliary)
@@ -74,22 +74,22 @@ def update(plan, work, state, s, h, unknown):
         s.multipliers[i] = unknown[nu + i]
         shift = per_x * unknown[nu + m + i]
         for j in range(nu):
-            s.move[plan.free[j]] += shift * s.direction[i, j]
-    retract(plan, state.x, s.move, s.x)
+            s.displacement[plan.free[j]] += shift * s.shift_direction[i, j]
+    retract(plan, state.x, s.displacement, s.x)
     drive(plan, work, s.x, s.v, s.a)
 
 
 @kernel
-def trial(plan, work, state, s, h, unknown, equation):
+def evaluate_step(plan, work, state, s, h, unknown, equation):
     """Evaluate the step's equations at ``unknown``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     per_x, per_v = coefficients(state.numbers, h)
-    update(plan, work, state, s, h, unknown)
-    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.out)
+    update_end(plan, work, state, s, h, unknown)
+    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.residual)
     state.counts[st.EVALUATIONS] += 1
     for j in range(nu):
-        equation[j] = s.out[plan.free[j]]
+        equation[j] = s.residual[plan.free[j]]
     if m > 0:
         constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
         for i in range(m):
@@ -101,15 +101,15 @@ def trial(plan, work, state, s, h, unknown, equation):
             if holds_position_alone(plan, state, i):
                 equation[nu + m + i] = s.phi[i] / per_x
             if is_augmented(plan.rows[i]):
-                # the reaction is what stiffness and damping give, beyond that of the pass before
+                # the reaction is that of the pass before and of stiffness and damping
                 k, c = augmented_stiffness(plan.data, plan.rows[i])
-                gap = s.known[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+                gap = s.known_reaction[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
                 equation[nu + m + i] = gap / (k * per_x + c * per_v)
 
 
 @part_of_kernel
 def correct(plan, state, s, h):
-    """Take Newton's correction with the factors at hand into ``s.unknown``; its largest parts over the scales.
+    """Add Newton's correction with the factors at hand to ``s.unknown``; its largest parts over the scales.
 
     Returns the motion's and, where there are loops, that of the forces out of balance (``state.pushed``).
     """
@@ -120,7 +120,7 @@ def correct(plan, state, s, h):
         s.correction[0, i] = s.equation[i]
     solve_factored(plan, s, s.correction)
     size = 0.0
-    unbalanced = 0.0
+    imbalance = 0.0
     for i in range(s.unknown.shape[0]):
         s.unknown[i] -= s.correction[0, i]
     reactions = s.correction[0, nu : nu + m]
@@ -129,20 +129,21 @@ def correct(plan, state, s, h):
         move = s.correction[0, j]
         part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
         if m > 0:
-            unbalanced = max(unbalanced, abs(move + st.pushed(s.direction, reactions, j)) * per_v / s.scale_v[k])
+            pushed = st.reaction_acceleration(s.shift_direction, reactions, j)
+            imbalance = max(imbalance, abs(move + pushed) * per_v / s.scale_v[k])
         for i in range(m):
             part = max(
                 part,
-                abs(s.correction[0, nu + m + i] * s.direction[i, j]) * per_x / s.scale_x[k],
+                abs(s.correction[0, nu + m + i] * s.shift_direction[i, j]) * per_x / s.scale_x[k],
             )
         if not part <= size:
             size = part
             state.counts[st.WORST] = k
-    return size, unbalanced
+    return size, imbalance
 
 
 @kernel
-def _left(contraction):
+def _remaining_error(contraction):
     """The error left after a linear iteration, over its last correction."""
     return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
 
@@ -155,35 +156,35 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
     """
     loops = plan.rows.shape[0] > 0
     before = 0.0
-    unbalanced_before = 0.0
-    # what the same factors did in the step before lets a good guess pass after one iteration
+    imbalance_before = 0.0
+    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
     contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
-            trial(plan, work, state, s, h, s.unknown, s.equation)
+            evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
         state.counts[st.ITERATIONS] += 1
-        size, unbalanced = correct(plan, state, s, h)
-        if not np.isfinite(size + unbalanced):
+        size, imbalance = correct(plan, state, s, h)
+        if not np.isfinite(size + imbalance):
             return -1
-        balanced = unbalanced <= tolerance
+        balanced = imbalance <= tolerance
         if iteration > 0:
             contraction = size / before if before > 0.0 else 0.0
-            tightening = unbalanced / unbalanced_before if unbalanced_before > 0.0 else 0.0
-            balanced = balanced or unbalanced * _left(tightening) <= tolerance
-            stalled = (contraction > 0.7 and size > tolerance) or (tightening > 0.7 and not balanced)
+            imbalance_ratio = imbalance / imbalance_before if imbalance_before > 0.0 else 0.0
+            balanced = balanced or imbalance * _remaining_error(imbalance_ratio) <= tolerance
+            stalled = (contraction > 0.7 and size > tolerance) or (imbalance_ratio > 0.7 and not balanced)
             if stalled:
-                # what rows hardly hold, round-off of positions moves, and of the rows' slopes with them velocities
-                if not last or max(size, unbalanced) > ROUND_OFF / s.firmness[0]:
+                # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
+                if not last or max(size, imbalance) > ROUND_OFF / s.least_pivot[0]:
                     return 0
-                update(plan, work, state, s, h, s.unknown)
+                update_end(plan, work, state, s, h, s.unknown)
                 state.numbers[CONTRACTION] = 1.0
                 return 1
         before = size
-        unbalanced_before = unbalanced
+        imbalance_before = imbalance
         # near singular positions old factors lose their worth within a step
-        left = 1.0 if iteration == 0 and loops else _left(contraction)
+        left = 1.0 if iteration == 0 and loops else _remaining_error(contraction)
         if balanced and (size * left <= tolerance or size <= 1e-15):
-            update(plan, work, state, s, h, s.unknown)
+            update_end(plan, work, state, s, h, s.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
                 state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
                 return 1
@@ -195,8 +196,8 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
 
 
 @kernel
-def _foretell(state, h, now, before, earlier):
-    """The next value on the parabola through the last three."""
+def _extrapolate(state, h, now, before, earlier):
+    """Predictor: the next value on the parabola through the last three."""
     h1 = state.numbers[st.STEP_BEFORE]
     h2 = state.numbers[STEP_EARLIER]
     slope = (now - before) / h1
@@ -205,10 +206,10 @@ def _foretell(state, h, now, before, earlier):
 
 
 @kernel
-def _foretell_as_before(now, before, earlier, earliest):
-    """The next value after equal steps, by what would have foretold the last one best.
+def _predict_equal_steps(now, before, earlier, earliest):
+    """Predictor after equal steps: of constant, line and parabola the one that was best for the last value.
 
-    Where a step does not resolve a vibration that is no change at all, and where it does a line or a parabola.
+    Where a step does not resolve a vibration that is the constant.
     """
     first = now - before
     second = first - (before - earlier)
@@ -222,11 +223,11 @@ def _foretell_as_before(now, before, earlier, earliest):
 
 
 @part_of_kernel
-def start_newton(plan, state, s, h, extrapolate):
-    """First guess: accelerations and multipliers as they were, or as their last ones foretell."""
+def predict(plan, state, s, h, extrapolate):
+    """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = state.counts[KNOWN_BEFORE]
+    known = state.counts[KNOWN_STEPS]
     fixed = state.counts[st.FIXED_STEP] == 1
     memory = state.memory
     follows = extrapolate and known > 1 and not fixed
@@ -234,19 +235,19 @@ def start_newton(plan, state, s, h, extrapolate):
         k = plan.free[j]
         s.unknown[j] = state.a[k]
         if follows:
-            s.unknown[j] = _foretell(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
+            s.unknown[j] = _extrapolate(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
         elif extrapolate and known > 2 and fixed:
-            s.unknown[j] = _foretell_as_before(
+            s.unknown[j] = _predict_equal_steps(
                 state.a[k], memory[BEFORE, k], memory[EARLIER, k], memory[EARLIEST, k]
             )
     for i in range(m):
         s.unknown[nu + i] = state.multipliers[i]
         if follows:
-            s.unknown[nu + i] = _foretell(
+            s.unknown[nu + i] = _extrapolate(
                 state, h, state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i]
             )
         elif extrapolate and known > 2 and fixed:
-            s.unknown[nu + i] = _foretell_as_before(
+            s.unknown[nu + i] = _predict_equal_steps(
                 state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i], memory[NU_EARLIEST, i]
             )
         s.unknown[nu + m + i] = 0.0
@@ -263,9 +264,9 @@ def solve_step(plan, work, state, s, h, tolerance):
         if attempt == 0:
             if renew or state.numbers[STEP_FACTORED] != h:
                 continue
-            start_newton(plan, state, s, h, True)
+            predict(plan, state, s, h, True)
         elif attempt == 1:
-            start_newton(plan, state, s, h, renew)
+            predict(plan, state, s, h, renew)
         finite = True
         for i in range(s.unknown.shape[0]):
             finite = finite and np.isfinite(s.unknown[i])
@@ -273,7 +274,7 @@ def solve_step(plan, work, state, s, h, tolerance):
             break
         # the second time linearised where the first iterations led
         if attempt > 0:
-            trial(plan, work, state, s, h, s.unknown, s.equation)
+            evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
             if not linearise(plan, work, state, s, h):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 break
@@ -282,10 +283,10 @@ def solve_step(plan, work, state, s, h, tolerance):
             if renew:
                 state.counts[RENEWALS] -= 1
             elif attempt == 0:
-                state.counts[PATIENCE] = 0
+                state.counts[NEXT_RENEWALS] = 0
             return True
         if attempt == 0:
-            state.counts[RENEWALS] = state.counts[PATIENCE]
-            state.counts[PATIENCE] = min(_LONGEST_RENEWAL, 2 * state.counts[PATIENCE] + 1)
+            state.counts[RENEWALS] = state.counts[NEXT_RENEWALS]
+            state.counts[NEXT_RENEWALS] = min(_LONGEST_RENEWAL, 2 * state.counts[NEXT_RENEWALS] + 1)
     state.numbers[STEP_FACTORED] = 0.0
     return False

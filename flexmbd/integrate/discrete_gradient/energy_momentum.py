@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step
-from flexmbd.integrate.discrete_gradient import gradient as step
-from flexmbd.integrate.discrete_gradient.gradient import Scratch
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
-from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, note_scales, survey
-from flexmbd.integrate.filtered_error import filtered_ratio, own_rate_by
-from flexmbd.integrate.history import refuse_interiors
+from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
+from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
+from flexmbd.integrate.filtered_error import filtered_ratio, vibration_rate
+from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
@@ -50,16 +50,16 @@ ORDER = 2
 
 # The step changes seldom, for each change costs a factorisation.
 _RULE = Rule(exponent=1.0 / 3.0, shortest=1.0 / 64.0)
-_SAMPLES = 8  # states that tell which coordinates energy depends on
-_NOTHING = 1e-11  # of the largest gradient: what rounding leaves of none
+_SAMPLES = 8  # states at which energy's dependence on coordinates is sampled
+_ROUND_OFF = 1e-11  # of the largest gradient: one that is zero but for rounding
 
 
 @dataclass(frozen=True)
 class EnergyMomentum:
     """Choice of the method.
 
-    ``newton`` is what Newton's iteration leaves of a step's error, relative to the machine's sizes and
-    speeds: energy is kept to about that at each step.
+    ``newton`` is the tolerance of Newton's iteration, relative to the machine's sizes and speeds: energy is
+    kept to about that at each step.
 
     Loops are closed at the end of each step, in position and velocity.
     With error control the steps differ in length; energy and momenta are kept at each of them as at
@@ -94,13 +94,13 @@ class EnergyMomentum:
 
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene without bodies that have a history."""
-        refuse_interiors(scene, self.name, why="it asks for potential energies")
+        refuse_interiors(scene, self.name, why="it needs potential energies")
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
         plan = scene.plan
         stored = storing_plan(plan)
-        scratch = step.new_scratch(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
+        scratch = step.new_workspace(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
         loops = new_loops(plan, state)
         bind(plan, stored, work, loops, state, groups, scratch)
 
@@ -111,40 +111,40 @@ class EnergyMomentum:
             drop_factors()
             state.numbers[st.SAFETY] = SAFETY
             state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
-            state.counts[step.SPLITS] = splits(plan)
-            survey(scene, state, work)
+            state.counts[step.NONCONSERVATIVE] = is_nonconservative(plan)
+            set_row_scales(scene, state, work)
             state.memory[step.BEFORE] = state.a
-            momenta(plan, work, state.x, state.v, scratch.none, state.memory[step.MOMENTUM])
-            forward_kinematics(plan, work, state.x, scratch.none, scratch.none)
+            momenta(plan, work, state.x, state.v, scratch.zeros, state.memory[step.MOMENTUM])
+            forward_kinematics(plan, work, state.x, scratch.zeros, scratch.zeros)
             kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
             state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
 
         drop_factors()
-        method = Method(plan, stored, work, loops, scratch, self.newton)
-        return Stepper(driver(advance, method, _RULE, state, groups), begin, drop_factors)
+        method = EnergyMomentumMethod(plan, stored, work, loops, scratch, self.newton)
+        return Stepper(make_advance(advance, method, _RULE, state, groups), begin, drop_factors)
 
 
-class Method(NamedTuple):
-    """What an attempt works with."""
+class EnergyMomentumMethod(NamedTuple):
+    """Arguments of an attempt."""
 
     plan: Plan
     stored_plan: Plan
     work: Work
     loops: Loops
-    scratch: Scratch
+    scratch: EnergyMomentumWorkspace
     newton: float
 
 
-def splits(plan: Plan) -> bool:
-    """Whether loads or dampers act, beside what stores energy."""
+def is_nonconservative(plan: Plan) -> bool:
+    """Whether loads or dampers may act."""
     return has_modal_damping(plan) or len(plan.forces) > 0 or len(plan.elements) > 0
 
 
 def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
-    """(2 bodies + nv, 9) see ``discrete_gradient.Scratch.projector``.
+    """(2 bodies + nv, 9) see ``EnergyMomentumWorkspace.projector``.
 
-    Which directions of a joint energy does not depend on is read off its gradients at a few states, turned
-    into the axes of the joint's outer frame.
+    The directions of a joint that energy does not depend on follow from its gradients at a few states, in the
+    axes of the joint's outer frame.
     """
     plan, nv = scene.plan, scene.nv
     bodies = len(plan.tree)
@@ -152,32 +152,32 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
     seen = _gradients(scene, stored, size)
     joints = [k for slots in scene.index.joints.values() for k in range(slots.v.start, slots.v.stop)]
     joints += [k for k in range(nv) if k not in joints and not scene.index.is_modal(k)]
-    nothing = _NOTHING * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
+    nothing = _ROUND_OFF * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
     kept = np.zeros((2 * bodies + nv, 9))
     kept[2 * bodies :, 0] = 1.0
     for joint in tree_joints(plan):
         o = joint.v.start
         if joint.spin is not None:
-            kept[2 * joint.row + 1] = _along(seen[:, joint.spin], size[joint.spin.start], nothing)
+            kept[2 * joint.row + 1] = _span_projection(seen[:, joint.spin], size[joint.spin.start], nothing)
         if joint.kind == kinds.FREE:
-            kept[2 * joint.row] = _along(seen[:, joint.plain_v], size[o], nothing)
+            kept[2 * joint.row] = _span_projection(seen[:, joint.plain_v], size[o], nothing)
         elif joint.plain_v != slice(o, o) and np.abs(seen[:, o]).max() * size[o] <= nothing:
             kept[2 * bodies + o, 0] = 0.0
     return kept
 
 
-def _along(seen: FloatArray, size: float, nothing: float) -> FloatArray:
-    """Projection on what the gradients (k, 3) span, row by row."""
+def _span_projection(seen: FloatArray, size: float, nothing: float) -> FloatArray:
+    """(9,) projection on the span of the gradients (k, 3), row by row."""
     _, values, axes = np.linalg.svd(seen)
     kept = axes[values * size > nothing]
     return (kept.T @ kept).ravel()
 
 
 def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArray:
-    """(k, nv) gradients of energy at a few states, turning ones in the axes of the joint's outer frame.
+    """(k, nv) gradients of energy at a few states, rotational ones in the axes of the joint's outer frame.
 
     The speeds are those at which the kinetic energy is as large as the potential one, whatever units these are in;
-    where there is no potential one any will do.
+    without potential energy the rate is 1 1/s.
     """
     plan, nv = scene.plan, scene.nv
     modal = np.array([scene.index.is_modal(k) for k in range(nv)], bool)
@@ -188,12 +188,12 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
     potential = float(np.abs(still * share).max(initial=0.0))
     inertia = float(masses(plan).sum()) * scene.extent**2
     rate = math.sqrt(potential / inertia) if potential > 0.0 and inertia > 0.0 else 1.0
-    pull = inertia / scene.extent * rate**2
+    multipliers = inertia / scene.extent * rate**2
     return np.array(
         [
             _gradient(
                 scene, stored, place, random.standard_normal(nv) * share * rate,
-                random.standard_normal(len(plan.rows)) * pull,
+                random.standard_normal(len(plan.rows)) * multipliers,
             )
             for place in places
         ]
@@ -201,14 +201,14 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
 
 
 def _gradient(
-    scene: CompiledScene, stored: Plan, place: FloatArray, v: FloatArray, pull: FloatArray
+    scene: CompiledScene, stored: Plan, place: FloatArray, v: FloatArray, multipliers: FloatArray
 ) -> FloatArray:
-    """(nv,) gradient of energy, with multipliers ``pull``, at ``place`` from the scene's start and velocities v."""
+    """(nv,) gradient of energy at ``place`` from the scene's start, with velocities v and multipliers (m,)."""
     plan, work = scene.plan, new_work(scene.plan)
     none, p, x, gradient = np.zeros(scene.nv), np.zeros(scene.nv), np.empty(scene.nx), np.zeros(scene.nv)
     retract(plan, scene.start, place, x)
     wrench = np.zeros((len(plan.tree), 6))
-    canonical(stored, work, x, v, 0.5 * v, none, pull, wrench, np.zeros(6), p, gradient)
+    canonical(stored, work, x, v, 0.5 * v, none, multipliers, wrench, np.zeros(6), p, gradient)
     for joint in tree_joints(plan):
         if joint.spin is not None:
             gradient[joint.spin] = joint_turn(work, joint.row) @ gradient[joint.spin]
@@ -216,39 +216,39 @@ def _gradient(
 
 
 @part_of_kernel
-def _turned(move, before, after, a_before, a_after, o, h, error):
-    """Local error of the rotation ``move``, against a quadrature of 4th order with Magnus' first bracket."""
+def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
+    """Add the local error of the rotation ``move``, against a quadrature of order 4 with Magnus' first bracket."""
     turn = load3(move, o)
     angle = math.sqrt(dot3(turn, turn))
     share = 2.0 * math.atan(0.5 * angle) / angle if angle > 1e-8 else 1.0
     bracket = scale3(h * h * h / 12.0, cross3(load3(before, o), load3(a_before, o)))
-    lack = add3(scale3(share - 1.0, turn), scale3(-1.0, bracket))
-    store3(error, o, add3(load3(error, o), lack))
+    difference = add3(scale3(share - 1.0, turn), scale3(-1.0, bracket))
+    store3(error, o, add3(load3(error, o), difference))
 
 
 @part_of_kernel
 def _filter(plan, s, error):
     """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
 
-    That takes out what stiff parts make of it, and what rows forbid.  ``s.full`` must hold the mass matrix.
+    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix`` must hold the mass matrix.
     """
     free = plan.free
     for i in range(s.correction.shape[1]):
         s.correction[0, i] = 0.0
     for i in range(free.shape[0]):
         for j in range(free.shape[0]):
-            s.correction[0, i] += s.full[free[i], free[j]] * error[free[j]]
+            s.correction[0, i] += s.full_matrix[free[i], free[j]] * error[free[j]]
     solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
 
 
 @part_of_kernel
 def _local_error(plan, state, groups, s, a_end, h, rate):
-    """The step's error over what is tolerated, against quadratures of the velocities and accelerations it leaves."""
+    """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = s.v_end
     for k in range(a_end.shape[0]):
-        bend = h * h / 12.0 * (state.a[k] - a_end[k])
-        s.error_x[k] = s.move[k] - 0.5 * h * (state.v[k] + v_end[k]) - bend
+        correction = h * h / 12.0 * (state.a[k] - a_end[k])
+        s.error_x[k] = s.increment[k] - 0.5 * h * (state.v[k] + v_end[k]) - correction
         # the integral of the parabola through the last three accelerations
         curve = 0.0
         if h1 > 0.0:
@@ -256,20 +256,20 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
             curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
         mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
         s.error_v[k] = v_end[k] - state.v[k] - h * mean
-        s.own[k] = curve
+        s.own_rate[k] = curve
     for i in range(plan.tree.shape[0]):
         o = spin_of(plan.tree[i])
         if o >= 0:
-            _turned(s.move, state.v, v_end, state.a, a_end, o, h, s.error_x)
+            _add_rotation_error(s.increment, state.v, v_end, state.a, a_end, o, h, s.error_x)
     for j in range(plan.free.shape[0]):
         s.error_x[j] = s.error_x[plan.free[j]]
-    _filter(plan, s, s.own)
+    _filter(plan, s, s.own_rate)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        s.own[k] = own_rate_by(groups, k, s.correction[0, j])
+        s.own_rate[k] = vibration_rate(groups, k, s.correction[0, j])
     _filter(plan, s, s.error_v)
-    rates = state.memory[step.RATE]
-    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own, rates, h, rate, 0.0)
+    rates = state.memory[step.OWN_RATE]
+    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own_rate, rates, h, rate, 0.0)
 
 
 @part_of_kernel
@@ -279,15 +279,16 @@ def _accept(plan, loops, state, s, a_end, h):
     for k in range(state.v.shape[0]):
         state.memory[step.BEFORE, k] = state.a[k]
         state.memory[step.MOMENTUM, k] = s.p_end[k]
-        state.memory[step.RATE, k] = st.own_rate(s.own[k], state.memory[step.RATE, k], state.numbers[st.RATE])
+        before = state.memory[step.OWN_RATE, k]
+        state.memory[step.OWN_RATE, k] = st.own_rate(s.own_rate[k], before, state.numbers[st.RATE])
         state.v[k] = s.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):
         state.x[k] = s.x_end[k]
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.nu_end[i]
-    note_scales(loops, state)
-    state.numbers[step.ENERGY] += state.numbers[step.WORK]
+    update_row_scales(loops, state)
+    state.numbers[step.ENERGY] += state.numbers[step.LOAD_WORK]
 
 
 @part_of_kernel
@@ -295,7 +296,7 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
-        evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
+        evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), work.time)
         for i in range(plan.rows.shape[0]):
             f = time_of_row(plan.rows[i])
             if f >= 0:
@@ -318,7 +319,7 @@ def _attempt(method, state, groups, h):
     rate = number[st.RATE]
     solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
     if solved and plan.flag[0] == 0:
-        evaluate_times(plan, st.latest(state.numbers, number[st.STEP_END]), work.time)
+        evaluate_times(plan, st.function_time(state.numbers, number[st.STEP_END]), work.time)
         accelerate_end(plan, work, loops, s)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED
@@ -327,7 +328,7 @@ def _attempt(method, state, groups, h):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
-        number[st.RATIO] = ratio
+        number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, s, s.a_end, h)
     elif count[st.OUTCOME] == st.DONE:

@@ -1,7 +1,7 @@
 """The motion of a discrete-gradient step and the balance of its momenta, rotations among them.
 
 A rotation of the step is Cayley's map of h times its angular velocity; E is half of it.  Equations:
-docs/integrators.md, "Energy-momentum".  ``s`` is ``discrete_gradient.Scratch``.
+docs/integrators.md, "Energy-momentum".  ``s`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -68,43 +68,43 @@ def _turn_joint(x, o, turn, x_mid, x_end):
 def place(plan, x, s, h):
     """Positions in the middle and at the end of a step of h with velocities ``s.u``, and its increments."""
     for k in range(s.u.shape[0]):
-        s.half[k] = 0.5 * s.u[k]
-        s.move[k] = h * s.u[k]
+        s.half_velocity[k] = 0.5 * s.u[k]
+        s.increment[k] = h * s.u[k]
     for i in range(plan.tree.shape[0]):
         link = plan.tree[i]
         kind, ox, ov = joint_of(link)
         if has_one_coordinate(kind):
-            s.x_mid[ox] = x[ox] + 0.5 * s.move[ov]
-            s.x_end[ox] = x[ox] + s.move[ov]
+            s.x_mid[ox] = x[ox] + 0.5 * s.increment[ov]
+            s.x_end[ox] = x[ox] + s.increment[ov]
         elif kind == kinds.SPHERICAL:
-            _turn_joint(x, ox, load3(s.move, ov), s.x_mid, s.x_end)
+            _turn_joint(x, ox, load3(s.increment, ov), s.x_mid, s.x_end)
         elif kind == kinds.FREE:
-            turn = load3(s.move, ov + 3)
+            turn = load3(s.increment, ov + 3)
             _turn_joint(x, ox + 3, turn, s.x_mid, s.x_end)
             _, kappa = _half_turn(turn)
             # the rotation in the middle keeps the axis that it turns about
             turn_F = rotate(quaternion_matrix(_load4(s.x_mid, ox + 3)), turn)
-            shift = _mean_turn(turn_F, kappa, load3(s.move, ov))
-            store3(s.move, ov, shift)
+            shift = _mean_turn(turn_F, kappa, load3(s.increment, ov))
+            store3(s.increment, ov, shift)
             for k in range(3):
                 s.x_mid[ox + k] = x[ox + k] + 0.5 * shift[k]
                 s.x_end[ox + k] = x[ox + k] + shift[k]
         n, qx, qv = modes_of(link, plan.flex)
         for k in range(n):
-            s.x_mid[qx + k] = x[qx + k] + 0.5 * s.move[qv + k]
-            s.x_end[qx + k] = x[qx + k] + s.move[qv + k]
+            s.x_mid[qx + k] = x[qx + k] + 0.5 * s.increment[qv + k]
+            s.x_end[qx + k] = x[qx + k] + s.increment[qv + k]
     for i in range(plan.driven.shape[0]):
         s.x_end[driven_place(plan.driven[i])[0]] = s.driven[i, 0]
 
 
 @kernel
 def _orbital(u, o, R, turn, kappa, p):
-    """Rate of the step's shift times momentum p (of the parent's axes): what leaves the spin; in R's axes."""
+    """Rate of the step's displacement times momentum p (parent's axes), which the spin loses; in R's axes."""
     return cross3(_mean_turn(turn, kappa, rotate_back(R, load3(u, o))), rotate_back(R, p))
 
 
 @kernel
-def _balance_turn(before, middle, half, torque, h):
+def _balance_spin(before, middle, half, torque, h):
     """Spin at the end, and (change of the spatial spin) / h + torque in the axes of the middle."""
     end = sub3(scale3(2.0, middle), before)
     gained = sub3(rotate(half, end), rotate_back(half, before))
@@ -120,17 +120,17 @@ def balance_momenta(plan, p, s, h):
     work = 0.0
     for k in range(p.shape[0]):
         s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
-        s.balance[k] = (s.p_end[k] - p[k]) / h + s.force[k]
+        s.balance[k] = (s.p_end[k] - p[k]) / h + s.gradient[k]
         work += s.u[k] * (s.p_end[k] - p[k])
     for i in range(plan.tree.shape[0]):
         kind, ox, _ = joint_of(plan.tree[i])
         o = spin_of(plan.tree[i])
         if o < 0:
             continue
-        turn = load3(s.move, o)
+        turn = load3(s.increment, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
-        torque = load3(s.force, o)
+        torque = load3(s.gradient, o)
         if kind == kinds.FREE:
             shift = o - 3
             R = quaternion_matrix(_load4(s.x_mid, ox + 3))
@@ -143,21 +143,21 @@ def balance_momenta(plan, p, s, h):
             for k in range(3):
                 work -= u[k] * (s.p_end[shift + k] - p[shift + k])
             store3(s.p_end, shift, rotate(R, end))
-            store3(s.balance, shift, add3(scale3(1.0 / h, rotate(R, sub3(end, start))), load3(s.force, shift)))
+            store3(s.balance, shift, add3(scale3(1.0 / h, rotate(R, sub3(end, start))), load3(s.gradient, shift)))
             mean = scale3(0.5, add3(start, end))
             torque = add3(torque, cross3(_mean_turn(turn, kappa, rotate_back(R, u)), mean))
-        end, rest = _balance_turn(load3(p, o), load3(s.p_mid, o), E, torque, h)
+        end, rest = _balance_spin(load3(p, o), load3(s.p_mid, o), E, torque, h)
         store3(s.p_end, o, end)
         store3(s.balance, o, rest)
     return work
 
 
 @part_of_kernel
-def settle_momenta(plan, p, s, h):
-    """Write joints' part of ``s.p_end`` from the momenta's balance, so that what no force acts on stays to round-off.
+def conserve_momenta(plan, p, s, h):
+    """Write the joints' part of ``s.p_end`` by the momenta's balance: momenta without force are kept to round-off.
 
-    Modes keep what their velocities say: no symmetry is theirs, and where a step does not resolve them their balance
-    makes much of what Newton's iteration leaves.  What a projection onto loops took from either is given back.
+    Modal momenta stay those of the velocities: they have no symmetry, and where a step does not resolve a mode the
+    balance amplifies the error of Newton's iteration.  Parts that a projection onto loops removed are restored.
     """
     for k in range(p.shape[0]):
         s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
@@ -165,14 +165,14 @@ def settle_momenta(plan, p, s, h):
         kind, ox, shift = joint_of(plan.tree[i])
         if has_one_coordinate(kind) or kind == kinds.FREE:
             for k in range(shift, shift + (3 if kind == kinds.FREE else 1)):
-                s.p_end[k] = p[k] - h * s.force[k]
+                s.p_end[k] = p[k] - h * s.gradient[k]
         if kind != kinds.SPHERICAL and kind != kinds.FREE:
             continue
         o = shift + (3 if kind == kinds.FREE else 0)
-        turn = load3(s.move, o)
+        turn = load3(s.increment, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
-        torque = load3(s.force, o)
+        torque = load3(s.gradient, o)
         if kind == kinds.FREE:
             R = quaternion_matrix(_load4(s.x_mid, ox + 3))
             mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
@@ -195,7 +195,7 @@ def _strain_gradient(modal, o, q, out):
 
 @part_of_kernel
 def average_strain(plan, s, h):
-    """Make the forces of modes' strains of second order those of the mean strain, in place of the middle's.
+    """Make the forces of the modes' second-order strains those of the mean strain, in place of the middle's.
 
     The mean of a quadratic form's values at both ends is more than its value in the middle by that of half the
     step's motion.  With the mean strain the forces are a discrete gradient of the strain energy as they stand.
@@ -207,18 +207,18 @@ def average_strain(plan, s, h):
             continue
         flex = plan.flex[flexible_of(link)]
         for r in range(membrane_strains_of(flex)):
-            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            c, o, _, more = stretch(plan, flex, s.half_velocity[qv : qv + n], r)
             force = more * h * h
-            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.bend[0, :n])
+            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.modal_scratch[0, :n])
             for j in range(n):
-                s.bend[0, j] += plan.modal[c + j]
-                s.force[qv + j] += force * s.bend[0, j]
-                s.stored[qv + j] += force * s.bend[0, j]
+                s.modal_scratch[0, j] += plan.modal[c + j]
+                s.gradient[qv + j] += force * s.modal_scratch[0, j]
+                s.stored_gradient[qv + j] += force * s.modal_scratch[0, j]
 
 
 @part_of_kernel
 def vary_average_strain(plan, s, h):
-    """Add to ``s.full`` h / 2 times the derivative by u of what ``average_strain`` adds."""
+    """Add h / 2 times the derivative by u of the forces that ``average_strain`` adds to ``s.full_matrix``."""
     for i in range(plan.tree.shape[0]):
         link = plan.tree[i]
         n, qx, qv = modes_of(link, plan.flex)
@@ -226,20 +226,20 @@ def vary_average_strain(plan, s, h):
             continue
         flex = plan.flex[flexible_of(link)]
         for r in range(membrane_strains_of(flex)):
-            c, o, _, more = stretch(plan, flex, s.half[qv : qv + n], r)
+            c, o, _, more = stretch(plan, flex, s.half_velocity[qv : qv + n], r)
             stiffness = 0.25 * h * h
-            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.bend[0, :n])
-            _strain_gradient(plan.modal, o, s.half[qv : qv + n], s.bend[1, :n])
+            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.modal_scratch[0, :n])
+            _strain_gradient(plan.modal, o, s.half_velocity[qv : qv + n], s.modal_scratch[1, :n])
             for a in range(n):
-                s.bend[0, a] += plan.modal[c + a]
+                s.modal_scratch[0, a] += plan.modal[c + a]
             for a in range(n):
                 for b in range(n):
-                    s.full[qv + a, qv + b] += stiffness * h * s.bend[0, a] * s.bend[1, b]
+                    s.full_matrix[qv + a, qv + b] += stiffness * h * s.modal_scratch[0, a] * s.modal_scratch[1, b]
                 for b in range(a + 1):
                     t = stiffness * h * h * more * plan.modal[o + b]
-                    s.full[qv + a, qv + b] += t
+                    s.full_matrix[qv + a, qv + b] += t
                     if b < a:
-                        s.full[qv + b, qv + a] += t
+                        s.full_matrix[qv + b, qv + a] += t
                 o += a + 1
 
 
@@ -259,8 +259,8 @@ def _projected(projector, i, R, v):
 
 
 @kernel
-def drop_symmetries(plan, s, out):
-    """Take from the velocities or momenta ``out`` (nv,) what belongs to motions that energy does not depend on."""
+def project_out_symmetries(plan, s, out):
+    """Project motions that energy does not depend on out of the velocities or momenta ``out`` (nv,)."""
     bodies = plan.tree.shape[0]
     for k in range(out.shape[0]):
         out[k] *= s.projector[2 * bodies + k, 0]

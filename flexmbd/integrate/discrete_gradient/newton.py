@@ -1,7 +1,7 @@
-"""Newton's iteration for an energy-momentum step: the analytic matrix, round-off's floor, mixing, first guesses.
+"""Newton's iteration for an energy-momentum step: the matrix, its round-off, Anderson's acceleration, predictors.
 
 The matrix is the tangent's at the middle of the step: with a = 0 its parts are those of the canonical equations but
-for h/2 dM/dt, which M(x_end) - M(x_mid) takes out.  ``s`` is ``discrete_gradient.Scratch``.
+for h/2 dM/dt, which M(x_end) - M(x_mid) takes out.  ``s`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -9,19 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.discrete_gradient.gradient import (
-    CLOSE,
-    DEAD,
+from flexmbd.integrate.discrete_gradient.momentum_balance import conserve_momenta, place, vary_average_strain
+from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, factor_end_mass
+from flexmbd.integrate.discrete_gradient.step import evaluate
+from flexmbd.integrate.discrete_gradient.workspace import (
+    ANDERSON_DEPTH,
+    CLOSE_VELOCITIES,
     DEFECT,
-    DEPTH,
-    DONE,
     EVALUATE,
+    FACTOR_MASS,
     KEEPS_ENERGY,
-    KNOWN,
-    LACK,
+    KINETIC_ERROR,
+    KNOWN_STEPS,
     LINEARISE,
+    LOAD_WORK,
     MOMENTUM,
     PLACE,
+    PREDICTOR,
     REACTION,
     REMEMBERED,
     RESIDUAL,
@@ -29,14 +33,10 @@ from flexmbd.integrate.discrete_gradient.gradient import (
     SPEED,
     STEP_FACTORED,
     TANGENT,
-    WAY,
-    WEIGH,
-    WORK,
-    Scratch,
+    TRIAL_WORK,
+    UNRESOLVED,
+    EnergyMomentumWorkspace,
 )
-from flexmbd.integrate.discrete_gradient.momentum_balance import place, settle_momenta, vary_average_strain
-from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, weigh_end
-from flexmbd.integrate.discrete_gradient.step import evaluate
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
@@ -48,17 +48,17 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
 _MAX_ITERATIONS = 20
 _MANY = 5  # more iterations than this renew the factors at the next step
 _STARTS = 4  # first guesses
-# Ways to foretell a step's velocities: none; those at its start, changed by half a step's acceleration; the last
-# step's, changed by a step's acceleration, not at all, and on a line or a parabola.
-REST, ACCELERATED, LEAP, SAME, LINE, PARABOLA = range(6)
+# Predictors of a step's velocities: zero; those at its start, changed by half a step's acceleration; the last step's,
+# changed by a step's acceleration, unchanged, on a line, and on a parabola.
+ZERO, ACCELERATED, LEAP, UNCHANGED, LINE, PARABOLA = range(6)
 _RENEWALS = 4  # of the matrix, from one first guess
 _FAR = 1e-3  # larger corrections than this are far from a solution
 _NEAR = 1e-6  # after a smaller one the next iterate may be the last
-_SLOW = 0.1  # what two iterations leave at most, with old factors
-_LEADING = 1.0  # with new ones
+_SLOW = 0.1  # largest ratio of corrections over two iterations, with old factors
+_SLOW_NEW = 1.0  # with new ones
 _EPSILON = 2.0**-52
-_SIGNS = 4  # patterns of signs that probe what round-off makes of a correction
-_WHOLE_FLOOR = 8.0  # times what they show
+_SIGNS = 4  # patterns of signs that probe a correction's round-off
+_WHOLE_FLOOR = 8.0  # safety factor of the probe
 
 
 @part_of_kernel
@@ -68,15 +68,15 @@ def _put_matrix(plan, work, s, h):
     n = free.shape[0]
     m = plan.rows.shape[0]
     tw = s.tangent
-    call_separate(s.kernels[RESIDUAL], (plan, work, s.x_mid, s.u, s.none, s.nu, s.out))
+    call_separate(s.kernels[RESIDUAL], (plan, work, s.x_mid, s.u, s.zeros, s.nu, s.scratch_v))
     call_separate(
         s.kernels[TANGENT],
-        (plan, work, tw, s.x_mid, s.u, s.none, s.nu, 0.25 * h * h, 0.5 * h, 2.0, s.full),
+        (plan, work, tw, s.x_mid, s.u, s.zeros, s.nu, 0.25 * h * h, 0.5 * h, 2.0, s.full_matrix),
     )
     vary_average_strain(plan, s, h)
     for i in range(n):
         for j in range(n):
-            s.matrix[i, j] = s.full[free[i], free[j]]
+            s.matrix[i, j] = s.full_matrix[free[i], free[j]]
         for k in range(m):
             s.matrix[i, n + k] = tw.jacobian[k, free[i]]
     for k in range(m):
@@ -84,12 +84,12 @@ def _put_matrix(plan, work, s, h):
             s.matrix[n + k, j] = 2.0 / h * tw.rate_jacobian[k, free[j]]
         for j in range(m):
             s.matrix[n + k, n + j] = 0.0
-    call_separate(s.kernels[WEIGH], (plan, work, s))
+    call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
     for i in range(n):
         for j in range(n):
-            s.matrix[i, j] -= s.full[free[i], free[j]]
+            s.matrix[i, j] -= s.full_matrix[free[i], free[j]]
     if m > 0:
-        turn_columns(plan, s.move, tw.jacobian)
+        turn_columns(plan, s.increment, tw.jacobian)
     for k in range(m):
         if holds_position(plan.rows[k]):
             for j in range(n):
@@ -97,7 +97,7 @@ def _put_matrix(plan, work, s, h):
 
 
 @kernel
-def _measure(free, scale_x, scale_v, correction, h, counts):
+def _correction_norm(free, scale_x, scale_v, correction, h, counts):
     """The largest of the corrections over the machine's sizes and speeds; not finite where one is not."""
     size = 0.0
     for j in range(free.shape[0]):
@@ -112,24 +112,24 @@ def _measure(free, scale_x, scale_v, correction, h, counts):
 
 @part_of_kernel
 def _stiff_forces(plan, groups, s, h):
-    """Write into ``s.bend`` the forces of the stiffness that the matrix holds: of deformations, and of whole sizes."""
+    """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        s.bend[0, k] = 4.0 / (h * h) * abs(s.matrix[j, j] - s.full[k, k])
-        s.bend[1, k] = groups.full[groups.of[k]]
+        s.modal_scratch[0, k] = 4.0 / (h * h) * abs(s.matrix[j, j] - s.full_matrix[k, k])
+        s.modal_scratch[1, k] = groups.full[groups.of[k]]
     for i in range(plan.tree.shape[0]):
         n, qx, qv = modes_of(plan.tree[i], plan.flex)
         for k in range(n):
-            s.bend[1, qv + k] = abs(s.x_mid[qx + k])
-    for k in range(s.none.shape[0]):
-        s.bend[0, k] *= s.bend[1, k]
+            s.modal_scratch[1, qv + k] = abs(s.x_mid[qx + k])
+    for k in range(s.zeros.shape[0]):
+        s.modal_scratch[0, k] *= s.modal_scratch[1, k]
 
 
 @part_of_kernel
 def _probe_round_off(plan, state, groups, s, h):
-    """Write ``s.floor``: the size of the corrections that rounding of the summed terms causes.
+    """Write ``s.round_off_floor``: the size of the corrections that rounding of the summed terms causes.
 
-    Terms: momenta, of which neighbours may cancel, as large as |p_k| <= (M_kk p.v)^(1/2); what `_stiff_forces` left;
+    Terms: momenta, of which neighbours may cancel, as large as |p_k| <= (M_kk p.v)^(1/2); forces of `_stiff_forces`;
     reactions; in rows, over the step, the lengths or angles that a residual is a difference of, however little the row
     moves with a coordinate, and what the rounding of the coordinates themselves adds.
     """
@@ -138,13 +138,13 @@ def _probe_round_off(plan, state, groups, s, h):
     energy = 0.0
     for k in range(p.shape[0]):
         energy += p[k] * state.v[k]
-    s.floor[0] = 0.0
+    s.round_off_floor[0] = 0.0
     for pattern in range(_SIGNS):
         for i in range(s.unknown.shape[0]):
             size = 0.0
             if i < n:
                 k = plan.free[i]
-                size = 2.0 * np.sqrt(abs(s.full[k, k] * energy)) + 0.5 * h * s.bend[0, k]
+                size = 2.0 * np.sqrt(abs(s.full_matrix[k, k] * energy)) + 0.5 * h * s.modal_scratch[0, k]
                 for j in range(s.nu.shape[0]):
                     size += abs(s.tangent.jacobian[j, k] * s.unknown[n + j])
             else:
@@ -157,13 +157,13 @@ def _probe_round_off(plan, state, groups, s, h):
             odd = int((i + 1) * (2 * pattern + 1) * 0.6180339887498949 * 16.0) % 2
             s.correction[0, i] = _EPSILON * (size if odd == 1 else -size)
         solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
-        size = _measure(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
-        s.floor[0] = max(s.floor[0], _WHOLE_FLOOR * size)
+        size = _correction_norm(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
+        s.round_off_floor[0] = max(s.round_off_floor[0], _WHOLE_FLOOR * size)
 
 
 @kernel
 def linearise(plan, work, state, groups, s, h):
-    """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` tells of failure."""
+    """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` is 1 if that failed, else 0."""
     free = plan.free.shape[0]
     state.counts[st.FACTORISATIONS] += 1
     state.numbers[STEP_FACTORED] = h
@@ -195,38 +195,38 @@ def _dot(free, scale, a, b):
 
 
 @part_of_kernel
-def _improve(plan, s, iteration, kept):
-    """Move ``s.unknown`` by the correction, mixed with those before so that their differences tell least.
+def _anderson_update(plan, s, iteration, kept):
+    """Move ``s.unknown`` by the correction, combined with those before by least squares (Anderson 1965).
 
-    Anderson's acceleration (1965), by orthogonal differences: what the matrix lacks, the energy's correction above
-    all, is of low rank.  Returns how many differences are kept.
+    By orthogonal differences.  The part of the Jacobian that the matrix lacks, above all the energy's correction, is of
+    low rank.  Returns how many differences are kept.
     """
     n = s.unknown.shape[0]
-    if iteration > 0 and kept < DEPTH:
+    if iteration > 0 and kept < ANDERSON_DEPTH:
         for j in range(n):
-            s.mixed[kept, j] = s.correction[0, j] - s.before[1, j]
-            s.gained[kept, j] = s.unknown[j] - s.before[0, j] - s.mixed[kept, j]
-        whole = _dot(plan.free, s.scale_v, s.mixed[kept], s.mixed[kept])
+            s.anderson_changes[kept, j] = s.correction[0, j] - s.previous[1, j]
+            s.anderson_moves[kept, j] = s.unknown[j] - s.previous[0, j] - s.anderson_changes[kept, j]
+        whole = _dot(plan.free, s.scale_v, s.anderson_changes[kept], s.anderson_changes[kept])
         for i in range(kept):
-            share = _dot(plan.free, s.scale_v, s.mixed[i], s.mixed[kept])
+            share = _dot(plan.free, s.scale_v, s.anderson_changes[i], s.anderson_changes[kept])
             for j in range(n):
-                s.mixed[kept, j] -= share * s.mixed[i, j]
-                s.gained[kept, j] -= share * s.gained[i, j]
-        left = _dot(plan.free, s.scale_v, s.mixed[kept], s.mixed[kept])
+                s.anderson_changes[kept, j] -= share * s.anderson_changes[i, j]
+                s.anderson_moves[kept, j] -= share * s.anderson_moves[i, j]
+        left = _dot(plan.free, s.scale_v, s.anderson_changes[kept], s.anderson_changes[kept])
         if left > 1e-8 * whole and left > 0.0:
             over = 1.0 / np.sqrt(left)
             for j in range(n):
-                s.mixed[kept, j] *= over
-                s.gained[kept, j] *= over
+                s.anderson_changes[kept, j] *= over
+                s.anderson_moves[kept, j] *= over
             kept += 1
     for j in range(n):
-        s.before[0, j] = s.unknown[j]
-        s.before[1, j] = s.correction[0, j]
+        s.previous[0, j] = s.unknown[j]
+        s.previous[1, j] = s.correction[0, j]
         s.unknown[j] -= s.correction[0, j]
     for i in range(kept):
-        share = _dot(plan.free, s.scale_v, s.mixed[i], s.before[1])
+        share = _dot(plan.free, s.scale_v, s.anderson_changes[i], s.previous[1])
         for j in range(n):
-            s.unknown[j] -= share * s.gained[i, j]
+            s.unknown[j] -= share * s.anderson_moves[i, j]
     return kept
 
 
@@ -234,7 +234,7 @@ def _improve(plan, s, iteration, kept):
 def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old):
     """Iterate with the factors at hand until ``s`` holds a solution.
 
-    Far from it, unless the first guess is ``trusted``, the energy's correction is left out: it would lead astray.
+    Far from it, unless the predictor is ``trusted``, the energy's correction is left out, for it would diverge.
     ``old``: the factors are those of an earlier step, and given up sooner.
     Returns 1 if converged, 0 if too slow, 2 if that near a solution, -1 if not finite.
     """
@@ -250,26 +250,26 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
         call_separate(
             s.kernels[EVALUATE], (plan, stored_plan, work, loops, state, s, h, corrected, near)
         )
-        number[WORK] = s.energy[DONE]
+        number[LOAD_WORK] = s.energy[TRIAL_WORK]
         state.counts[st.ITERATIONS] += 1
         for i in range(s.equation.shape[0]):
             s.correction[0, i] = s.equation[i]
         solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
-        size = _measure(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
+        size = _correction_norm(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
         if not np.isfinite(size):
             return -1
         # where rounding is reached corrections shrink no more
         solved = size <= tolerance and s.energy[DEFECT] <= tolerance
-        if solved or (size <= max(s.floor[0], tolerance) and size > 0.25 * before):
-            if corrected == keeps and s.energy[LACK] <= s.energy[DEAD]:
+        if solved or (size <= max(s.round_off_floor[0], tolerance) and size > 0.25 * before):
+            if corrected == keeps and s.energy[KINETIC_ERROR] <= s.energy[UNRESOLVED]:
                 if iteration > _MANY:
                     number[STEP_FACTORED] = 0.0
                 return 1
-        elif iteration > first + 1 and size > s.floor[0] and size > (_SLOW if old else _LEADING) * earlier:
+        elif iteration > first + 1 and size > s.round_off_floor[0] and size > (_SLOW if old else _SLOW_NEW) * earlier:
             return 2 if size <= _FAR else 0
         earlier = before
         before = size
-        kept = _improve(plan, s, iteration - first, kept)
+        kept = _anderson_update(plan, s, iteration - first, kept)
         if keeps and not corrected and size <= _FAR:
             corrected = True
             kept = 0
@@ -279,41 +279,41 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
 
 
 @kernel
-def _foretell(state, k, h, way):
-    """Velocity k of the step to come in one of the ways named above."""
+def _predict(state, k, h, predictor):
+    """Velocity k of the next step by one of the predictors named above."""
     memory = state.memory
-    if way == REST:
+    if predictor == ZERO:
         return 0.0
-    if way == ACCELERATED:
+    if predictor == ACCELERATED:
         return state.v[k] + 0.5 * h * state.a[k]
     guess = memory[SPEED, k]
-    if way == LEAP:
+    if predictor == LEAP:
         return guess + h * state.a[k]
-    if way == LINE or way == PARABOLA:
+    if predictor == LINE or predictor == PARABOLA:
         guess += memory[SPEED, k] - memory[SPEED + 1, k]
-    if way == PARABOLA:
+    if predictor == PARABOLA:
         guess += memory[SPEED, k] - 2.0 * memory[SPEED + 1, k] + memory[SPEED + 2, k]
     return guess
 
 
 @part_of_kernel
-def _guess(plan, state, s, h, start):
-    """First guess: the way that would have foretold the last step best, then in turn those for unresolved vibrations.
+def _first_guess(plan, state, s, h, start):
+    """Write the predictor: the best one for the last step, then in turn those for unresolved vibrations.
 
-    Returns whether it is one to trust.
+    Returns whether it is near enough for the energy's correction.
     """
     free = plan.free.shape[0]
-    known = state.counts[KNOWN]
+    known = state.counts[KNOWN_STEPS]
     equal = known > 0 and state.numbers[st.STEP_BEFORE] == h
-    way = ACCELERATED
+    predictor = ACCELERATED
     if start == 0 and equal:
-        way = state.counts[WAY]
+        predictor = state.counts[PREDICTOR]
     elif start == 1 and known > 0:
-        way = SAME
+        predictor = UNCHANGED
     elif start == 3:
-        way = REST
+        predictor = ZERO
     for j in range(free):
-        s.unknown[j] = _foretell(state, plan.free[j], h, way)
+        s.unknown[j] = _predict(state, plan.free[j], h, predictor)
     for i in range(s.nu.shape[0]):
         nu = state.multipliers[i]
         if start == 0 and equal and known > 2:
@@ -333,25 +333,25 @@ def _guess(plan, state, s, h, start):
 
 @part_of_kernel
 def remember(plan, state, s, h):
-    """Keep the step's velocities and multipliers as the latest, and which way would have foretold them best.
+    """Keep the step's velocities and multipliers as the latest, and the predictor that would have been best for them.
 
-    Those of steps of another length are forgotten.  ``state`` must still be the step's start.
+    Those of steps of another length are dropped.  ``state`` must still be the step's start.
     """
     memory = state.memory
     count = state.counts
     if state.numbers[st.STEP_BEFORE] != h:
-        count[KNOWN] = 0
+        count[KNOWN_STEPS] = 0
     least = np.inf
-    for way in range(ACCELERATED, SAME + count[KNOWN] if count[KNOWN] > 0 else LEAP):
+    for predictor in range(ACCELERATED, UNCHANGED + count[KNOWN_STEPS] if count[KNOWN_STEPS] > 0 else LEAP):
         error = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            part = (_foretell(state, k, h, way) - s.u[k]) / s.scale_v[k]
+            part = (_predict(state, k, h, predictor) - s.u[k]) / s.scale_v[k]
             error += part * part
         if error < least:
             least = error
-            count[WAY] = way
-    count[KNOWN] = min(REMEMBERED, count[KNOWN] + 1)
+            count[PREDICTOR] = predictor
+    count[KNOWN_STEPS] = min(REMEMBERED, count[KNOWN_STEPS] + 1)
     for row in range(REMEMBERED - 1, 0, -1):
         for k in range(s.u.shape[0]):
             memory[SPEED + row, k] = memory[SPEED + row - 1, k]
@@ -368,10 +368,10 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
     """Newton with the old factors where they still serve, with new ones otherwise.
 
     ``work.time`` must hold the middle of the step, ``s.driven`` its end.  Returns whether it converged; if so
-    ``s`` holds the step's end, momenta settled and velocities in ``s.v_end``.
+    ``s`` holds the step's end, momenta in ``s.p_end`` and velocities in ``s.v_end``.
     """
     for start in range(_STARTS):
-        trusted = _guess(plan, state, s, h, start)
+        trusted = _first_guess(plan, state, s, h, start)
         for renewal in range(_RENEWALS):
             old = start == 0 and renewal == 0 and state.numbers[STEP_FACTORED] == h
             if not old:
@@ -381,14 +381,14 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
                     break
             outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old)
             if outcome == 1:
-                settle_momenta(plan, state.memory[MOMENTUM], s, h)
-                call_separate(s.kernels[WEIGH], (plan, work, s))
-                call_separate(s.kernels[CLOSE], (plan, loops, s))
+                conserve_momenta(plan, state.memory[MOMENTUM], s, h)
+                call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
+                call_separate(s.kernels[CLOSE_VELOCITIES], (plan, loops, s))
                 return s.energy[SINGULAR] == 0.0
             if plan.flag[0] != 0:
                 return False
             if old:
-                trusted = _guess(plan, state, s, h, start)
+                trusted = _first_guess(plan, state, s, h, start)
             elif outcome < 0:
                 break
             else:
@@ -398,11 +398,12 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
 
 
 def bind(
-    plan: Plan, stored_plan: Plan, work: Work, loops: Loops, state: st.State, groups: st.Groups, s: Scratch
+    plan: Plan, stored_plan: Plan, work: Work, loops: Loops, state: st.State, groups: st.Groups,
+    s: EnergyMomentumWorkspace,
 ) -> None:
     """Compile the parts of a step and write their addresses into ``s.kernels``."""
     s.kernels[PLACE] = address_of(place, (plan, state.x, s, 1.0))
-    s.kernels[WEIGH] = address_of(weigh_end, (plan, work, s))
-    s.kernels[CLOSE] = address_of(close_velocities, (plan, loops, s))
+    s.kernels[FACTOR_MASS] = address_of(factor_end_mass, (plan, work, s))
+    s.kernels[CLOSE_VELOCITIES] = address_of(close_velocities, (plan, loops, s))
     s.kernels[EVALUATE] = address_of(evaluate, (plan, stored_plan, work, loops, state, s, 1.0, True, True))
     s.kernels[LINEARISE] = address_of(linearise, (plan, work, state, groups, s, 1.0))

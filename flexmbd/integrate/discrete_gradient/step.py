@@ -3,39 +3,39 @@
 The unknowns are the velocities ``u`` of the step and the multipliers of constraint rows.  The velocities
 give the positions in its middle and at its end; the momenta at its end follow from p_n + p_end =
 2 M(x_mid) u, and the equations ask that their change be what the discrete gradient of the energy says.
-The derivation stands in docs/integrators.md, "Energy-momentum".  ``s`` is ``discrete_gradient.Scratch``.
+The derivation stands in docs/integrators.md, "Energy-momentum".  ``s`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.discrete_gradient.gradient import (
+from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, project_out_symmetries
+from flexmbd.integrate.discrete_gradient.workspace import (
     CANONICAL,
-    CLOSE,
+    CLOSE_VELOCITIES,
     CONSTRAINTS,
-    DEAD,
     DEFECT,
-    DONE,
     ENERGY,
-    LACK,
+    FACTOR_MASS,
+    KINETIC_ERROR,
     MOMENTA,
     MOMENTUM,
+    NONCONSERVATIVE,
     PLACE,
     POTENTIAL,
-    SPLITS,
-    STORED,
-    WEIGH,
+    POTENTIAL_END,
+    TRIAL_WORK,
+    UNRESOLVED,
 )
-from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, drop_symmetries
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
 
 _EPSILON = 2.0**-52
-_DEAD = 32.0 * _EPSILON  # of all energy: what sums of it do not resolve
-_STILL = 1e-16  # of all energy: a motion in the middle of less than that counts as none
-_ROUGH = 1e-6  # of the kinetic energy, where an iterate is far: what need not be known of it
+_UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
+_AT_REST = 1e-16  # of all energy: a motion in the middle of less than that counts as none
+_ROUGH = 1e-6  # of the kinetic energy: its tolerance where an iterate is far
 _PASSES = 6  # of improving the velocities at the end
 
 
@@ -49,7 +49,7 @@ def kinetic_energy(p, v):
 
 
 @part_of_kernel
-def _spread(plan, s, h):
+def _unpack_unknowns(plan, s, h):
     """Put velocities and multipliers where ``s.unknown`` says."""
     free = plan.free.shape[0]
     for j in range(free):
@@ -59,37 +59,40 @@ def _spread(plan, s, h):
 
 
 @part_of_kernel
-def _middle(plan, stored_plan, work, s, x, p, h, split):
+def _evaluate_middle(plan, stored_plan, work, s, x, p, h, split):
     """Forces in the middle of the step, the momenta's balance, rows; returns what ``balance_momenta`` does."""
-    _spread(plan, s, h)
+    _unpack_unknowns(plan, s, h)
     call_separate(s.kernels[PLACE], (plan, x, s, h))
     call_separate(
         s.kernels[CANONICAL],
-        (plan, work, s.x_mid, s.u, s.half, s.none, s.nu, s.wrench, s.part, s.p_mid, s.force),
+        (plan, work, s.x_mid, s.u, s.half_velocity, s.zeros, s.nu, s.wrench, s.scratch6, s.p_mid, s.gradient),
     )
     if split:
         call_separate(
             s.kernels[CANONICAL],
-            (stored_plan, work, s.x_mid, s.u, s.half, s.none, s.nu, s.wrench, s.part, s.p_mid, s.stored),
+            (
+                stored_plan, work, s.x_mid, s.u, s.half_velocity, s.zeros, s.nu, s.wrench, s.scratch6, s.p_mid,
+                s.stored_gradient,
+            ),
         )
     else:
-        for k in range(s.force.shape[0]):
-            s.stored[k] = s.force[k]
+        for k in range(s.gradient.shape[0]):
+            s.stored_gradient[k] = s.gradient[k]
     average_strain(plan, s, h)
     if s.nu.shape[0] > 0:
-        _rows(plan, work, s, h)
+        _evaluate_rows(plan, work, s, h)
     return balance_momenta(plan, p, s, h)
 
 
 @part_of_kernel
-def _rows(plan, work, s, h):
+def _evaluate_rows(plan, work, s, h):
     """Residuals of the rows: of position at the end, over h; of velocity in the middle, which ``work`` must hold."""
     free = plan.free.shape[0]
-    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.rate, s.rate2))
+    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
     for i in range(s.nu.shape[0]):
-        s.equation[free + i] = s.rate[i]
-    call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.none, s.none, s.out))
-    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.rate, s.rate2))
+        s.equation[free + i] = s.phi_rate[i]
+    call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.zeros, s.zeros, s.scratch_v))
+    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
     for i in range(s.nu.shape[0]):
         row = plan.rows[i]
         if holds_position(row):
@@ -102,96 +105,96 @@ def _rows(plan, work, s, h):
 
 @part_of_kernel
 def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
-    """What the gradient in the middle lacks of the energy's change (J); 0 where sums do not resolve it.
+    """The energy's change less that by the gradient in the middle (J); 0 where it is round-off.
 
     Without rows the velocities at the end are improved by the factors at hand, a pass or a few each time.  The
     kinetic energy needs no better ones than their error's square is small.
     """
     kinetic = 0.0
-    lack = 0.0
+    kinetic_error = 0.0
     if plan.rows.shape[0] > 0:
-        call_separate(s.kernels[WEIGH], (plan, work, s))
+        call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
         call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
-        call_separate(s.kernels[CLOSE], (plan, loops, s))
+        call_separate(s.kernels[CLOSE_VELOCITIES], (plan, loops, s))
         kinetic = kinetic_energy(s.p_end, s.v_end)
     for part in range(_PASSES if plan.rows.shape[0] == 0 else 0):
-        call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.v_end, s.none, s.out))
+        call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.v_end, s.zeros, s.scratch_v))
         if part == 0:
             call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            s.out[k] = s.p_end[k] - s.out[k]
-            s.right[0, j] = s.out[k]
-        solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.right)
-        before = lack
-        lack = 0.0
+            s.scratch_v[k] = s.p_end[k] - s.scratch_v[k]
+            s.mass_rhs[0, j] = s.scratch_v[k]
+        solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.mass_rhs)
+        before = kinetic_error
+        kinetic_error = 0.0
         kinetic = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            kinetic += 0.5 * (s.p_end[k] + s.out[k]) * s.v_end[k]
-            lack += 0.5 * s.out[k] * s.right[0, j]
-            s.v_end[k] += s.right[0, j]
-        kinetic += lack
-        lack = abs(lack)
-        if not lack > (_DEAD if near else _ROUGH) * abs(kinetic):
+            kinetic += 0.5 * (s.p_end[k] + s.scratch_v[k]) * s.v_end[k]
+            kinetic_error += 0.5 * s.scratch_v[k] * s.mass_rhs[0, j]
+            s.v_end[k] += s.mass_rhs[0, j]
+        kinetic += kinetic_error
+        kinetic_error = abs(kinetic_error)
+        if not kinetic_error > (_UNRESOLVED if near else _ROUGH) * abs(kinetic):
             break
-        if part > 0 and not lack < 0.05 * before:
-            call_separate(s.kernels[WEIGH], (plan, work, s))
-    dead = _DEAD * (abs(kinetic) + abs(s.energy[STORED]) + abs(number[ENERGY]))
-    s.energy[DEAD] = dead
-    s.energy[LACK] = lack
-    missing = kinetic + s.energy[STORED] - number[ENERGY] - gained
-    for k in range(s.move.shape[0]):
-        missing -= s.stored[k] * s.move[k]
-    return missing - min(max(missing, -dead), dead)
+        if part > 0 and not kinetic_error < 0.05 * before:
+            call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
+    unresolved = _UNRESOLVED * (abs(kinetic) + abs(s.energy[POTENTIAL_END]) + abs(number[ENERGY]))
+    s.energy[UNRESOLVED] = unresolved
+    s.energy[KINETIC_ERROR] = kinetic_error
+    missing = kinetic + s.energy[POTENTIAL_END] - number[ENERGY] - gained
+    for k in range(s.increment.shape[0]):
+        missing -= s.stored_gradient[k] * s.increment[k]
+    return missing - min(max(missing, -unresolved), unresolved)
 
 
 @part_of_kernel
-def _aim(plan, work, s, h):
-    """Write ``s.direction``: momenta of the step's motion, but for what energy does not depend on; returns their work.
+def _correction_direction(plan, work, s, h):
+    """Write ``s.correction_direction``: momenta of the step's motion without symmetries; returns their work.
 
     By the mass matrix as metric every speed changes by the same share, which no soft direction makes large.
     """
-    if s.plain[0] == 1:
-        for k in range(s.move.shape[0]):
-            s.direction[k] = s.p_mid[k]
+    if s.no_symmetries[0] == 1:
+        for k in range(s.increment.shape[0]):
+            s.correction_direction[k] = s.p_mid[k]
     else:
-        for k in range(s.move.shape[0]):
-            s.course[k] = s.move[k] / h
-        drop_symmetries(plan, s, s.course)
-        call_separate(s.kernels[MOMENTA], (plan, work, s.x_mid, s.course, s.none, s.direction))
-        drop_symmetries(plan, s, s.direction)
+        for k in range(s.increment.shape[0]):
+            s.corrected_velocity[k] = s.increment[k] / h
+        project_out_symmetries(plan, s, s.corrected_velocity)
+        call_separate(s.kernels[MOMENTA], (plan, work, s.x_mid, s.corrected_velocity, s.zeros, s.correction_direction))
+        project_out_symmetries(plan, s, s.correction_direction)
     along = 0.0
-    for k in range(s.move.shape[0]):
-        along += s.direction[k] * s.move[k]
+    for k in range(s.increment.shape[0]):
+        along += s.correction_direction[k] * s.increment[k]
     return along
 
 
 @kernel
 def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
-    """Write the step's equations at ``s.unknown``, and into ``s.energy`` the work of all that does not store energy.
+    """Write the step's equations at ``s.unknown``, and the work of loads and dampers into ``s.energy``.
 
-    ``corrected``: with what keeps the energy.  That correction goes along the step's motion, but for directions that
-    energy does not depend on; it undoes the work that reactions in the middle do over the step as well.
+    ``corrected``: with the correction that keeps the energy, along the step's motion but for directions that energy
+    does not depend on; it undoes the work that reactions in the middle do over the step as well.
     ``near``: whether the kinetic energy at the end should be known to round-off.
     """
     count = state.counts
     p = state.memory[MOMENTUM]
-    gained = _middle(plan, stored_plan, work, s, state.x, p, h, count[SPLITS] == 1)
+    gained = _evaluate_middle(plan, stored_plan, work, s, state.x, p, h, count[NONCONSERVATIVE] == 1)
     count[st.EVALUATIONS] += 1
-    s.energy[DONE] = 0.0
-    s.energy[LACK] = 0.0
+    s.energy[TRIAL_WORK] = 0.0
+    s.energy[KINETIC_ERROR] = 0.0
     s.energy[DEFECT] = 0.0
     if corrected:
-        for k in range(s.move.shape[0]):
-            s.energy[DONE] += (s.stored[k] - s.force[k]) * s.move[k]
+        for k in range(s.increment.shape[0]):
+            s.energy[TRIAL_WORK] += (s.stored_gradient[k] - s.gradient[k]) * s.increment[k]
         missing = _missing_energy(plan, stored_plan, work, loops, state.numbers, s, gained, near)
-        along = _aim(plan, work, s, h)
+        along = _correction_direction(plan, work, s, h)
         # at rest, where no energy is missing, there is none to compare with either
-        share = missing / (along + h * _STILL / _DEAD * s.energy[DEAD]) if missing != 0.0 else 0.0
-        for k in range(s.move.shape[0]):
-            s.force[k] += share * s.direction[k]
-            s.balance[k] += share * s.direction[k]
+        share = missing / (along + h * _AT_REST / _UNRESOLVED * s.energy[UNRESOLVED]) if missing != 0.0 else 0.0
+        for k in range(s.increment.shape[0]):
+            s.gradient[k] += share * s.correction_direction[k]
+            s.balance[k] += share * s.correction_direction[k]
     for j in range(plan.free.shape[0]):
         s.equation[j] = 0.5 * h * s.balance[plan.free[j]]
     if corrected:
@@ -199,4 +202,4 @@ def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
             defect += abs(s.equation[j]) * (abs(s.u[k]) + abs(s.v_end[k]))
-        s.energy[DEFECT] = defect * _DEAD / (s.energy[DEAD] + 1e-300)
+        s.energy[DEFECT] = defect * _UNRESOLVED / (s.energy[UNRESOLVED] + 1e-300)

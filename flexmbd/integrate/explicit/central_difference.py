@@ -14,11 +14,11 @@ import numpy as np
 
 from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Stepper, driver, no_factors
-from flexmbd.integrate.explicit.central_step import RULE, Method, Scratch, advance
+from flexmbd.integrate.controller import SAFETY, Stepper, make_advance, no_factors
+from flexmbd.integrate.explicit.central_step import RULE, CentralDifferenceMethod, CentralDifferenceWorkspace, advance
 from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
-from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, survey
-from flexmbd.integrate.history import refuse_implicit_only
+from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, set_row_scales
+from flexmbd.integrate.interior_support import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
@@ -69,17 +69,18 @@ class CentralDifference:
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
         plan, zeros, nv = scene.plan, np.zeros, scene.nv
-        scratch = Scratch(zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)), zeros(nv), zeros(nv))
+        x, multipliers = zeros(scene.nx), zeros(len(plan.rows))
+        scratch = CentralDifferenceWorkspace(x, zeros(nv), zeros(nv), zeros(nv), multipliers, zeros(nv), zeros(nv))
         parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
-        method = Method(*parts, scratch)
-        drive = driver(advance, method, RULE, state, groups)
+        method = CentralDifferenceMethod(*parts, scratch)
+        drive = make_advance(advance, method, RULE, state, groups)
         interiors = None
         if scene.interiors is not None:
             interiors = ExplicitInteriors(scene.interiors, method, RULE, state, groups, subcycle=self.subcycle)
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY
-            survey(scene, state, work)
+            set_row_scales(scene, state, work)
             if interiors is not None:
                 interiors.choose_step()
 

@@ -14,8 +14,8 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     Loops,
     accelerate,
     is_nearly_singular,
-    note_scales,
     project,
+    update_row_scales,
 )
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -32,10 +32,10 @@ _BEFORE = N_MEMORY
 
 #: How its steps follow from their errors: each may be of another length, for nothing is factored.
 RULE = Rule(exponent=1.0 / 3.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0, hold=0)
-_UNSEEN = 3.0  # the error over what is seen of it: forces also feel that the velocity at the step's end is foretold
+_UNSEEN_ERROR = 3.0  # the error over its estimate: forces also depend on the predicted velocity at the step's end
 
 
-class Scratch(NamedTuple):
+class CentralDifferenceWorkspace(NamedTuple):
     """The step's end, its displacement u, and the local errors."""
 
     x: FloatArray
@@ -47,8 +47,8 @@ class Scratch(NamedTuple):
     error_v: FloatArray
 
 
-class Method(NamedTuple):
-    """What an attempt works with."""
+class CentralDifferenceMethod(NamedTuple):
+    """Arguments of an attempt."""
 
     plan: Plan
     work: Work
@@ -56,17 +56,17 @@ class Method(NamedTuple):
     loops: Loops
     plain: IntArray
     quaternions: IntArray
-    scratch: Scratch
+    scratch: CentralDifferenceWorkspace
 
 
 @part_of_kernel
-def foretell(plan, work, plain, quaternions, state, s, h):
-    """Put the positions of the step's end and the velocities expected there into ``s``."""
+def predict(plan, work, plain, quaternions, state, s, h):
+    """Write the positions of the step's end and the predicted velocities there into ``s``."""
     for k in range(s.v.shape[0]):
         s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
         s.v[k] = state.v[k] + h * state.a[k]
     from_local_coordinates(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
-    evaluate_times(plan, st.latest(state.numbers, state.numbers[st.STEP_END]), work.time)
+    evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), work.time)
     if plan.flag[0] == 0:
         drive(plan, work, s.x, s.v, s.a)
 
@@ -74,7 +74,7 @@ def foretell(plan, work, plain, quaternions, state, s, h):
 @part_of_kernel
 def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
     """Take the step h; False if loops do not close or the end is not finite."""
-    foretell(plan, work, plain, quaternions, state, s, h)
+    predict(plan, work, plain, quaternions, state, s, h)
     if plan.flag[0] != 0:
         return False
     looped = plan.rows.shape[0] > 0
@@ -110,7 +110,7 @@ def _error(plan, state, groups, s, h, rate):
         if known:
             bend = change / h - (state.a[k] - state.memory[_BEFORE, k]) / before
             s.error_v[k] = h**3 / 6.0 * bend / (h + before)
-    return _UNSEEN * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
+    return _UNSEEN_ERROR * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
 
 
 @part_of_kernel
@@ -140,8 +140,8 @@ def attempt(method, state, groups, h):
         if ratio <= 1.0:
             _accept(state, s)
             if plan.rows.shape[0] > 0:
-                note_scales(loops, state)
-    state.numbers[st.RATIO] = ratio
+                update_row_scales(loops, state)
+    state.numbers[st.ERROR_RATIO] = ratio
 
 
 @entry_kernel

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
-from flexmbd.integrate.explicit.central_step import Method, attempt, foretell
+from flexmbd.integrate.explicit.central_step import CentralDifferenceMethod, attempt, predict
 from flexmbd.integrate.explicit.loop_dynamics import accelerate
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
@@ -23,40 +23,40 @@ from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_
 
 FloatArray = NDArray[np.float64]
 
-#: The step taken without a given h, as a share of the shortest stable one; asked for anew every so many steps.
+#: The step taken without a given h, as a share of the shortest stable one, which is computed every so many steps.
 SHARE = 0.9
 _RENEWAL = 10
 
 
 @entry_kernel
-def foretell_frames(plan, work, plain, quaternions, rows, state, s, h, start, end):
-    """Motions (k, N_MOTION) of the frames in ``rows`` at the step's start and, as far as known, at its end."""
+def predict_frames(plan, work, plain, quaternions, rows, state, s, h, start, end):
+    """Motions (k, N_MOTION) of the frames in ``rows`` at the step's start and, as far as predicted, at its end."""
     store_motions(plan, work, rows, state.x, state.v, state.a, start)
     for k in range(s.a.shape[0]):
         s.a[k] = state.a[k]
-    foretell(plan, work, plain, quaternions, state, s, h)
+    predict(plan, work, plain, quaternions, state, s, h)
     store_motions(plan, work, rows, s.x, s.v, s.a, end)
 
 
 @entry_kernel
-def set_out(rule, knots, state, groups):
+def propose_step(rule, knots, state, groups):
     """The step to take, by the controller."""
-    return controller.set_out(rule, knots, state, groups)
+    return controller.propose_step(rule, knots, state, groups)
 
 
 @entry_kernel
 def step_machine(method, rule, state, groups, record, h):
-    """Take and store the step h of the machine with the wrenches that act; there is no other: its code."""
+    """Take and store the step h of the machine with the wrenches at hand; it is not repeated; its code."""
     attempt(method, state, groups, h)
-    if state.counts[st.OUTCOME] == st.DONE and not state.numbers[st.RATIO] <= 1.0:
+    if state.counts[st.OUTCOME] == st.DONE and not state.numbers[st.ERROR_RATIO] <= 1.0:
         state.counts[st.OUTCOME] = st.NOT_FINITE
     if state.counts[st.OUTCOME] != st.DONE:
         return state.counts[st.OUTCOME]
-    return controller.settle(method.plan, rule, state, groups, record, h)
+    return controller.accept_or_reject(method.plan, rule, state, groups, record, h)
 
 
 @entry_kernel
-def accelerate_anew(plan, work, aw, loops, state):
+def accelerate_again(plan, work, aw, loops, state):
     """Accelerations and multipliers at the state, with the wrenches that act now."""
     accelerate(plan, work, aw, loops, state.x, state.v, state.a, state.multipliers)
 
@@ -65,19 +65,19 @@ class ExplicitInteriors:
     """Steps a machine and its interiors by central differences.
 
     All steps are fixed ones, which cannot be tried again: of the length given, or of a share of the interiors' stable
-    one, asked for anew now and then.
+    one, which is computed every few steps.
 
     Args:
         interiors: all of them ``ExplicitInterior``.
-        method: what an attempt of the machine works with.
+        method: arguments of an attempt of the machine.
         rule: how steps follow each other.
         state, groups: where it stands.
-        subcycle: whether a step longer than an interior's stable one is the interior's affair.
+        subcycle: whether an interior divides a step that is longer than its stable one.
     """
 
     def __init__(
-        self, interiors: Interiors, method: Method, rule: controller.Rule, state: st.State, groups: st.Groups,
-        *, subcycle: bool,
+        self, interiors: Interiors, method: CentralDifferenceMethod, rule: controller.Rule, state: st.State,
+        groups: st.Groups, *, subcycle: bool,
     ) -> None:
         self._interiors = interiors
         self._method, self._rule, self._state, self._groups = method, rule, state, groups
@@ -89,7 +89,7 @@ class ExplicitInteriors:
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
         number, count = self._state.numbers, self._state.counts
-        fixed, room = bool(count[st.FIXED_STEP]), int(count[st.ROOM])
+        fixed, room = bool(count[st.FIXED_STEP]), int(count[st.MOST_STORED])
         code = st.DONE
         count[st.FIXED_STEP] = 1
         try:
@@ -101,7 +101,7 @@ class ExplicitInteriors:
                         self._choose_step(fixed)
                     code = self._step(record, knots)
                     if not fixed:
-                        number[st.REST] = 0.0
+                        number[st.STEP_REMAINDER] = 0.0
         except SceneError as reason:
             self._interiors.failure.append(reason)
             return st.INTERIOR_FAILED
@@ -110,18 +110,18 @@ class ExplicitInteriors:
         return code
 
     def choose_step(self) -> None:
-        """Set the first step from the interiors' stable ones; raises as it is told below."""
+        """Set the first step from the interiors' stable ones; raises SceneError as ``_choose_step``."""
         self._choose_step(bool(self._state.counts[st.FIXED_STEP]))
 
     def _choose_step(self, fixed: bool) -> None:
         """Set the step from the interiors' stable ones.
 
         Raises:
-            SceneError: a given step is longer; or an interior failed to tell.
+            SceneError: a given step is longer; or an interior failed to compute it.
         """
         number = self._state.numbers
         answers = self._interiors.ask(
-            lambda k, body: (np.array(_explicit(body).stable_step()),), doing="to tell its stable step"
+            lambda k, body: (np.array(_explicit(body).stable_step()),), doing="to compute its stable step"
         )
         limits = [float(answer) for (answer,) in answers]
         limit = min(limits)
@@ -135,27 +135,27 @@ class ExplicitInteriors:
             )
 
     def _step(self, record: st.Record, knots: FloatArray) -> int:
-        """One step: the interiors towards the positions foretold, then the machine with what they push."""
+        """One step: the interiors towards the predicted positions, then the machine with their wrenches."""
         plan, state, groups, interiors = self._plan, self._state, self._groups, self._interiors
         method = self._method
         before = interiors.acting(plan)
-        h = float(set_out(self._rule, knots, state, groups))
+        h = float(propose_step(self._rule, knots, state, groups))
         slots = method.plain, method.quaternions, self._rows
         first, last = self._motions
-        foretell_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
+        predict_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)
         answers = interiors.ask(
             lambda k, body: _explicit(body).advance(h, starts[k], ends[k]),
             doing=f"in the step from t = {state.numbers[st.TIME]:.6g} s to {state.numbers[st.STEP_END]:.6g} s",
         )
-        push, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
-        interiors.put(plan, 2.0 * mean - before if self._subcycle else push)
+        wrenches, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
+        interiors.put(plan, 2.0 * mean - before if self._subcycle else wrenches)
         code = int(step_machine(method, self._rule, state, groups, record, h))
         if code != st.DONE:
             return code
         if self._subcycle:
-            interiors.put(plan, push)
-            accelerate_anew(plan, self._work, method.aw, method.loops, state)
+            interiors.put(plan, wrenches)
+            accelerate_again(plan, self._work, method.aw, method.loops, state)
             record.a[state.counts[st.STORED] - 1] = state.a
             record.multipliers[state.counts[st.STORED] - 1] = state.multipliers
         interiors.buffer.append(interiors.row(plan))

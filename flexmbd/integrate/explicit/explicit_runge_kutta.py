@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, driver, next_step, no_factors
+from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step, no_factors
 from flexmbd.integrate.explicit.loop_dynamics import (
     N_MEMORY,
     Loops,
     accelerate,
-    drop_normal_part,
     is_nearly_singular,
     new_loops,
-    note_scales,
     project,
-    survey,
+    project_onto_tangent,
+    set_row_scales,
+    update_row_scales,
 )
 from flexmbd.integrate.explicit.tableau import Pair, Tableau
-from flexmbd.integrate.history import refuse_interiors
+from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -67,7 +67,7 @@ class Rotations(IntEnum):
     QUATERNION = rotation_update.QUATERNION
 
 
-class Scratch(NamedTuple):
+class RungeKuttaWorkspace(NamedTuple):
     """Work arrays of a step: the stage at hand and the derivatives of all stages.
 
     rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
@@ -138,13 +138,13 @@ class ExplicitRungeKutta:
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY
-            survey(scene, state, work)
+            set_row_scales(scene, state, work)
 
-        return Stepper(driver(advance, method, self.rule, state, groups), begin, no_factors)
+        return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors)
 
 
-class Method(NamedTuple):
-    """What an attempt works with."""
+class RungeKuttaMethod(NamedTuple):
+    """Arguments of an attempt."""
 
     plan: Plan
     work: Work
@@ -154,27 +154,27 @@ class Method(NamedTuple):
     quaternions: IntArray
     way: int
     tableau: Tableau
-    scratch: Scratch
+    scratch: RungeKuttaWorkspace
 
 
 def new_method(
     scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, state: st.State, work: Work
-) -> Method:
-    """Allocate what an attempt with a tableau works with."""
+) -> RungeKuttaMethod:
+    """Allocate the arguments of an attempt with a tableau."""
     plain, quaternions = coordinate_slots(scene.plan)
-    scratch = _new_scratch(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
-    return Method(
+    scratch = _new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
+    return RungeKuttaMethod(
         scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, state), plain, quaternions,
         int(choice.rotations), tableau, scratch,
     )  # fmt: skip
 
 
-def _new_scratch(scene: CompiledScene, stages: int, axes: FloatArray) -> Scratch:
+def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray) -> RungeKuttaWorkspace:
     nv = scene.nv
     if not axes.any():
         axes = axes[:0]
     zeros = np.zeros
-    return Scratch(
+    return RungeKuttaWorkspace(
         x=zeros(scene.nx),
         v=zeros(nv),
         a=zeros(nv),
@@ -190,7 +190,7 @@ def _new_scratch(scene: CompiledScene, stages: int, axes: FloatArray) -> Scratch
 
 
 @part_of_kernel
-def _combine(tableau, i, state, s, h):
+def _stage_values(tableau, i, state, s, h):
     """s.u, s.v: local coordinates and velocities of stage i."""
     for k in range(s.u.shape[0]):
         s.u[k] = 0.0
@@ -205,9 +205,9 @@ def _combine(tableau, i, state, s, h):
 
 @part_of_kernel
 def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate):
-    """The step's error over what is tolerated; two estimates are combined as DOP853 does.
+    """The ratio of the step's error to the tolerance; two estimates are combined as in DOP853.
 
-    Errors across the loops do not count: projection takes them away.
+    Errors across the loops do not count: projection removes them.
     """
     for e in range(2):
         for k in range(s.u.shape[0]):
@@ -222,8 +222,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rat
         vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_x[e])
         vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_v[e])
         if plan.rows.shape[0] > 0:
-            drop_normal_part(plan, work, aw, loops, s.error_x[e])
-            drop_normal_part(plan, work, aw, loops, s.error_v[e])
+            project_onto_tangent(plan, work, aw, loops, s.error_x[e])
+            project_onto_tangent(plan, work, aw, loops, s.error_v[e])
     lower = st.error_ratio(plan.free, state, groups, s.error_x[1], s.error_v[1], h, rate)
     ratio = st.error_ratio(plan.free, state, groups, s.error_x[0], s.error_v[0], h, rate)
     if lower > 0.0:
@@ -245,7 +245,7 @@ def _accept(state, s):
 
 @kernel
 def _finite(s):
-    """Whether the step's end is a number."""
+    """Whether the step's end is finite."""
     total = 0.0
     for k in range(s.v.shape[0]):
         total += abs(s.v[k]) + abs(s.a[k])
@@ -271,13 +271,13 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     instant = np.nan
     for i in range(1, stages + 1):
         end = i == stages
-        _combine(tableau, i, state, s, h)
+        _stage_values(tableau, i, state, s, h)
         from_local_coordinates(plain, quaternions, way, state.x, s.u, s.x)
         node = tableau.nodes[i]
         to_spinning_axes(quaternions, s.axes, s.spins, node * h, s.x, s.v)
         if node != instant:
             t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
-            evaluate_times(plan, st.latest(state.numbers, t), work.time)
+            evaluate_times(plan, st.function_time(state.numbers, t), work.time)
             instant = node
         if plan.flag[0] != 0:
             return np.inf
@@ -313,13 +313,13 @@ def _attempt(method, state, groups, h):
     plan, work, aw, loops, plain, quaternions, way, tableau, s = method
     rate = state.numbers[st.RATE]
     ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
-    state.numbers[st.RATIO] = ratio
+    state.numbers[st.ERROR_RATIO] = ratio
     if plan.flag[0] != 0:
         state.counts[st.OUTCOME] = st.CALLBACK_FAILED
     elif ratio <= 1.0:
         _accept(state, s)
         if plan.rows.shape[0] > 0:
-            note_scales(loops, state)
+            update_row_scales(loops, state)
 
 
 @entry_kernel

@@ -29,10 +29,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Where the smallest pivot of C M^-1 C^T falls below this share of its usual size, stages are projected too,
-# for a stage off the loops would ask for reactions in excess.
-_NEAR = 1e-2
-# Below this one a stage does without the reaction in the direction that is about to come free: it acts
-# across the motion alone, and projection makes up for it.
+# for a stage off the loops would cause excessive reactions.
+_NEARLY_SINGULAR = 1e-2
+# Below this share a stage leaves out the reaction in the nearly dependent direction: it acts across the motion
+# alone, and projection makes up for it.
 NO_REACTION = 1e-10
 
 _MAX_ITERATIONS = 8
@@ -45,22 +45,22 @@ N_MEMORY = 2
 
 
 class Loops(NamedTuple):
-    """Scratch of m constraint rows.
+    """Work arrays of m constraint rows.
 
-    paths: C, and what leads to C M^-1 C^T.  small: (m, m) its factors.
-    order: (m,) its pivots.  scale: (m,) the largest norms that the rows of C had at a step's end, in the
-    metric of M^-1.  usual: (1,) the largest that the smallest pivot was there.  norm: (m,) norms at hand.
+    paths: C, U and Y of ``row_paths``.  row_factors: (m, m) factors of C M^-1 C^T, with the pivots row_order (m,).
+    row_scale: (m,) the largest norms of the rows of C at a step's end, in the metric of M^-1; row_norm: (m,) those at
+    hand.  usual_pivot: (1,) the largest value of the smallest pivot at a step's end.
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
-    force, moved: (1, nv) generalised forces of the rows and what they move.  move: (nv,) correction.
-    rank: (1,) of the factors.  none: (0,).
+    force, moved: (1, nv) generalised forces of the rows and the motion that they cause.  move: (nv,) correction.
+    rank: (1,) of the factors.  no_multipliers: (0,).
     """
 
     paths: RowPaths
-    small: FloatArray
-    order: IntArray
-    scale: FloatArray
-    usual: FloatArray
-    norm: FloatArray
+    row_factors: FloatArray
+    row_order: IntArray
+    row_scale: FloatArray
+    usual_pivot: FloatArray
+    row_norm: FloatArray
     phi: FloatArray
     rate: FloatArray
     rate2: FloatArray
@@ -70,7 +70,7 @@ class Loops(NamedTuple):
     moved: FloatArray
     move: FloatArray
     rank: IntArray
-    none: FloatArray
+    no_multipliers: FloatArray
 
 
 def new_loops(plan: Plan, state: st.State) -> Loops:
@@ -79,11 +79,11 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
     zeros = np.zeros
     return Loops(
         paths=new_row_paths(plan),
-        small=zeros((m, m)),
-        order=zeros(m, np.int64),
-        scale=state.memory[0, :m],
-        usual=state.memory[1, :1],
-        norm=zeros(m),
+        row_factors=zeros((m, m)),
+        row_order=zeros(m, np.int64),
+        row_scale=state.memory[0, :m],
+        usual_pivot=state.memory[1, :1],
+        row_norm=zeros(m),
         phi=zeros(m),
         rate=zeros(m),
         rate2=zeros(m),
@@ -93,11 +93,11 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
         moved=zeros((1, nv)),
         move=zeros(nv),
         rank=zeros(1, np.int64),
-        none=zeros(0),
+        no_multipliers=zeros(0),
     )
 
 
-def survey(scene: CompiledScene, state: st.State, work: Work) -> None:
+def set_row_scales(scene: CompiledScene, state: st.State, work: Work) -> None:
     """Set the scales at the start of an integration; ``work.time`` must be up to date.
 
     A row that a singular start leaves without effect takes the largest scale of the others.
@@ -117,22 +117,22 @@ def survey(scene: CompiledScene, state: st.State, work: Work) -> None:
 def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     """Write the free accelerations and the multipliers at (x, v); keep the factors in ``loops``.
 
-    Reads from ``loops.usual`` how large rows and pivots are away from singular positions.
+    Reads from ``loops.usual_pivot`` how large rows and pivots are away from singular positions.
     """
     m = plan.rows.shape[0]
-    run_forward_dynamics(plan, work, aw, x, v, a, loops.none)
+    run_forward_dynamics(plan, work, aw, x, v, a, loops.no_multipliers)
     if m == 0:
         return
     forward_kinematics(plan, work, x, v, a)
     constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-    solve_rows(plan, work, aw, loops.paths, loops.small)
+    solve_rows(plan, work, aw, loops.paths, loops.row_factors)
     for i in range(m):
-        loops.norm[i] = np.sqrt(loops.small[i, i])
-    loops.rank[0] = factor_semidefinite(loops.small, loops.order, loops.scale)
+        loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
+    loops.rank[0] = factor_semidefinite(loops.row_factors, loops.row_order, loops.row_scale)
     rank = loops.rank[0]
-    while rank > 1 and loops.small[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual[0]:
+    while rank > 1 and loops.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual_pivot[0]:
         rank -= 1
-    respond(plan, work, aw, loops, rank, loops.rate2, loops.move)
+    minimum_norm_motion(plan, work, aw, loops, rank, loops.rate2, loops.move)
     for i in range(m):
         multipliers[i] = loops.solution[i]
     for k in range(a.shape[0]):
@@ -140,15 +140,15 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
 
 
 @kernel
-def note_scales(loops, state):
-    """Take note of how large the rows and the smallest pivot are where they were last factored, at a step's end."""
-    for i in range(loops.scale.shape[0]):
-        loops.scale[i] = max(loops.scale[i], loops.norm[i])
+def update_row_scales(loops, state):
+    """Update the scales of the rows and of the smallest pivot by their last factorisation, at a step's end."""
+    for i in range(loops.row_scale.shape[0]):
+        loops.row_scale[i] = max(loops.row_scale[i], loops.row_norm[i])
     rank = loops.rank[0]
-    pivot = loops.small[rank - 1, rank - 1] ** 2 if rank > 0 else 0.0
-    loops.usual[0] = max(loops.usual[0], pivot)
-    if loops.norm.shape[0] > 0:
-        st.watch_rows(state, pivot if rank == loops.norm.shape[0] else 0.0)
+    pivot = loops.row_factors[rank - 1, rank - 1] ** 2 if rank > 0 else 0.0
+    loops.usual_pivot[0] = max(loops.usual_pivot[0], pivot)
+    if loops.row_norm.shape[0] > 0:
+        st.watch_pivot(state, pivot if rank == loops.row_norm.shape[0] else 0.0)
 
 
 @kernel
@@ -164,7 +164,7 @@ def factor_rows(state, length, matrix, order):
         if longest[i] == 0.0:
             longest[i] = 1.0
     rank = factor_semidefinite(matrix, order, longest)
-    st.watch_rows(state, matrix[m - 1, m - 1] ** 2 if rank == m else 0.0)
+    st.watch_pivot(state, matrix[m - 1, m - 1] ** 2 if rank == m else 0.0)
     return rank
 
 
@@ -172,24 +172,25 @@ def factor_rows(state, length, matrix, order):
 def is_nearly_singular(loops):
     """Whether the smallest pivot is well below its usual size."""
     rank = loops.rank[0]
-    return rank < loops.norm.shape[0] or loops.small[rank - 1, rank - 1] ** 2 < _NEAR * loops.usual[0]
+    pivot = loops.row_factors[rank - 1, rank - 1] ** 2
+    return rank < loops.row_norm.shape[0] or pivot < _NEARLY_SINGULAR * loops.usual_pivot[0]
 
 
 @kernel
-def drop_normal_part(plan, work, aw, loops, out):
-    """Take from the tangent vector ``out`` (nv,) what projection onto the loops would take."""
+def project_onto_tangent(plan, work, aw, loops, out):
+    """Project the tangent vector ``out`` (nv,) onto C out = 0, along M^-1 C^T."""
     for i in range(loops.phi.shape[0]):
         loops.phi[i] = row_times(loops.paths, i, out)
-    respond(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
+    minimum_norm_motion(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
     for k in range(out.shape[0]):
         out[k] -= loops.move[k]
 
 
 @kernel
-def respond(plan, work, aw, loops, rank, rows, out):
+def minimum_norm_motion(plan, work, aw, loops, rank, rows, out):
     """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left."""
     solve_semidefinite(
-        loops.small, rank, loops.order, loops.scale, rows, loops.scratch, loops.solution
+        loops.row_factors, rank, loops.row_order, loops.row_scale, rows, loops.scratch, loops.solution
     )
     for k in range(out.shape[0]):
         loops.force[0, k] = 0.0
@@ -213,7 +214,7 @@ def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v
     for _ in range(2 * _MAX_ITERATIONS):
         forward_kinematics(plan, work, x, v, v)
         constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-        respond(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        minimum_norm_motion(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
         size = 0.0
         for k in range(v.shape[0]):
             g = groups.of[k]

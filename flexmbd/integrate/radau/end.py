@@ -1,4 +1,4 @@
-"""Accelerations and multipliers at the end of a Radau IIA step, of its order: the last stage's are of order 3.
+"""Accelerations and multipliers at the end of a Radau IIA step, to order 5; those of the last stage have order 3.
 
 M a + C^T nu = f and C a = -gamma at the stage's positions and velocities, solved by corrections of a and nu with
 factors of M and of C M^-1 C^T; by these the positions and velocities have been brought onto the loops before.
@@ -12,7 +12,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
-from flexmbd.integrate.radau.stages import LENGTH, evaluate_stage
+from flexmbd.integrate.radau.stages import ROW_LENGTH, evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
@@ -24,7 +24,7 @@ _LAST = STAGES - 1
 _MAX_ITERATIONS = 10
 _RENEW = 0.05  # a slower contraction than this renews the factors
 _ROUND_OFF = 1e-13
-_STALLED = 0.5  # a slower contraction is none
+_STALLED = 0.5  # a slower contraction counts as none
 
 
 @kernel
@@ -35,43 +35,44 @@ def _factor_end(plan, work, state, s):
     derive(plan, work, s, _LAST, 0.0, 0.0, 1.0)
     for i in range(nu):
         for j in range(nu):
-            s.final[i, j] = s.full[plan.free[i], plan.free[j]]
-    if factor(plan.lapack, s.final, s.pivot_final, s.sizes) != 0:
+            s.end_mass[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
+    if factor(plan.lapack, s.end_mass, s.pivot_end, s.sizes) != 0:
         return False
     for r in range(m):
         for j in range(nu):
-            s.reach_end[r, j] = s.tangent.jacobian[r, plan.free[j]]
-            s.response[r, j] = s.reach_end[r, j]
-    solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.response)
+            s.end_jacobian[r, j] = s.tangent.jacobian[r, plan.free[j]]
+            s.end_response[r, j] = s.end_jacobian[r, j]
+    solve(plan.lapack, s.end_mass, s.pivot_end, s.sizes, s.end_response)
     for r in range(m):
         for q in range(r + 1):
             total = 0.0
             for j in range(nu):
-                total += s.reach_end[r, j] * s.response[q, j]
-            s.hold[r, q] = total
-        if not np.isfinite(s.hold[r, r]):
+                total += s.end_jacobian[r, j] * s.end_response[q, j]
+            s.row_factors[r, q] = total
+        if not np.isfinite(s.row_factors[r, r]):
             return False
-    rank = factor_rows(state, LENGTH, s.hold, s.hold_order)
+    rank = factor_rows(state, ROW_LENGTH, s.row_factors, s.row_order)
     for r in range(m):
-        s.hold_length[r] = state.memory[LENGTH, r]
-    # what is about to come free keeps the stage's own: round-off would tell it what to do
-    while rank > 1 and s.hold[rank - 1, rank - 1] ** 2 < NO_REACTION:
+        s.row_length[r] = state.memory[ROW_LENGTH, r]
+    # a nearly dependent direction keeps the stage's own values: its solution would be round-off
+    while rank > 1 and s.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION:
         rank -= 1
-    s.hold_rank[0] = rank
+    s.row_rank[0] = rank
     return True
 
 
 @kernel
-def _hold(s):
-    """The reactions (C M^-1 C^T)^-1 ``s.lacking``."""
-    solve_semidefinite(s.hold, s.hold_rank[0], s.hold_order, s.hold_length, s.lacking, s.hold_scratch, s.reaction)
+def _solve_reactions(s):
+    """Write the reactions (C M^-1 C^T)^-1 ``s.row_residual`` into ``s.reaction``."""
+    rank = s.row_rank[0]
+    solve_semidefinite(s.row_factors, rank, s.row_order, s.row_length, s.row_residual, s.row_scratch, s.reaction)
 
 
 @kernel
 def _least_pivot(s):
-    """How firmly the rows hold, of unit length: the smallest pivot of C M^-1 C^T that is not round-off."""
-    rank = s.hold_rank[0]
-    return s.hold[rank - 1, rank - 1] if rank > 0 else 1.0
+    """The smallest pivot of C M^-1 C^T above round-off, of rows of unit length."""
+    rank = s.row_rank[0]
+    return s.row_factors[rank - 1, rank - 1] if rank > 0 else 1.0
 
 
 @kernel
@@ -79,16 +80,16 @@ def _close(plan, s, what, scale, rows, velocities):
     """Bring positions or velocities ``what`` (nv,) onto the loops, which ``rows`` (m,) open; the largest share moved.
 
     Positions are held by some of the rows, ``velocities`` by all.
-    The stages' iteration, with slopes of another place, closes slowly what rows hardly hold.
+    The stages' iteration, with slopes of another stage, converges slowly on nearly dependent rows.
     """
     m = plan.rows.shape[0]
     for r in range(m):
-        s.lacking[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
-    _hold(s)
+        s.row_residual[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
+    _solve_reactions(s)
     size = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        change = st.pushed(s.response, s.reaction, j)
+        change = st.reaction_acceleration(s.end_response, s.reaction, j)
         what[k] -= change
         size = max(size, abs(change) / scale[k])
     return size
@@ -96,28 +97,28 @@ def _close(plan, s, what, scale, rows, velocities):
 
 @kernel
 def _balance(plan, state, s, h):
-    """Correct a and nu; the largest share of the correction, and what a relative round-off makes of such shares.
+    """Correct a and nu; the largest share of the correction, and that of a unit relative round-off.
 
     Forces out of balance count by ``state.pushed``.
     """
     m = plan.rows.shape[0]
     for j in range(plan.free.shape[0]):
-        s.rhs_final[0, j] = -s.equation[_LAST, j]
-    solve(plan.lapack, s.final, s.pivot_final, s.sizes, s.rhs_final)
+        s.rhs_end[0, j] = -s.equation[_LAST, j]
+    solve(plan.lapack, s.end_mass, s.pivot_end, s.sizes, s.rhs_end)
     for r in range(m):
-        s.lacking[r] = s.phi_rate2[r]
+        s.row_residual[r] = s.phi_rate2[r]
         for j in range(plan.free.shape[0]):
-            s.lacking[r] += s.reach_end[r, j] * s.rhs_final[0, j]
-    _hold(s)
+            s.row_residual[r] += s.end_jacobian[r, j] * s.rhs_end[0, j]
+    _solve_reactions(s)
     size = 0.0
     noise = 1.0 / _least_pivot(s)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        unbalanced = s.rhs_final[0, j]
-        change = unbalanced - st.pushed(s.response, s.reaction, j)
+        unbalanced = s.rhs_end[0, j]
+        change = unbalanced - st.reaction_acceleration(s.end_response, s.reaction, j)
         weight = 0.0
         for r in range(m):
-            weight += abs(s.response[r, j] * s.multipliers[_LAST, r])
+            weight += abs(s.end_response[r, j] * s.multipliers[_LAST, r])
         s.a[_LAST, k] += change
         part = max(abs(change), abs(unbalanced)) * h / s.scale_v[k]
         if not part <= size:
@@ -146,11 +147,11 @@ def close_end(plan, work, state, s, h, tolerance, doubts):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 return False
         if moved_before > 0.0:
-            moved = _close(plan, s, s.u[_LAST], s.scale_x, s.phi, False)
+            moved = _close(plan, s, s.local[_LAST], s.scale_x, s.phi, False)
             moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, True))
             if doubts and moved_before == np.inf and moved > max(tolerance, _ROUND_OFF / _least_pivot(s)):
                 return False
-            # round-off of the rows moves what they hardly hold to and fro: then it stays
+            # where rows are nearly dependent, round-off moves the stage to and fro: then it stays
             moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
         size, noise = _balance(plan, state, s, h)
         if not np.isfinite(size):
@@ -158,7 +159,7 @@ def close_end(plan, work, state, s, h, tolerance, doubts):
         contraction = size / before if before > 0.0 else 0.0
         settled = moved_before == 0.0 and before > 0.0 and size * contraction <= tolerance
         if settled or (moved_before == 0.0 and size <= _ROUND_OFF * noise):
-            retract(plan, state.x, s.u[_LAST], s.x[_LAST])
+            retract(plan, state.x, s.local[_LAST], s.x[_LAST])
             drive(plan, work, s.x[_LAST], s.v[_LAST], s.a[_LAST])
             return True
         before = size

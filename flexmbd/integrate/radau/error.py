@@ -1,4 +1,4 @@
-"""The local error of a Radau IIA step over what rtol tolerates."""
+"""The ratio of a Radau IIA step's local error to the tolerance."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, REAL
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
-from flexmbd.integrate.radau.stages import NEWTON, RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
+from flexmbd.integrate.radau.stages import NEWTON_ITERATIONS, OWN_RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
-_GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the most seen, on tops
-# Roughness over that of the steps before: what still is a smooth motion; what a step that was none leaves at most.
+_GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
+# Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
 _SMOOTH, _GROWTH = 4.0, 8.0
 _FORGET = 0.5  # how it fades: an estimate passes through zero
-_LITTLE = 1e-3  # of one that allows the machine's longest steps: what may be taken for smooth after none at all
-_EVENT = 0.1  # of what a radian is given: what a step that is not smooth is given
+_LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after a motion without any
+_EVENT = 0.1  # of the tolerance of a radian: that of a step that is not smooth
 
 
 @part_of_kernel
 def _estimate(plan, state, groups, s, h):
-    """Gap between the rates at the start and what the stages' parabola makes of them, times the step; filtered.
+    """The estimate: difference of the rates at the start and on the stages' parabola, times the step; filtered.
 
-    The filter, the real iteration matrix, takes out what stiff parts of the machine make of the gap (Hairer & Wanner
-    1996, eq. IV.8.19), and what the loops do not let through.
+    The filter, the real iteration matrix, damps the difference in stiff parts of the machine (Hairer & Wanner 1996,
+    eq. IV.8.19) and removes its part across the loops.
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
@@ -37,14 +37,14 @@ def _estimate(plan, state, groups, s, h):
         gap_v = state.a[k] / REAL
         curve = 0.0
         for i in range(3):
-            gap_x += ERROR_WEIGHTS[i] * s.p[i, k]
+            gap_x += ERROR_WEIGHTS[i] * s.local_rate[i, k]
             gap_v += ERROR_WEIGHTS[i] * s.a[i, k]
             curve += CURVATURE[i] * s.a[i, k]
         s.error_x[j] = h * gap_x
         s.error_v[j] = h * gap_v
         # the frequency of a vibration with that curvature of its acceleration
         size = groups.acceleration[groups.of[k]]
-        s.own[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
+        s.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     for i in range(nu):
         total = 0.0
         for j in range(nu):
@@ -54,37 +54,37 @@ def _estimate(plan, state, groups, s, h):
         opening = 0.0
         swing = 0.0
         for j in range(nu):
-            opening -= s.reach[r, j] * s.error_x[j]
-            swing -= s.turn[r, j] * s.error_x[j]
+            opening -= s.jacobian[r, j] * s.error_x[j]
+            swing -= s.rate_jacobian[r, j] * s.error_x[j]
         holds = holds_position(plan.rows[r])
         s.rhs_real[0, nu + r] = opening / step if holds else 0.0
         s.rhs_real[0, nu + m + r] = swing
-    solve(plan.lapack, s.real, s.pivot_real, s.sizes, s.rhs_real)
+    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
     for j in range(nu):
         shift = 0.0
         for r in range(m):
-            shift += s.direction[r, j] * s.rhs_real[0, nu + m + r]
+            shift += s.shift_direction[r, j] * s.rhs_real[0, nu + m + r]
         s.error_v[j] = s.rhs_real[0, j]
         s.error_x[j] += step * (s.rhs_real[0, j] + shift)
 
 
 @part_of_kernel
-def widen_scales(state, s, h, machine_rate):
+def widen_vibration_scales(state, s, h, machine_rate):
     """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(s.scale_x.shape[0]):
-        gain = min(1.0, h * max(machine_rate, state.memory[RATE, k])) / share
+        gain = min(1.0, h * max(machine_rate, state.memory[OWN_RATE, k])) / share
         s.scale_x[k] *= gain
         s.scale_v[k] *= gain
 
 
 @part_of_kernel
 def local_error(plan, state, groups, s, h, machine_rate):
-    """Largest local error over what is tolerated: rtol per radian of the motion that causes it.
+    """Largest ratio of the local error to the tolerance: rtol per radian of the motion that causes it.
 
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
     the same as for other methods (Hairer & Wanner change tolerances alike).  A vibration faster than the machine is
-    measured over its own radian, and its velocity by what it displaces, for it swings and does not drift.
+    measured per radian of its own, and its velocity by its displacement, for it swings and does not drift.
 
     All that is true of smooth motions alone, in which e goes with the step's fourth power.  Where it is larger than
     that makes of the steps before, e itself counts as error, one that drifts, of an event that is over after the step:
@@ -95,12 +95,12 @@ def local_error(plan, state, groups, s, h, machine_rate):
     largest = 0.0
     plain = 0.0
     rough = 0.0
-    foretold = 0.0
+    expected = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = st.own_rate(s.own[k], state.memory[RATE, k], machine_rate)
+        own = st.own_rate(s.own_rate[k], state.memory[OWN_RATE, k], machine_rate)
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -114,16 +114,16 @@ def local_error(plan, state, groups, s, h, machine_rate):
             state.counts[st.WORST] = k
         speed = max(speed, least / tolerance * machine_rate)
         rough = max(rough, abs(s.error_v[j]) / speed)
-        foretold = max(foretold, state.memory[ROUGHNESS, k] * h**4 / speed)
+        expected = max(expected, state.memory[ROUGHNESS, k] * h**4 / speed)
         plain = max(plain, rough, abs(s.error_x[j]) / max(size, least / tolerance))
     known = state.counts[ROUGHNESS_KNOWN] == 1
-    state.counts[SMOOTH] = 1 if not known or rough <= _SMOOTH * foretold else 0
+    state.counts[SMOOTH] = 1 if not known or rough <= _SMOOTH * expected else 0
     return largest if state.counts[SMOOTH] == 1 else max(largest, plain / (_EVENT * tolerance))
 
 
 @part_of_kernel
 def remember_roughness(plan, state, groups, s, h):
-    """Take note of how rough a step was that is accepted, and of own rates; one that was not smooth counts in part."""
+    """Update roughness and own rates by an accepted step; one that was not smooth counts in part."""
     rate = state.numbers[st.RATE]
     smooth = state.counts[SMOOTH] == 1
     for j in range(plan.free.shape[0]):
@@ -133,11 +133,12 @@ def remember_roughness(plan, state, groups, s, h):
         if not smooth:
             now = min(now, max(_GROWTH * before, _LITTLE * st.group_speed(groups, groups.of[k], rate) * rate**4))
         state.memory[ROUGHNESS, k] = max(now, _FORGET * before)
-        state.memory[RATE, k] = st.own_rate(s.own[k] if smooth else 0.0, state.memory[RATE, k], rate)
+        state.memory[OWN_RATE, k] = st.own_rate(s.own_rate[k] if smooth else 0.0, state.memory[OWN_RATE, k], rate)
     state.counts[ROUGHNESS_KNOWN] = 1
 
 
 @part_of_kernel
 def set_safety(state):
-    """A step that took many iterations had better not grow as far."""
-    state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + state.counts[NEWTON])
+    """Set the safety factor, smaller after a step of many iterations (Hairer & Wanner 1996, section IV.8)."""
+    used = state.counts[NEWTON_ITERATIONS]
+    state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + used)

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
-from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT, TANGENT_AFTER_RESIDUAL, evaluate_stage
+from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT_AFTER_RESIDUAL, TANGENT_SERVES, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 def _take_free(plan, s, out):
     for i in range(out.shape[0]):
         for j in range(out.shape[0]):
-            out[i, j] = s.full[plan.free[i], plan.free[j]]
+            out[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
 
 
 @kernel
@@ -29,28 +29,28 @@ def _take_rows(plan, rows, out):
 
 @kernel
 def derive(plan, work, s, i, per_x, per_v, per_a):
-    """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full``."""
+    """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full_tangent``."""
     call_separate(
         s.kernels[TANGENT_AFTER_RESIDUAL],
-        (plan, work, s.tangent, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.full),
+        (plan, work, s.tangent, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.full_tangent),
     )
 
 
 @kernel
-def take_tangent(plan, work, state, s, place):
-    """M, damping, stiffness and the rows' derivatives at the guess of stage ``place``; whether all is finite."""
+def take_tangent(plan, work, state, s, stage):
+    """M, damping, stiffness and the rows' derivatives at the guess of stage ``stage``; whether all is finite."""
     nu = plan.free.shape[0]
-    s.is_even[0] = 0
-    evaluate_stage(plan, work, state, s, place)
-    derive(plan, work, s, place, 1.0, 0.0, 0.0)
+    s.uses_transform[0] = 0
+    evaluate_stage(plan, work, state, s, stage)
+    derive(plan, work, s, stage, 1.0, 0.0, 0.0)
     _take_free(plan, s, s.stiffness)
-    _take_rows(plan, s.tangent.rate_jacobian, s.turn)
-    derive(plan, work, s, place, 0.0, 1.0, 0.0)
+    _take_rows(plan, s.tangent.rate_jacobian, s.rate_jacobian)
+    derive(plan, work, s, stage, 0.0, 1.0, 0.0)
     _take_free(plan, s, s.damping)
-    derive(plan, work, s, place, 0.0, 0.0, 1.0)
+    derive(plan, work, s, stage, 0.0, 0.0, 1.0)
     _take_free(plan, s, s.mass)
-    _take_rows(plan, s.tangent.jacobian, s.reach)
-    state.counts[TANGENT] = 1
+    _take_rows(plan, s.tangent.jacobian, s.jacobian)
+    state.counts[TANGENT_SERVES] = 1
     state.numbers[STEP_FACTORED] = 0.0
     for i in range(nu):
         for j in range(nu):
@@ -60,7 +60,7 @@ def take_tangent(plan, work, state, s, place):
 
 
 @kernel
-def _fill(plan, s, step, matrix):
+def _fill_matrix(plan, s, step, matrix):
     """Iteration matrix of one eigenvalue: ``step`` is the step over it.
 
     Unknowns a, nu, kappa; rows of the motion, of positions over step^2, of rates over step.
@@ -73,19 +73,19 @@ def _fill(plan, s, step, matrix):
         for r in range(m):
             push = 0.0
             for j in range(nu):
-                push += s.stiffness[i, j] * s.direction[r, j]
-            matrix[i, nu + r] = s.reach[r, i]
+                push += s.stiffness[i, j] * s.shift_direction[r, j]
+            matrix[i, nu + r] = s.jacobian[r, i]
             matrix[i, nu + m + r] = step * step * push
     for r in range(m):
         for j in range(nu):
-            matrix[nu + r, j] = s.reach[r, j]
-            matrix[nu + m + r, j] = s.reach[r, j] + step * s.turn[r, j]
+            matrix[nu + r, j] = s.jacobian[r, j]
+            matrix[nu + m + r, j] = s.jacobian[r, j] + step * s.rate_jacobian[r, j]
         for q in range(m):
             gain = 0.0
             swing = 0.0
             for j in range(nu):
-                gain += s.reach[r, j] * s.direction[q, j]
-                swing += s.turn[r, j] * s.direction[q, j]
+                gain += s.jacobian[r, j] * s.shift_direction[q, j]
+                swing += s.rate_jacobian[r, j] * s.shift_direction[q, j]
             matrix[nu + r, nu + q] = 0.0
             matrix[nu + m + r, nu + q] = 0.0
             matrix[nu + r, nu + m + q] = gain
@@ -98,27 +98,27 @@ def _fill(plan, s, step, matrix):
 
 
 @kernel
-def _aim_shifts(plan, s, h):
-    """D: what a unit reaction would move within the step, stiffness included; False if singular."""
+def _shift_directions(plan, s, h):
+    """D: the motion within the step by a unit reaction, stiffness included; False if singular."""
     nu = plan.free.shape[0]
     step = h / REAL
     for i in range(nu):
         for j in range(nu):
-            s.block[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
+            s.tree_matrix[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
     for r in range(plan.rows.shape[0]):
         for j in range(nu):
-            s.aim[r, j] = s.reach[r, j]
-    if factor(plan.lapack, s.block, s.pivot_real, s.sizes) != 0:
+            s.row_response[r, j] = s.jacobian[r, j]
+    if factor(plan.lapack, s.tree_matrix, s.pivot_real, s.sizes) != 0:
         return False
-    solve(plan.lapack, s.block, s.pivot_real, s.sizes, s.aim)
+    solve(plan.lapack, s.tree_matrix, s.pivot_real, s.sizes, s.row_response)
     for r in range(plan.rows.shape[0]):
         holds = holds_position(plan.rows[r])
         for j in range(nu):
-            s.direction[r, j] = s.aim[r, j] if holds else 0.0
+            s.shift_direction[r, j] = s.row_response[r, j] if holds else 0.0
         for q in range(plan.rows.shape[0]):
-            s.gain[r, q] = 0.0
+            s.row_matrix[r, q] = 0.0
             for j in range(nu):
-                s.gain[r, q] += s.reach[r, j] * s.aim[q, j]
+                s.row_matrix[r, q] += s.jacobian[r, j] * s.row_response[q, j]
     return True
 
 
@@ -127,28 +127,28 @@ def factor_step(plan, state, s, h):
     """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
     state.counts[st.FACTORISATIONS] += 1
     state.numbers[STEP_FACTORED] = h
-    if plan.rows.shape[0] > 0 and not _aim_shifts(plan, s, h):
+    if plan.rows.shape[0] > 0 and not _shift_directions(plan, s, h):
         return False
-    _fill(plan, s, h / REAL + 0.0, s.real)
-    _fill(plan, s, h / COMPLEX, s.complex)
-    if factor(plan.lapack, s.real, s.pivot_real, s.sizes) != 0:
+    _fill_matrix(plan, s, h / REAL + 0.0, s.real_matrix)
+    _fill_matrix(plan, s, h / COMPLEX, s.complex_matrix)
+    if factor(plan.lapack, s.real_matrix, s.pivot_real, s.sizes) != 0:
         return False
-    return factor(s.lapack_complex, s.complex, s.pivot_complex, s.sizes) == 0
+    return factor(s.lapack_complex, s.complex_matrix, s.pivot_complex, s.sizes) == 0
 
 
 @kernel
-def _even_equations(s, nu, m):
-    """Bring what rows leave open at the stages to the rows of the tangent (see ``radau_singular``)."""
+def _transform_rows(s, nu, m):
+    """Multiply the stages' row residuals by T_i, for the rows of the tangent (see ``row_transforms``)."""
     for i in range(STAGES):
         for r in range(m):
-            s.evened[0, r] = 0.0
-            s.evened[1, r] = 0.0
+            s.transformed[0, r] = 0.0
+            s.transformed[1, r] = 0.0
             for q in range(m):
-                s.evened[0, r] += s.even[i, r, q] * s.equation[i, nu + q]
-                s.evened[1, r] += s.even[i, r, q] * s.equation[i, nu + m + q]
+                s.transformed[0, r] += s.row_transform[i, r, q] * s.equation[i, nu + q]
+                s.transformed[1, r] += s.row_transform[i, r, q] * s.equation[i, nu + m + q]
         for r in range(m):
-            s.equation[i, nu + r] = s.evened[0, r]
-            s.equation[i, nu + m + r] = s.evened[1, r]
+            s.equation[i, nu + r] = s.transformed[0, r]
+            s.equation[i, nu + m + r] = s.transformed[1, r]
 
 
 @kernel
@@ -158,8 +158,8 @@ def correct_stages(plan, s, h):
     m = plan.rows.shape[0]
     n = nu + 2 * m
     equation = s.equation
-    if s.is_even[0] == 1:
-        _even_equations(s, nu, m)
+    if s.uses_transform[0] == 1:
+        _transform_rows(s, nu, m)
     for j in range(n):
         factor_real = -1.0
         factor_complex = complex(-1.0, 0.0)
@@ -181,8 +181,8 @@ def correct_stages(plan, s, h):
             BASIS_INVERSE[1, 0] * e0 + BASIS_INVERSE[1, 1] * e1 + BASIS_INVERSE[1, 2] * e2,
             BASIS_INVERSE[2, 0] * e0 + BASIS_INVERSE[2, 1] * e1 + BASIS_INVERSE[2, 2] * e2,
         )
-    solve(plan.lapack, s.real, s.pivot_real, s.sizes, s.rhs_real)
-    solve(s.lapack_complex, s.complex, s.pivot_complex, s.sizes, s.rhs_complex)
+    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
+    solve(s.lapack_complex, s.complex_matrix, s.pivot_complex, s.sizes, s.rhs_complex)
     for j in range(n):
         w0 = s.rhs_real[0, j]
         w1 = s.rhs_complex[0, j].real
@@ -192,10 +192,10 @@ def correct_stages(plan, s, h):
             if j < nu:
                 s.a[i, plan.free[j]] += change
             elif j < nu + m:
-                if s.is_even[0] == 0:
+                if s.uses_transform[0] == 0:
                     s.multipliers[i, j - nu] += change
                 else:
                     for r in range(m):
-                        s.multipliers[i, r] += s.even[i, j - nu, r] * change
+                        s.multipliers[i, r] += s.row_transform[i, j - nu, r] * change
             else:
                 s.shift[i, j - nu - m] += change

@@ -8,17 +8,17 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.end import close_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
-from flexmbd.integrate.radau.singular import choose_place, even_stage
+from flexmbd.integrate.radau.row_transforms import choose_stage, transform_stage_rows
 from flexmbd.integrate.radau.stages import (
     CONTRACTION,
-    NEWTON,
-    POLYNOMIAL,
+    NEWTON_ITERATIONS,
+    POLYNOMIAL_KNOWN,
     RENEWALS,
     STEP_FACTORED,
-    TANGENT,
+    TANGENT_SERVES,
     evaluate_stage,
-    guess_stages,
     place_stages,
+    predict_stages,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -28,7 +28,7 @@ _RENEW = 0.05  # a slower contraction than this renews the tangent for the next 
 _ROUND_OFF = 1e-13
 _RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
 _MIDDLE = STAGES // 2
-_EVEN = 3  # attempts before the two that even out the rows of the stages, from both guesses
+_TRANSFORMED = 3  # attempts before the two that transform the rows of the stages, from both predictors
 _SWEEPS = 3  # of rotations at the first guess
 
 
@@ -36,16 +36,16 @@ _SWEEPS = 3  # of rotations at the first guess
 def _iterate(plan, work, state, s, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
-    # what the same factors did in the step before lets a good guess pass after one iteration
+    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
     contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):
             evaluate_stage(plan, work, state, s, i)
-            if s.is_even[0] == 1 and not even_stage(plan, work, s, i):
+            if s.uses_transform[0] == 1 and not transform_stage_rows(plan, work, s, i):
                 return False
         state.counts[st.ITERATIONS] += 1
-        state.counts[NEWTON] = iteration + 1
+        state.counts[NEWTON_ITERATIONS] = iteration + 1
         correct_stages(plan, s, h)
         size = place_stages(plan, state, s, h)
         if not np.isfinite(size):
@@ -59,8 +59,8 @@ def _iterate(plan, work, state, s, h, tolerance):
             # unmeasured, it is trusted a little less at each step
             state.numbers[CONTRACTION] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
             return True
-        # rows brought to others are so by where the stages were: only later corrections tell how fast they shrink
-        if iteration > (2 if s.is_even[0] == 1 else 0):
+        # transformed rows depend on where the stages were: only later corrections show the contraction
+        if iteration > (2 if s.uses_transform[0] == 1 else 0):
             remaining = most - 1 - iteration
             if contraction > 0.9 or size * left * contraction**remaining > tolerance:
                 return False
@@ -74,40 +74,41 @@ def solve_step(plan, work, state, s, h, tolerance):
 
     Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
     """
-    known = state.counts[POLYNOMIAL] == 1
-    for attempt in range(_EVEN + 2 if plan.rows.shape[0] > 0 else _EVEN):
+    known = state.counts[POLYNOMIAL_KNOWN] == 1
+    for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
         new_factors = state.numbers[STEP_FACTORED] != h
-        if attempt == 0 and (state.counts[TANGENT] == 0 or (new_factors and state.numbers[RENEWALS] > 0.0)):
+        if attempt == 0 and (state.counts[TANGENT_SERVES] == 0 or (new_factors and state.numbers[RENEWALS] > 0.0)):
             continue
-        if not known and (attempt == 2 or attempt == _EVEN):  # they differ from those that follow by the guess alone
+        # these differ from the attempts that follow by the predictor alone
+        if not known and (attempt == 2 or attempt == _TRANSFORMED):
             continue
-        guess_stages(plan, state, s, h, known and attempt != 2 and attempt != _EVEN + 1)
-        s.u[:, :] = 0.0
+        predict_stages(plan, state, s, h, known and attempt != 2 and attempt != _TRANSFORMED + 1)
+        s.local[:, :] = 0.0
         for _ in range(_SWEEPS if s.quaternions.shape[0] > 0 else 1):
             place_stages(plan, state, s, h)
-        place = _MIDDLE
-        if attempt >= _EVEN:
-            place = choose_place(plan, work, state, s)
-            if place < 0:
+        stage = _MIDDLE
+        if attempt >= _TRANSFORMED:
+            stage = choose_stage(plan, work, state, s)
+            if stage < 0:
                 continue
         if attempt > 0:
             state.numbers[CONTRACTION] = 1.0
-            if not take_tangent(plan, work, state, s, place):
+            if not take_tangent(plan, work, state, s, stage):
                 continue
         if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
-        s.is_even[0] = 1 if attempt >= _EVEN else 0
+        s.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
         if not _iterate(plan, work, state, s, h, tolerance):
             if attempt == 0:
                 state.numbers[RENEWALS] = _RENEWALS
             continue
         if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance, attempt == 0):
             continue
-        slow = state.counts[NEWTON] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
-        if slow or attempt >= _EVEN:
-            state.counts[TANGENT] = 0
+        slow = state.counts[NEWTON_ITERATIONS] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
+        if slow or attempt >= _TRANSFORMED:
+            state.counts[TANGENT_SERVES] = 0
         state.numbers[RENEWALS] = max(0.0, state.numbers[RENEWALS] - 1.0)
         return True
-    state.counts[TANGENT] = 0
+    state.counts[TANGENT_SERVES] = 0
     return False

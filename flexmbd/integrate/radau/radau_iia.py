@@ -11,22 +11,22 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule, Stepper, driver, next_step
-from flexmbd.integrate.history import refuse_interiors
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
-from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_scales
+from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
 from flexmbd.integrate.radau.newton import solve_step
 from flexmbd.integrate.radau.stages import (
     N_MEMORY,
-    POLYNOMIAL,
+    POLYNOMIAL_KNOWN,
     STAGE_A,
     STAGE_NU,
     STEP_FACTORED,
     STEP_POLYNOMIAL,
-    TANGENT,
-    Scratch,
+    TANGENT_SERVES,
+    RadauWorkspace,
     evaluate_stage_times,
-    new_scratch,
+    new_workspace,
 )
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
@@ -42,19 +42,19 @@ _RULE = Rule(
 )  # fmt: skip
 
 
-class Method(NamedTuple):
-    """What an attempt works with."""
+class RadauMethod(NamedTuple):
+    """Arguments of an attempt."""
 
     plan: Plan
     work: Work
-    scratch: Scratch
+    scratch: RadauWorkspace
 
 
 @dataclass(frozen=True)
 class RadauIIA:
     """Choice of the method: order 5, stiffly accurate, for smooth motion to tight tolerance and for stiff machines.
 
-    What vibrates faster than the step is damped out; to follow it, tighten rtol.
+    Vibrations faster than the step are damped out; to follow them, tighten rtol.
     """
 
     @property
@@ -78,15 +78,15 @@ class RadauIIA:
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
-        scratch = new_scratch(scene.plan, work, scene.nx, scene.nv, lapack_complex=complex_lapack_addresses())
+        scratch = new_workspace(scene.plan, work, scene.nx, scene.nv, lapack_complex=complex_lapack_addresses())
 
         def drop_factors() -> None:
-            state.counts[TANGENT] = 0
+            state.counts[TANGENT_SERVES] = 0
             state.numbers[STEP_FACTORED] = 0.0
 
         drop_factors()
-        method = Method(scene.plan, work, scratch)
-        return Stepper(driver(advance, method, _RULE, state, groups), drop_factors, drop_factors)
+        method = RadauMethod(scene.plan, work, scratch)
+        return Stepper(make_advance(advance, method, _RULE, state, groups), drop_factors, drop_factors)
 
 
 @part_of_kernel
@@ -106,7 +106,7 @@ def _accept(state, s, h):
     for r in range(state.multipliers.shape[0]):
         state.multipliers[r] = s.multipliers[end, r]
     state.numbers[STEP_POLYNOMIAL] = h
-    state.counts[POLYNOMIAL] = 1
+    state.counts[POLYNOMIAL_KNOWN] = 1
 
 
 @part_of_kernel
@@ -118,7 +118,7 @@ def _attempt(method, state, groups, h):
     rate = number[st.RATE]
     limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
     st.set_scales(state, groups, s, rate, limit)
-    widen_scales(state, s, h, rate)
+    widen_vibration_scales(state, s, h, rate)
     solved = False
     if evaluate_stage_times(plan, work, state, s, h):
         solved = solve_step(plan, work, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))
@@ -128,7 +128,7 @@ def _attempt(method, state, groups, h):
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, state, groups, s, h, rate)
-        number[st.RATIO] = ratio
+        number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(state, s, h)
             if count[st.FIXED_STEP] == 0:

@@ -1,4 +1,4 @@
-"""The stages of a Radau IIA step on the manifold: where they are and what their equations leave.
+"""The stages of a Radau IIA step on the manifold: their places and the residuals of their equations.
 
 Stage i lies at x = retract(x_n, u_i), u' = J(u)^-1 (v + D^T mu), v' = a, with J the differential of the exponential map
 for rotations, the identity for all else; M a + b + C^T nu = f.  Loops are closed at the level of positions and of
@@ -31,81 +31,83 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
-# The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; how much an
-# iteration leaves of the error; how many steps still take a new tangent where they take new factors.
+# The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; the error
+# that an iteration leaves, as a share; how many steps still take a new tangent where they take new factors.
 STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RENEWALS = range(st.METHOD, st.METHOD + 4)
-# Its entries of State.counts: whether a last polynomial is known, whether the tangent serves, iterations of
-# the last step; whether the roughness of the steps before is known,
-# and whether the step at hand is as smooth as they were.
-POLYNOMIAL, TANGENT, NEWTON, ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# Its entries of State.counts: whether a last polynomial is known; whether the tangent may be used again; iterations of
+# the last step; whether the roughness of the steps before is known; whether the step at hand is as smooth as they were.
+POLYNOMIAL_KNOWN, TANGENT_SERVES, NEWTON_ITERATIONS = range(st.METHOD_COUNT, st.METHOD_COUNT + 3)
+ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT + 3, st.METHOD_COUNT + 5)
 # Rows of State.memory: accelerations and multipliers of the last step's stages; each coordinate's own rate (1/s); its
 # roughness, the estimate of its velocity's error over the fourth power of the step; the largest lengths of the rows.
-STAGE_A, STAGE_NU, RATE, ROUGHNESS, LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
-# Scratch.kernels: what is called by its address.
+STAGE_A, STAGE_NU, OWN_RATE, ROUGHNESS, ROW_LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
+# Entries of RadauWorkspace.kernels: kernels called by their addresses.
 RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
 
 
-class Scratch(NamedTuple):
+class RadauWorkspace(NamedTuple):
     """Work arrays of a step; nu free velocities, m rows, n = nu + 2 m unknowns a stage.
 
-    x, v, a, u, p: (3, ...) of the stages; p is the rate of u.  multipliers, shift: (3, m) nu and kappa.
-    time: (3, times, 3) functions of time at the stages.  equation: (3, n).
-    mass, damping, stiffness: (nu, nu) the tangent.  reach: (m, nu) C.  turn: (m, nu) d(C v)/dx.
-    direction: (m, nu) D.  aim: (m, nu) B^-1 C^T, which it is but for rows that hold velocities alone.
-    even: (3, m, m) what brings each stage's rows to those of the tangent; is_even: (1,) whether it is used.
-    gain, gain_here: (m, m) C B^-1 C^T at the tangent's place, and at hand.
-    real, complex: the iteration matrices.
-    final: (nu, nu) factors of M at a step's end; reach_end, response: (m, nu) C and C M^-1 there.  hold: (m, m) factors
-    of C M^-1 C^T, with hold_order, hold_length (m,) and hold_rank (1,).  lacking, reaction, hold_scratch: (m,).
-    own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
-    kernels: addresses of what is large, so that it is compiled once and not within each of the method's kernels.
+    x, v, a, local, local_rate: (3, ...) of the stages; local coordinates u and their rates.
+    multipliers, shift: (3, m) nu and kappa.  time: (3, times, 3) functions of time at the stages.  equation: (3, n).
+    residual: (nv,).  full_tangent: (nv, nv).
+    mass, damping, stiffness: (nu, nu) the tangent.  jacobian: (m, nu) C.  rate_jacobian: (m, nu) d(C v)/dx.
+    row_response: (m, nu) B^-1 C^T.  shift_direction: (m, nu) D, the same with zeros in rows that hold velocities alone.
+    row_transform: (3, m, m) T_i of ``row_transforms``; uses_transform: (1,) whether it is used; transformed: (2, m).
+    row_matrix, stage_row_matrix: (m, m) C B^-1 C^T where the tangent was taken, and of the stage at hand.
+    real_matrix, complex_matrix: (n, n) factors of the iteration matrices.
+    end_mass: (nu, nu) factors of M at a step's end; end_jacobian, end_response: (m, nu) C and C M^-1 there.
+    row_factors: (m, m) of C M^-1 C^T, with row_order, row_length (m,) and row_rank (1,).
+    row_residual, reaction, row_scratch: (m,).  tree_matrix: (nu, nu) factors of B.
+    own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
+    kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
     """
 
     x: FloatArray
     v: FloatArray
     a: FloatArray
-    u: FloatArray
-    p: FloatArray
+    local: FloatArray
+    local_rate: FloatArray
     multipliers: FloatArray
     shift: FloatArray
     time: FloatArray
     equation: FloatArray
-    out: FloatArray
-    full: FloatArray
+    residual: FloatArray
+    full_tangent: FloatArray
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
-    reach: FloatArray
-    turn: FloatArray
-    direction: FloatArray
-    aim: FloatArray
-    even: FloatArray
-    is_even: IntArray
-    gain: FloatArray
-    gain_here: FloatArray
-    evened: FloatArray
-    pivot_gain: NDArray[np.int32]
-    real: FloatArray
-    complex: ComplexArray
-    final: FloatArray
-    reach_end: FloatArray
-    response: FloatArray
-    hold: FloatArray
-    hold_order: IntArray
-    hold_length: FloatArray
-    hold_rank: IntArray
-    hold_scratch: FloatArray
-    lacking: FloatArray
+    jacobian: FloatArray
+    rate_jacobian: FloatArray
+    shift_direction: FloatArray
+    row_response: FloatArray
+    row_transform: FloatArray
+    uses_transform: IntArray
+    row_matrix: FloatArray
+    stage_row_matrix: FloatArray
+    transformed: FloatArray
+    row_pivot: NDArray[np.int32]
+    real_matrix: FloatArray
+    complex_matrix: ComplexArray
+    end_mass: FloatArray
+    end_jacobian: FloatArray
+    end_response: FloatArray
+    row_factors: FloatArray
+    row_order: IntArray
+    row_length: FloatArray
+    row_rank: IntArray
+    row_scratch: FloatArray
+    row_residual: FloatArray
     reaction: FloatArray
-    block: FloatArray
+    tree_matrix: FloatArray
     rhs_real: FloatArray
     rhs_complex: ComplexArray
-    rhs_final: FloatArray
+    rhs_end: FloatArray
     error_x: FloatArray
     error_v: FloatArray
     scale_x: FloatArray
     scale_v: FloatArray
-    own: FloatArray
+    own_rate: FloatArray
     phi: FloatArray
     phi_rate: FloatArray
     phi_rate2: FloatArray
@@ -113,15 +115,15 @@ class Scratch(NamedTuple):
     lapack_complex: IntArray
     pivot_real: NDArray[np.int32]
     pivot_complex: NDArray[np.int32]
-    pivot_final: NDArray[np.int32]
+    pivot_end: NDArray[np.int32]
     sizes: NDArray[np.int32]
     kernels: IntArray
     tangent: TangentWork
 
 
-def new_scratch(
+def new_workspace(
     plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: IntArray
-) -> Scratch:
+) -> RadauWorkspace:
     """Allocate the work arrays of a step for ``plan``."""
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
@@ -135,52 +137,52 @@ def new_scratch(
     kernels[TANGENT_AFTER_RESIDUAL] = address_of(
         tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
     )
-    return Scratch(
+    return RadauWorkspace(
         x=zeros((STAGES, nx)),
         v=zeros((STAGES, nv)),
         a=zeros((STAGES, nv)),
-        u=zeros((STAGES, nv)),
-        p=zeros((STAGES, nv)),
+        local=zeros((STAGES, nv)),
+        local_rate=zeros((STAGES, nv)),
         multipliers=zeros((STAGES, m)),
         shift=zeros((STAGES, m)),
         time=zeros((STAGES, *work.time.shape)),
         equation=zeros((STAGES, n)),
-        out=zeros(nv),
-        full=full,
+        residual=zeros(nv),
+        full_tangent=full,
         mass=zeros((nu, nu)),
         damping=zeros((nu, nu)),
         stiffness=zeros((nu, nu)),
-        reach=zeros((m, nu)),
-        turn=zeros((m, nu)),
-        direction=zeros((m, nu)),
-        aim=zeros((m, nu)),
-        even=zeros((STAGES, m, m)),
-        is_even=zeros(1, np.int64),
-        gain=zeros((m, m)),
-        gain_here=zeros((m, m)),
-        evened=zeros((2, m)),
-        pivot_gain=zeros(max(1, m), np.int32),
-        real=zeros((n, n)),
-        complex=zeros((n, n), np.complex128),
-        final=zeros((nu, nu) if m else (0, 0)),
-        reach_end=zeros((m, nu)),
-        response=zeros((m, nu)),
-        hold=zeros((m, m)),
-        hold_order=zeros(m, np.int64),
-        hold_length=zeros(m),
-        hold_rank=zeros(1, np.int64),
-        hold_scratch=zeros(m),
-        lacking=zeros(m),
+        jacobian=zeros((m, nu)),
+        rate_jacobian=zeros((m, nu)),
+        shift_direction=zeros((m, nu)),
+        row_response=zeros((m, nu)),
+        row_transform=zeros((STAGES, m, m)),
+        uses_transform=zeros(1, np.int64),
+        row_matrix=zeros((m, m)),
+        stage_row_matrix=zeros((m, m)),
+        transformed=zeros((2, m)),
+        row_pivot=zeros(max(1, m), np.int32),
+        real_matrix=zeros((n, n)),
+        complex_matrix=zeros((n, n), np.complex128),
+        end_mass=zeros((nu, nu) if m else (0, 0)),
+        end_jacobian=zeros((m, nu)),
+        end_response=zeros((m, nu)),
+        row_factors=zeros((m, m)),
+        row_order=zeros(m, np.int64),
+        row_length=zeros(m),
+        row_rank=zeros(1, np.int64),
+        row_scratch=zeros(m),
+        row_residual=zeros(m),
         reaction=zeros(m),
-        block=zeros((nu, nu)),
+        tree_matrix=zeros((nu, nu)),
         rhs_real=zeros((1, n)),
         rhs_complex=zeros((1, n), np.complex128),
-        rhs_final=zeros((1, nu)),
+        rhs_end=zeros((1, nu)),
         error_x=zeros(nu),
         error_v=zeros(nu),
         scale_x=zeros(nv),
         scale_v=zeros(nv),
-        own=zeros(nv),
+        own_rate=zeros(nv),
         phi=phi[0],
         phi_rate=phi[1],
         phi_rate2=phi[2],
@@ -188,7 +190,7 @@ def new_scratch(
         lapack_complex=lapack_complex,
         pivot_real=zeros(max(1, n), np.int32),
         pivot_complex=zeros(max(1, n), np.int32),
-        pivot_final=zeros(max(1, n), np.int32),
+        pivot_end=zeros(max(1, n), np.int32),
         sizes=zeros(4, np.int32),
         kernels=kernels,
         tangent=tangent,
@@ -202,7 +204,7 @@ def evaluate_stage_times(plan, work, state, s, h):
         t = state.numbers[st.TIME] + NODES[i] * h
         if i == STAGES - 1:
             t = state.numbers[st.STEP_END]
-        evaluate_times(plan, st.latest(state.numbers, t), work.time)
+        evaluate_times(plan, st.function_time(state.numbers, t), work.time)
         for k in range(work.time.shape[0]):
             for j in range(3):
                 s.time[i, k, j] = work.time[k, j]
@@ -212,8 +214,8 @@ def evaluate_stage_times(plan, work, state, s, h):
 
 
 @kernel
-def guess_stages(plan, state, s, h, extrapolate):
-    """Stages' accelerations and multipliers on the last step's polynomial, or as they are at the start."""
+def predict_stages(plan, state, s, h, extrapolate):
+    """Predictor: stages' accelerations and multipliers on the last step's polynomial, or those of the step's start."""
     step = h / state.numbers[STEP_POLYNOMIAL] if extrapolate else 0.0
     memory = state.memory
     for i in range(STAGES):
@@ -258,22 +260,23 @@ def place_stages(plan, state, s, h):
                 drift = (
                     WEIGHTS[i, 0] * s.shift[0, r] + WEIGHTS[i, 1] * s.shift[1, r] + WEIGHTS[i, 2] * s.shift[2, r]
                 )
-                v += h * drift * s.direction[r, j]
-            s.p[i, k] = v
+                v += h * drift * s.shift_direction[r, j]
+            s.local_rate[i, k] = v
     for q in range(s.quaternions.shape[0]):
         o = s.quaternions[q]
         for i in range(STAGES):
-            back = scale3(-1.0, load3(s.u[i], o))  # body axes: the right Jacobian
-            store3(s.p[i], o, left_jacobian_inverse(back, load3(s.p[i], o)))
+            back = scale3(-1.0, load3(s.local[i], o))  # body axes: the right Jacobian
+            store3(s.local_rate[i], o, left_jacobian_inverse(back, load3(s.local_rate[i], o)))
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         for i in range(STAGES):
-            u = h * (WEIGHTS[i, 0] * s.p[0, k] + WEIGHTS[i, 1] * s.p[1, k] + WEIGHTS[i, 2] * s.p[2, k])
-            part = abs(u - s.u[i, k]) / s.scale_x[k]
+            p = s.local_rate
+            u = h * (WEIGHTS[i, 0] * p[0, k] + WEIGHTS[i, 1] * p[1, k] + WEIGHTS[i, 2] * p[2, k])
+            part = abs(u - s.local[i, k]) / s.scale_x[k]
             if not part <= largest:
                 largest = part
                 state.counts[st.WORST] = k
-            s.u[i, k] = u
+            s.local[i, k] = u
     return largest
 
 
@@ -283,16 +286,16 @@ def evaluate_stage(plan, work, state, s, i):
     for f in range(work.time.shape[0]):
         for c in range(3):
             work.time[f, c] = s.time[i, f, c]
-    retract(plan, state.x, s.u[i], s.x[i])
+    retract(plan, state.x, s.local[i], s.x[i])
     drive(plan, work, s.x[i], s.v[i], s.a[i])
-    call_separate(s.kernels[RESIDUAL], (plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.out))
+    call_separate(s.kernels[RESIDUAL], (plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.residual))
     state.counts[st.EVALUATIONS] += 1
     if plan.rows.shape[0] > 0:
         call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     for j in range(nu):
-        s.equation[i, j] = s.out[plan.free[j]]
+        s.equation[i, j] = s.residual[plan.free[j]]
     for r in range(m):
         s.equation[i, nu + r] = s.phi[r]
         s.equation[i, nu + m + r] = s.phi_rate[r]

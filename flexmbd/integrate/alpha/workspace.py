@@ -1,4 +1,4 @@
-"""What a step of generalized-alpha works with: its entries of the state, its scratch space."""
+"""Data of a step of generalized-alpha: its entries of the state, its work arrays."""
 
 from __future__ import annotations
 
@@ -20,25 +20,31 @@ FloatArray = NDArray[np.float64]
 
 # The method's entries of State.numbers: its coefficients; the step the factors belong to; the step
 # that the auxiliary acceleration belongs to; the step before the last; how much a Newton iteration
-# with the factors at hand leaves of the error.
+# leaves of the error with the factors at hand.
 ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
 STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
-# Its entries of State.counts: how many accelerations it remembers; whether it filters its error;
-# steps left to be linearised anew, for old factors did not serve, and how many next time; the index of the loops'
-# equations, 2 or 3.
-KNOWN_BEFORE, FILTERS, RENEWALS, PATIENCE, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
+# Its entries of State.counts: how many accelerations it remembers; whether it filters its error; steps left that are
+# factored anew because old factors failed, and how many next time; the index of the loops' equations, 2 or 3.
+KNOWN_STEPS, FILTERS, RENEWALS, NEXT_RENEWALS, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
 # Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
 # coordinate's own rate (1/s); the multipliers one, two and three steps ago; the
 # largest lengths of the rows.
-AUXILIARY, BEFORE, EARLIER, EARLIEST, RATE, NU_BEFORE, NU_EARLIER, NU_EARLIEST, LENGTH, N_MEMORY = range(10)
+AUXILIARY, BEFORE, EARLIER, EARLIEST, OWN_RATE, NU_BEFORE, NU_EARLIER, NU_EARLIEST, ROW_LENGTH, N_MEMORY = range(10)
 
 
-class Scratch(NamedTuple):
+class AlphaWorkspace(NamedTuple):
     """Work arrays of a step: trial states, the iteration matrix and its factors.
 
-    own: (nv,) each coordinate's own rate (1/s) as the step at hand shows it.
-    hold: (m, m) factors of C B^-1 C^T; firmness: (1,) their smallest pivot, of rows of unit length: 1 without rows.
-    added: (free, free) what interiors add to the residual's derivative by positions; (0, 0) where there are none.
+    x, v, a, auxiliary, multipliers: of the step's end.  displacement: (nv,) tangent vector from the step's start.
+    known_reaction, row_force: (m,) of augmented rows, reaction of the passes before and what their gap adds (N or N m).
+    residual: (nv,).  probe_acceleration: (nv,).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
+    unknown, equation: (n,) with n = free + 2 m.  matrix: (n, n) factors of the iteration matrix.
+    full_tangent: (nv, nv).  tree_matrix: (free, free) factors of the iteration matrix without rows.
+    stiffness, rate_stiffness: (free, free), (m, free) derivatives by positions alone.
+    interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
+    shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
+    row_factors: (m, m) of C B^-1 C^T, with row_order (m,); least_pivot: (1,) of rows of unit length, 1 without rows.
+    phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
     """
 
     x: FloatArray
@@ -46,24 +52,24 @@ class Scratch(NamedTuple):
     a: FloatArray
     auxiliary: FloatArray
     multipliers: FloatArray
-    known: FloatArray
-    lacking: FloatArray
-    move: FloatArray
-    out: FloatArray
-    probe: FloatArray
-    own: FloatArray
+    known_reaction: FloatArray
+    row_force: FloatArray
+    displacement: FloatArray
+    residual: FloatArray
+    probe_acceleration: FloatArray
+    own_rate: FloatArray
     unknown: FloatArray
     equation: FloatArray
     matrix: FloatArray
-    full: FloatArray
-    block: FloatArray
+    full_tangent: FloatArray
+    tree_matrix: FloatArray
     stiffness: FloatArray
     rate_stiffness: FloatArray
-    added: FloatArray
-    direction: FloatArray
-    hold: FloatArray
-    hold_order: NDArray[np.int64]
-    firmness: FloatArray
+    interior_stiffness: FloatArray
+    shift_direction: FloatArray
+    row_factors: FloatArray
+    row_order: NDArray[np.int64]
+    least_pivot: FloatArray
     correction: FloatArray
     error_x: FloatArray
     error_v: FloatArray
@@ -73,45 +79,45 @@ class Scratch(NamedTuple):
     phi_rate: FloatArray
     phi_rate2: FloatArray
     pivot: NDArray[np.int32]
-    block_pivot: NDArray[np.int32]
+    tree_pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
-    lines: NDArray[np.int64]
+    ancestors: NDArray[np.int64]
     kernels: NDArray[np.int64]
     tangent: TangentWork
 
 
-def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> Scratch:
-    """Allocate the work arrays of a step for ``plan``; with ``interiors`` what they add couples all branches."""
+def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
+    """Allocate the work arrays of a step for ``plan``; ``interiors`` couple all branches of the tree."""
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
     tangent = new_tangent_work(plan, nv)
     full = zeros((nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
-    return Scratch(
+    return AlphaWorkspace(
         x=zeros(nx),
         v=zeros(nv),
         a=zeros(nv),
         auxiliary=zeros(nv),
         multipliers=zeros(m),
-        known=zeros(m),
-        lacking=zeros(m),
-        move=zeros(nv),
-        out=zeros(nv),
-        probe=zeros(nv),
-        own=zeros(nv),
+        known_reaction=zeros(m),
+        row_force=zeros(m),
+        displacement=zeros(nv),
+        residual=zeros(nv),
+        probe_acceleration=zeros(nv),
+        own_rate=zeros(nv),
         unknown=zeros(n),
         equation=zeros(n),
         matrix=zeros((n, n)),
-        full=full,
-        block=zeros((nu, nu)),
+        full_tangent=full,
+        tree_matrix=zeros((nu, nu)),
         stiffness=zeros((nu, nu) if m or interiors else (0, 0)),
         rate_stiffness=zeros((m, nu)),
-        added=zeros((nu, nu) if interiors else (0, 0)),
-        direction=zeros((m, nu)),
-        hold=zeros((m, m)),
-        hold_order=zeros(m, np.int64),
-        firmness=np.ones(1),
+        interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
+        shift_direction=zeros((m, nu)),
+        row_factors=zeros((m, m)),
+        row_order=zeros(m, np.int64),
+        least_pivot=np.ones(1),
         correction=zeros((1, n)),
         error_x=zeros(nu),
         error_v=zeros((1, nu)),
@@ -121,16 +127,16 @@ def new_scratch(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = F
         phi_rate=zeros(m),
         phi_rate2=zeros(m),
         pivot=zeros(max(1, n), np.int32),
-        block_pivot=zeros(max(1, nu), np.int32),
+        tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(4, np.int32),
-        lines=_lines(plan)[: 0 if interiors else None],
+        ancestors=_ancestor_table(plan)[: 0 if interiors else None],
         kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
         tangent=tangent,
     )
 
 
-def _lines(plan: Plan) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where the tree's own factors pay; without rows elsewhere."""
+def _ancestor_table(plan: Plan) -> NDArray[np.int64]:
+    """Ancestors of the unknowns where factoring by the tree is cheaper; (0, ...) elsewhere."""
     lines = ancestors(plan)
     return lines if len(plan.rows) == 0 and is_cheaper_than_dense(lines) else lines[:0]
 
@@ -151,6 +157,6 @@ def holds_position_alone(plan, state, i):
 
 @kernel
 def is_unshifted(plan, state, i):
-    """Whether row i has no position to be shifted: it holds one level alone, or yields."""
+    """Whether row i shifts no positions: it holds one level alone, or is augmented."""
     row = plan.rows[i]
     return state.counts[INDEX] == 3 or is_augmented(row) or not holds_position(row)

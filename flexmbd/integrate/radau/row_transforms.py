@@ -1,7 +1,7 @@
-"""Radau IIA through singular positions, where constraint rows lose their hold and get it back within a step.
+"""Radau IIA through singular positions, where constraint rows become dependent and independent again within a step.
 
 Of rows C = L Q, Q of unit length, Q goes on smoothly through such a position while L passes through zero; simplified
-Newton with one L for all stages does not converge.  So each stage's rows are brought to those of one of them, by
+Newton with one L for all stages does not converge.  So each stage's rows are transformed to those of one stage, by
 T_i = (C B^-1 C^T) (C_i B^-1 C^T)^-1: T_i phi_i = 0 is the same equation, with slopes T_i C_i = C where the stages' rows
 span the same directions, and the stage's multipliers are T_i^T times those that the iteration corrects.
 """
@@ -19,11 +19,11 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
-_UNEVEN = math.log(2.0)  # rows whose volumes differ by more than this factor from stage to stage are worth evening out
+_DIFFERENT = math.log(2.0)  # rows whose volumes differ by more than this factor between stages are transformed
 
 
 @kernel
-def _factor_gain(plan, work, s, i):
+def _factor_row_matrix(plan, work, s, i):
     """Factor the transpose of C_i B^-1 C^T of stage i, evaluated last; log of its volume, -inf if singular."""
     m = plan.rows.shape[0]
     derive(plan, work, s, i, 0.0, 0.0, 1.0)
@@ -31,21 +31,21 @@ def _factor_gain(plan, work, s, i):
         for q in range(m):
             total = 0.0
             for j in range(plan.free.shape[0]):
-                total += s.tangent.jacobian[r, plan.free[j]] * s.aim[q, j]
-            s.gain_here[q, r] = total
+                total += s.tangent.jacobian[r, plan.free[j]] * s.row_response[q, j]
+            s.stage_row_matrix[q, r] = total
             if not np.isfinite(total):
                 return -np.inf
-    if factor(plan.lapack, s.gain_here, s.pivot_gain, s.sizes) != 0:
+    if factor(plan.lapack, s.stage_row_matrix, s.row_pivot, s.sizes) != 0:
         return -np.inf
     volume = 0.0
     for r in range(m):
-        volume += math.log(abs(s.gain_here[r, r]))
+        volume += math.log(abs(s.stage_row_matrix[r, r]))
     return volume
 
 
 @kernel
-def choose_place(plan, work, state, s):
-    """The stage whose rows hold best where the stages are; -1 if they hold everywhere alike, or velocities alone."""
+def choose_stage(plan, work, state, s):
+    """The stage with the best conditioned rows; -1 if all stages are alike, or a row holds velocities alone."""
     for r in range(plan.rows.shape[0]):
         if not holds_position(plan.rows[r]):
             return -1
@@ -54,21 +54,21 @@ def choose_place(plan, work, state, s):
     place = -1
     for i in range(STAGES):
         evaluate_stage(plan, work, state, s, i)
-        volume = _factor_gain(plan, work, s, i)
+        volume = _factor_row_matrix(plan, work, s, i)
         least = min(least, volume)
         if volume > best:
             best = volume
             place = i
-    return place if best - least > _UNEVEN else -1
+    return place if best - least > _DIFFERENT else -1
 
 
 @kernel
-def even_stage(plan, work, s, i):
+def transform_stage_rows(plan, work, s, i):
     """Write T_i of stage i, which was evaluated last; whether it exists."""
-    if _factor_gain(plan, work, s, i) == -np.inf:
+    if _factor_row_matrix(plan, work, s, i) == -np.inf:
         return False
-    for r in range(s.gain.shape[0]):
-        for q in range(s.gain.shape[0]):
-            s.even[i, r, q] = s.gain[r, q]
-    solve(plan.lapack, s.gain_here, s.pivot_gain, s.sizes, s.even[i])
+    for r in range(s.row_matrix.shape[0]):
+        for q in range(s.row_matrix.shape[0]):
+            s.row_transform[i, r, q] = s.row_matrix[r, q]
+    solve(plan.lapack, s.stage_row_matrix, s.row_pivot, s.sizes, s.row_transform[i])
     return True

@@ -1,0 +1,211 @@
+"""Data of an energy-momentum step: its entries of the state, its work arrays, the kernels that it calls."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.explicit import loop_dynamics
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.base.separate import address_of
+from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, write_potential
+from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.tree import tree_joints
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# The method's entries of State.numbers: the step the factors belong to; the energy (J) at TIME; the work (J) of loads
+# and dampers in the step.
+STEP_FACTORED, ENERGY, LOAD_WORK = range(st.METHOD, st.METHOD + 3)
+# Its entries of State.counts: whether the energy is kept; whether loads or dampers act; how many equal steps it
+# remembers; which predictor would have been best for the last of them.
+KEEPS_ENERGY, NONCONSERVATIVE, KNOWN_STEPS, PREDICTOR = range(st.METHOD_COUNT, st.METHOD_COUNT + 4)
+# Rows of State.memory after those of ``loop_dynamics``: momenta; accelerations at the step before; each coordinate's
+# own rate (1/s); velocities and multipliers of the last steps, the latest first.
+REMEMBERED = 3
+MOMENTUM, BEFORE, OWN_RATE, SPEED = range(loop_dynamics.N_MEMORY, loop_dynamics.N_MEMORY + 4)
+REACTION = SPEED + REMEMBERED
+N_MEMORY = REACTION + REMEMBERED
+
+# Entries of EnergyMomentumWorkspace.kernels: addresses of kernels compiled by themselves; the last are the step's own
+# (`bind`).
+CANONICAL, MOMENTA, RESIDUAL, TANGENT, CONSTRAINTS, POTENTIAL = range(6)
+PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, N_KERNEL = range(6, 12)
+# Entries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
+# the kinetic energy at the end, where velocities are improved in passes; the equations' residuals as energy, over all
+# energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed.
+POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, N_ENERGY = range(7)
+
+ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
+
+
+class EnergyMomentumWorkspace(NamedTuple):
+    """Work arrays of a step.
+
+    u, half_velocity, zeros: (nv,) velocity of the step, half of it, zeros.  increment: (nv,) over the step; of
+    rotations twice the tangent of half the angle, along the axis.  x_mid, x_end: (nx,).
+    p_mid, p_end: (nv,) momenta M(x_mid) u, and at the end.  v_end, a_end: (nv,).  scratch_v: (nv,).
+    gradient, stored_gradient: (nv,) -dT/dx + dV/dx - loads in the middle, and without loads and dampers.
+    balance: (nv,) of momenta.  wrench, scratch6: (bodies, 6), (6,) of ``canonical``.
+    projector: (2 bodies + nv, 9) projects out motions that energy does not depend on: a matrix for the linear and one
+    for the rotational part of each joint, and 0 or 1 for each coordinate (first column, from row 2 bodies).
+    no_symmetries: (1,) whether it is the identity, and no joint is free.
+    correction_direction, corrected_velocity: (nv,) of the energy's correction, and the velocity that it belongs to.
+    nu, zero_multipliers: (m,) multipliers of the step; zeros.
+    phi, phi_rate, phi_rate2: (m,) residuals of the constraint rows and their derivatives.
+    row_end: (m, 2) function of time of a row and its rate, at the end.  nu_end: (m,) multipliers there.
+    row_size: (m,) full size of each row's residual, m or rad.
+    unknown, equation: (free + m,) u and nu h / 2; the step's equations times h / 2, and residuals over h.
+    matrix: (free + m, free + m) factors of the iteration matrix.  round_off_floor: (1,) a correction by round-off.
+    full_matrix: (nv, nv) tangent, or the mass matrix.  mass: (free, free) factors of M.  mass_rhs: (1, free) and
+    free_response: (m, free) right-hand sides for it.  response: (m, nv) C M^-1.
+    previous: (2, free + m) unknowns and correction of the iteration before.
+    anderson_changes, anderson_moves: (ANDERSON_DEPTH, free + m) orthonormal changes of the corrections, and the moves
+    of the unknowns that belong to them.
+    modal_scratch: (2, nv).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
+    kernels: addresses.
+    """
+
+    u: FloatArray
+    half_velocity: FloatArray
+    zeros: FloatArray
+    increment: FloatArray
+    x_mid: FloatArray
+    x_end: FloatArray
+    p_mid: FloatArray
+    p_end: FloatArray
+    v_end: FloatArray
+    a_end: FloatArray
+    scratch_v: FloatArray
+    gradient: FloatArray
+    stored_gradient: FloatArray
+    balance: FloatArray
+    wrench: FloatArray
+    scratch6: FloatArray
+    energy: FloatArray
+    projector: FloatArray
+    no_symmetries: IntArray
+    correction_direction: FloatArray
+    corrected_velocity: FloatArray
+    nu: FloatArray
+    zero_multipliers: FloatArray
+    phi: FloatArray
+    phi_rate: FloatArray
+    phi_rate2: FloatArray
+    row_end: FloatArray
+    row_size: FloatArray
+    nu_end: FloatArray
+    unknown: FloatArray
+    equation: FloatArray
+    matrix: FloatArray
+    round_off_floor: FloatArray
+    full_matrix: FloatArray
+    mass: FloatArray
+    mass_rhs: FloatArray
+    free_response: FloatArray
+    response: FloatArray
+    correction: FloatArray
+    previous: FloatArray
+    anderson_changes: FloatArray
+    anderson_moves: FloatArray
+    modal_scratch: FloatArray
+    scale_x: FloatArray
+    scale_v: FloatArray
+    error_x: FloatArray
+    error_v: FloatArray
+    own_rate: FloatArray
+    driven: FloatArray
+    pivot: NDArray[np.int32]
+    mass_pivot: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+    kernels: IntArray
+    tangent: TangentWork
+
+
+def new_workspace(
+    plan: Plan, work: Work, nx: int, nv: int, projector: FloatArray, row_size: FloatArray
+) -> EnergyMomentumWorkspace:
+    """Allocate the work arrays of a step for ``plan``."""
+    zeros = np.zeros
+    free, bodies, m = len(plan.free), len(plan.tree), len(plan.rows)
+    n = free + m
+    tangent = new_tangent_work(plan, nv)
+    x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((nv, nv))
+    wrench, part, energy = zeros((bodies, 6)), zeros(6), zeros(N_ENERGY)
+    whole = bool((projector[2 * bodies :, 0] == 1.0).all())
+    turning = np.array([joint.spin is not None for joint in tree_joints(plan)], bool)
+    return EnergyMomentumWorkspace(
+        u=zeros(nv),
+        half_velocity=zeros(nv),
+        zeros=zeros(nv),
+        increment=zeros(nv),
+        x_mid=zeros(nx),
+        x_end=zeros(nx),
+        p_mid=zeros(nv),
+        p_end=zeros(nv),
+        v_end=zeros(nv),
+        a_end=zeros(nv),
+        scratch_v=zeros(nv),
+        gradient=zeros(nv),
+        stored_gradient=zeros(nv),
+        balance=zeros(nv),
+        wrench=wrench,
+        scratch6=part,
+        energy=energy,
+        projector=projector,
+        no_symmetries=np.array([whole and not turning.any()], np.int64),
+        correction_direction=zeros(nv),
+        corrected_velocity=zeros(nv),
+        nu=zeros(m),
+        zero_multipliers=zeros(m),
+        phi=zeros(m),
+        phi_rate=zeros(m),
+        phi_rate2=zeros(m),
+        row_end=zeros((m, 2)),
+        row_size=row_size,
+        nu_end=zeros(m),
+        unknown=zeros(n),
+        equation=zeros(n),
+        matrix=zeros((n, n)),
+        round_off_floor=zeros(1),
+        full_matrix=full,
+        mass=zeros((free, free)),
+        mass_rhs=zeros((1, free)),
+        free_response=zeros((m, free)),
+        response=zeros((m, nv)),
+        correction=zeros((1, n)),
+        previous=zeros((2, n)),
+        anderson_changes=zeros((ANDERSON_DEPTH, n)),
+        anderson_moves=zeros((ANDERSON_DEPTH, n)),
+        modal_scratch=zeros((2, nv)),
+        scale_x=zeros(nv),
+        scale_v=zeros(nv),
+        error_x=zeros(nv),
+        error_v=zeros(nv),
+        own_rate=zeros(nv),
+        driven=zeros((len(plan.driven), 3)),
+        pivot=zeros(max(1, n), np.int32),
+        mass_pivot=zeros(max(1, free), np.int32),
+        sizes=zeros(4, np.int32),
+        kernels=np.array(
+            [
+                address_of(canonical, (plan, work, x, v, v, v, rows, wrench, part, v, v)),
+                address_of(momenta, (plan, work, x, v, v, v)),
+                address_of(residual, (plan, work, x, v, v, rows, v)),
+                address_of(
+                    tangent_after_residual, (plan, work, tangent, x, v, v, rows, 0.0, 0.0, 0.0, full)
+                ),
+                address_of(constraints, (plan, work, rows, rows, rows)),
+                address_of(write_potential, (plan, work, x, energy)),
+                *[0] * (N_KERNEL - PLACE),
+            ]
+        ),
+        tangent=tangent,
+    )
