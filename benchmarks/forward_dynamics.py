@@ -75,7 +75,7 @@ def chain(count):
         link = scene.add(fm.RigidBody(MASS, INERTIA, (LENGTH / 2.0, 0.0, 0.0)))
         scene.connect(fm.joint.Revolute("z"), body.frame(p=place), link.frame())  # type: ignore[attr-defined]
         body, place = link, (LENGTH, 0.0, 0.0)
-    return scene.compile()
+    return scene.start().unreduced
 
 
 def least(function, repeats):
@@ -214,7 +214,7 @@ def measure_reduced(modes, where):
     if where is not None:
         child = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01), (0.1, 0.0, 0.0)))
         scene.connect(fm.joint.Revolute("z"), body.frame(where), child.frame())
-    compiled = scene.compile()
+    compiled = scene.start().unreduced
     plan, work, aw = compiled.plan, new_work(compiled.plan), new_articulated_work(compiled.plan)
     rng = np.random.default_rng(0)
     x, v, a = rng.standard_normal(compiled.nx) * 0.05, rng.standard_normal(compiled.nv), np.zeros(compiled.nv)

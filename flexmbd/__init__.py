@@ -14,6 +14,8 @@ from flexmbd import force as force
 from flexmbd import integrate as integrate
 from flexmbd import joint as joint
 from flexmbd import output as output
+from flexmbd import parameter as parameter
+from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
@@ -112,7 +114,7 @@ __version__ = "0.1.0"
 
 #: Rooms that load when they are first asked for.
 _LAZY = frozenset({"beams", "continuum", "forms", "meshes", "reduction", "visual"})
-_LOADED = frozenset({"export", "force", "integrate", "joint", "output"})
+_LOADED = frozenset({"export", "force", "integrate", "joint", "output", "parameter"})
 
 if typing.TYPE_CHECKING:
     from flexmbd import beams as beams

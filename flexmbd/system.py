@@ -5,18 +5,18 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import NoneType
-from typing import Literal, TypeVar, cast
+from typing import Literal, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError, StartWarning
-from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.compiled_machine import CompiledMachine, named
+from flexmbd.errors import SceneError
+from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
@@ -32,25 +32,20 @@ from flexmbd.multibody.joint.coupling import Coupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
 from flexmbd.multibody.linear.output import Output
 from flexmbd.multibody.linear.ports import Input, leave_out, refuse_followers
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.plan.agreement import refuse_different
+from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
-from flexmbd.multibody.plan.forces import refuse_crossed_stops
 from flexmbd.multibody.results.explain import explain
-from flexmbd.multibody.start.consistent_start import Start, consistent_start
-from flexmbd.multibody.start.given_coordinates import refuse_against_motions
-from flexmbd.multibody.start.motion_check import refuse_false_rates
+from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import span
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
-from flexmbd.run.limits import Limits
-from flexmbd.run.simulation import Saves, check_times, run
-from flexmbd.run.stepping import evaluate_inputs, new_snapshot
+from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -61,6 +56,9 @@ _STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=Coupling)
+
+#: What may take other values in a compiled machine, by its name.
+Parameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
 
 
 @dataclass(eq=False)
@@ -207,14 +205,18 @@ class System:
             raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
         return gravity.copy()
 
-    def compile(self) -> CompiledScene:
-        """Decide what will be computed and lay it out flat.
+    def compile(self, *, parameters: Parameters | None = None) -> CompiledMachine:
+        """Decide what will be computed and lay it out flat: a machine that runs, as the scene stands now.
+
+        Args:
+            parameters: by their names what may take other values in each run, as {"m": fm.parameter.Mass(piston)}; a
+                list of several that have the same value.  See docs/ensembles.md.
 
         Raises:
-            SceneError: a body that nothing connects, or a force or motion on a joint that has no
-                coordinate.
+            SceneError: a body that nothing connects, a force or motion on a joint that has no coordinate, or a
+                parameter that does not fit the scene.
         """
-        return self._compile(())
+        return self._machine(self._compile(()), parameters)
 
     def _compile(self, more: Sequence[Force], *, without: Sequence[Force] = ()) -> CompiledScene:
         """As ``compile``, with ``more`` forces and without others."""
@@ -238,7 +240,7 @@ class System:
             SceneError: as ``compile``.
             AssemblyError: the mechanism cannot be assembled.
         """
-        return self._start(self.compile(), t)
+        return self._start(self._compile(()), t)
 
     def start_with(self, forces: Sequence[Force], *, instead_of: Sequence[Force] = (), t: float = 0.0) -> Start:
         """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.
@@ -250,53 +252,13 @@ class System:
             self._check_force(force)
         return self._start(self._compile(forces, without=instead_of), t)
 
-    def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
-        """The consistent start of a compiled scene: what joints and bodies are given, or a state found before."""
-        if self.team.is_root:
-            announce_compilation(_STARTING)
-        work = new_work(scene.plan)
-        evaluate_inputs(scene, work, t)
-        if about is None:
-            refuse_against_motions(scene, work, self._connections)
-            x, v, held_x, held_v = self._given(scene)
-        else:
-            about.scene.refuse_other(scene)
-            x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
-        refuse_different(scene, x, v, self.team)
-        memories = None if about is None else about.interiors
-        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
-        mark_compiled(_STARTING)
-        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
-        if start.strain.warning is not None and self.team.is_root:
-            warnings.warn(start.strain.warning, StartWarning, stacklevel=3)
-        return start
+    def _machine(self, scene: CompiledScene, parameters: Parameters | None = None) -> CompiledMachine:
+        named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
+        kept = with_given_start(scene, self._connections, self._bodies)
+        return CompiledMachine(kept, tuple(self._connections), tuple(self._bodies), named, self.team)
 
-    def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-        """x (nx,) and v (nv,) as given for joints and bodies, and which of them (nv,) are to be kept."""
-        x, v = scene.start.copy(), np.zeros(scene.nv)
-        held_x, held_v = np.zeros((2, scene.nv), bool)
-        for connection in self._connections:
-            slots = scene.index.joints.get(connection)
-            if slots is None:
-                continue
-            if connection.position is not None:
-                x[slots.x] = connection.position
-                held_x[slots.v] = True
-            if connection.velocity is not None:
-                v[slots.v] = connection.velocity
-                held_v[slots.v] = True
-        for body in self._bodies:
-            if isinstance(body, PseudoRigidBody) and not body.rigid:
-                slots = scene.index.modes[body]
-                x[slots.x], v[slots.v] = body.start()
-                held_x[slots.v] = held_v[slots.v] = True
-            if isinstance(body, FlexibleBody):
-                slots = scene.index.modes[body]
-                if body.q is not None:
-                    x[slots.x], held_x[slots.v] = body.q, True
-                if body.q_rate is not None:
-                    v[slots.v], held_v[slots.v] = body.q_rate, True
-        return x, v, held_x, held_v
+    def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
+        return self._machine(scene).start_of(scene, t, about)
 
     def equilibrium(self, *, t: float = 0.0, about: WorkingPoint | None = None) -> WorkingPoint:
         """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
@@ -315,7 +277,7 @@ class System:
                 a body with history has no balance, can only be stepped, or turns.
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
-        start = self._start(self.compile(), t, about)
+        start = self._start(self._compile(()), t, about)
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
         return find_equilibrium(start, work)
@@ -398,7 +360,7 @@ class System:
             choice = choose(start, t=0.0, rtol=rtol, h=h)
             method = f"{choice.method.name} ({choice.why})"
         else:
-            method = f"{_named(integrator).name} (as asked)"
+            method = f"{named(integrator).name} (as asked)"
         return f"{explain(start)}\nintegrator: {method}"
 
     def simulate(
@@ -452,52 +414,26 @@ class System:
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
                 faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
         """
-        refuse_other(events, Sequence, "events", wanted="a list of events, [event]")
-        for event in events:
-            refuse_other(event, Event, "an event", wanted="an fm.Event(...)")
-        refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
-        if restart is not None:
-            refuse_other(restart, Checkpoint, "restart", wanted="a checkpoint, as fm.Checkpoint.load(path) gives it")
-            t_start = restart.t
-        check_times(t_start, t_end, rtol, h, checkpoints)
-        limits = Limits(max_steps, max_rows, max_seconds)
-        if max_step is not None and not (h is None and is_number(max_step) and max_step > 0.0):
-            raise SceneError(f"max_step = {max_step} s must be positive and finite, and given without a fixed step h")
-        if (checkpoint_file is None) != (checkpoint_every is None):
-            raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")
-        saves = None
-        if checkpoint_file is not None and checkpoint_every is not None:
-            saves = Saves(Path(checkpoint_file), checkpoint_every)
-        begun = t_start if restart is None else restart.t_start
-        scene = self.compile()
-        refuse_false_rates(scene, t_start, t_end)
-        start = self._start(scene, begun, about)
-        if integrator == "auto":
-            method = choose(start, t=begun, rtol=rtol, h=h).method
-        else:
-            method = _named(integrator)
-        if restart is None:
-            snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
-        else:
-            snapshot = restart.of(start.scene, method)
-        return run(
-            start,
-            {body.name: body for body in self._bodies},
-            self.team,
-            begun=begun,
-            snapshot=snapshot,
-            t_end=t_end,
-            method=method,
+        return self.compile().simulate(
+            t_end,
+            rtol=rtol,
+            h=h,
+            t_start=t_start,
+            about=about,
+            integrator=integrator,
             events=events,
             checkpoints=checkpoints,
-            saves=saves,
+            checkpoint_file=checkpoint_file,
+            checkpoint_every=checkpoint_every,
+            restart=restart,
             progress=progress,
-            limits=limits,
             max_step=max_step,
+            max_steps=max_steps,
+            max_rows=max_rows,
+            max_seconds=max_seconds,
         )
 
 
-def _named(integrator: Integrator | str) -> Integrator:
-    """A method that the user gave."""
-    refuse_other(integrator, Integrator, "integrator", wanted="a method, as fm.RadauIIA(), or \"auto\"")
-    return cast(Integrator, integrator)
+def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """One parameter or several of one name."""
+    return tuple(meant) if isinstance(meant, list | tuple) else (cast(Parameter, meant),)

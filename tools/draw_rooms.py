@@ -48,7 +48,7 @@ SHOWN = (
         {
             "command": ("cli", "__main__"),
             "scene_file": ("result_table", "toml_file"),
-            "system": ("joint", "force", "output", "linearized"),
+            "system": ("joint", "force", "output", "parameter", "compiled_machine", "linearized"),
             "leaves": ("errors", "given", "array_file", "rotation", "coupling"),
         },
         {

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.reading.tree import with_frame
 
 K = TypeVar("K")
 V = TypeVar("V")
+T = TypeVar("T")
 
 
 class IdentityMap(MutableMapping[K, V], Generic[K, V]):
@@ -85,6 +86,8 @@ class SceneIndex:
         closures: rows of F and G in ``Plan.frames`` of joints held by constraints.
         modes: modal coordinates of flexible bodies.
         forces: rows of force elements; not of those that are solved together.
+        substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
+            compiled: objects that have the numbers of this variant.
     """
 
     bodies: IdentityMap[Body, int] = field(default_factory=IdentityMap)
@@ -93,6 +96,19 @@ class SceneIndex:
     closures: IdentityMap[Connection, tuple[int, int]] = field(default_factory=IdentityMap)
     modes: IdentityMap[Body, Slots] = field(default_factory=IdentityMap)
     forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
+    substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
+
+    def now(self, thing: T) -> T:
+        """The body, joint, force or frame with the numbers that it has in this variant of the scene."""
+        found: T = self.substitutes.get(thing, thing)
+        return found
+
+    def frame_now(self, frame: Frame) -> Frame:
+        """As ``now`` of a frame: of another record's interface where its body has another record."""
+        body = self.substitutes.get(frame.body)
+        if isinstance(body, FlexibleBody) and frame.interface is not None:
+            return body.frame(frame.interface)
+        return self.now(frame)
 
     def row_of(self, frame: Frame) -> int:
         """Row of ``Plan.tree`` of a frame's body; -1 for the ground.
@@ -111,7 +127,8 @@ class SceneIndex:
         Raises:
             SceneError: the frame's body is not in the scene.
         """
-        return with_frame(plan, self.row_of(frame), frame.p_BF_B, frame.R_BF, frame.modes)
+        now = self.frame_now(frame)
+        return with_frame(plan, self.row_of(frame), now.p_BF_B, now.R_BF, now.modes)
 
     def coordinates(self, connection: Connection) -> Slots:
         """Where the coordinates of a joint lie.

@@ -373,7 +373,7 @@ class Trajectory:
         Raises:
             RecordError: the record holds no nodal modes: reduce the body with ``keep=Keep(modes=True)``.
         """
-        return model.stress_field(body.record, self.q(body, t=t))
+        return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))
 
     def _stretches(self) -> Iterator[slice]:
         """Rows whose forces the plan tells: all at once, or row by row what interiors exerted in each."""

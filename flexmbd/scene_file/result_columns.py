@@ -103,7 +103,7 @@ def _times(run: Trajectory, every: float) -> FloatArray:
 
 def _of_joints(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     """Coordinates and their rates."""
-    slots = built.system.compile().index.joints
+    slots = built.system.compile().scene.index.joints
     if output.joints is None:
         joints = [one for one in built.joints.values() if one in slots]
     else:

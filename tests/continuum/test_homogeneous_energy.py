@@ -97,7 +97,7 @@ def test_energy_momentum_keeps_the_energy(rubber):
 def test_tangent(rubber):
     """Its derivatives by the stretches against differences of the residual."""
     scene, body = flying(rubber)
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, nv = compiled.plan, compiled.nv
     work, matrix, none = new_work(plan), np.zeros((nv, nv)), np.zeros(0)
     place = compiled.index.modes[body]

@@ -63,7 +63,7 @@ def machine(lower, upper, *, root="ball", second="rigid", shape="chain", tilt=No
         if name.startswith("driven"):
             joint.prescribe(fm.Sine(0.3, 1.7, 0.4))
         bodies.append(body)
-    return scene.compile()
+    return scene.compile().scene
 
 
 def general(aw):

@@ -31,7 +31,7 @@ def dense_mass(compiled, bodies, clouds, x):
 def test_forward_dynamics_solve_the_residual(seed):
     """Random trees, driven joints among them: at its accelerations nothing is left of the residual."""
     scene, *_ = random_tree(seed)
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, free = compiled.plan, compiled.plan.free
     x, v, work = somewhere(compiled, seed)
     a, out, ask = np.zeros((3, compiled.nv))
@@ -46,7 +46,7 @@ def test_forward_dynamics_solve_the_residual(seed):
 def test_reactions_of_loops_are_loads():
     """Every joint kind, three loops with multipliers, flexible frames on both sides of some."""
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan = compiled.plan
     x, v, work = somewhere(compiled, 5)
     multipliers = np.random.default_rng(5).standard_normal(len(plan.rows)) * 3.0
@@ -59,7 +59,7 @@ def test_reactions_of_loops_are_loads():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_factors_solve_the_mass_of_particles(seed):
     scene, bodies, clouds = random_tree(seed)
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, free = compiled.plan, compiled.plan.free
     assert len(plan.driven) == 1
     x, v, work = somewhere(compiled, seed)
@@ -95,7 +95,7 @@ def test_what_a_joint_frees_is_told_from_round_off(kind, spread):
         frame = body.frame("tip")
     rod = scene.add(fm.RigidBody(1.0, (1e-9, 0.02, 0.02), (0.0, 0.0, 0.0)))
     scene.connect(kind("y") if kind else fm.joint.Fixed(), frame, rod.frame())
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan = compiled.plan
     for seed in range(5):
         x, v, work = somewhere(compiled, seed, spread=spread)
@@ -125,7 +125,7 @@ def test_massless_links_pass_everything_on():
             scene.connect(kind, body.frame(p=place, R=turn if number == 0 else None), new.frame())
             light += [] if last else [new]
             body = new
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     compiled.plan.rigid[[compiled.index.bodies[b] for b in light]] = 0.0
     plan = compiled.plan
     x, v, work = somewhere(compiled, 3)
@@ -143,7 +143,7 @@ def test_massless_links_pass_everything_on():
 def test_two_factorisations_of_one_scene_do_not_mix():
     """The scratch carries nothing over from another configuration."""
     scene, *_ = random_tree(3)
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     aw = new_articulated_work(compiled.plan)
     x, v, work = somewhere(compiled, 1)
     a, again = np.zeros((2, compiled.nv))

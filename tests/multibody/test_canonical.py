@@ -50,7 +50,7 @@ def spring_scene():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_force_is_the_lagrangians_gradient_and_momentum_its_velocity_gradient(seed):
     """By differences of order 6, the free joint's linear velocity turned with the joint."""
-    compiled = spring_scene().compile()
+    compiled = spring_scene().compile().scene
     plan, work, nv = compiled.plan, new_work(compiled.plan), compiled.nv
     plan.flex[:, at.MODAL_DAMPING] = -1
     x, v = state(compiled, seed)

@@ -257,7 +257,7 @@ def element_forces(compiled, x, v):
 def test_forces_are_the_slope_of_the_energy(seed):
     """All conservative elements on a tree with flexible parents: force = -dV/dx along every velocity."""
     scene, _ = loaded_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, _ = state(compiled, seed)
     forces = element_forces(compiled, x, np.zeros(compiled.nv))
     slope = np.zeros(compiled.nv)
@@ -278,7 +278,7 @@ def test_the_energy_of_a_bushing_by_another_logarithm():
         flight.position = (0.3, -0.2, 0.1, turn[3], *turn[:3])
         u = np.array([0.3, -0.2, 0.1, *theta])
         expected = 0.5 * np.sum(np.arange(1.0, 7.0) * u**2)
-        compiled = scene.compile()
+        compiled = scene.compile().scene
         assert spring_energy(compiled, scene.start().x) == pytest.approx(expected, rel=1e-12)
     assert body.name == "block"
 
@@ -296,7 +296,7 @@ def test_dampers_take_away_the_power_of_their_laws():
     scene.add_force(fm.force.Bushing(*frames, np.zeros(6), matrix))
     scene.add_force(fm.force.SpringDamper(*ends, 0.0, 0.0, 3.0))
     scene.add_force(fm.force.JointDamper(scene._connections[3], 0.7))
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v = state(compiled, 3)
 
     def motion(step):
@@ -324,7 +324,7 @@ def test_a_given_force_does_the_work_of_its_frame():
         scene._connections = scene._connections[:-3]
         tip = bodies[1].frame("tip")
         scene.add_force(fm.force.FrameForce(tip, (1.0, lambda t: 2.0 + t, 3.0), (-4.0, 5.0, fm.Sine(6.0, 1.0)), axes))
-        compiled = scene.compile()
+        compiled = scene.compile().scene
         x, v = state(compiled, 4)
         work = new_work(compiled.plan)
         evaluate_times(compiled.plan, 0.5, work.time)
@@ -353,7 +353,7 @@ def test_a_distributed_load_is_the_sum_of_forces_on_its_particles():
     body = scene.add(fm.FlexibleBody(replace(cloud.record, loads=loads)), name="sail")
     scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
     scene.add_force(fm.force.DistributedLoad(body, "wind", 2.0))
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     start = scene.start()
     R = Rotation.from_rotvec([0.3, 0.2, 0.1])
     x = start.x.copy()
@@ -388,7 +388,7 @@ def element_rows():
         force.JointFriction(hinge, 1.0, 0.2, 2.5, 0.4, 0.3),
     ):
         scene.add_force(element)
-    plan = scene.compile().plan
+    plan = scene.compile().scene.plan
     between = [row for row in plan.elements if row[at.EL_KIND] in kinds.BETWEEN_FRAMES]
     return plan, between, [row for row in plan.elements if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES]
 

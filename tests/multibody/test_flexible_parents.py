@@ -35,7 +35,7 @@ def boom():
         scene.connect(fm.joint.Prismatic("y"), bodies[1].frame("tip"), bodies[2].frame("root")),
         scene.connect(fm.joint.Revolute("z"), bodies[2].frame("tip"), nozzle.frame()),
     ]
-    return scene.compile(), records, bodies, nozzle, links
+    return scene.compile().scene, records, bodies, nozzle, links
 
 
 def place(compiled, records, bodies, links, x):

@@ -67,7 +67,7 @@ def rigid_slider_crank():
     """Planar, of joints in space: three of its five rows are redundant."""
     scene, _, crank = slider_crank(axis="y")
     crank.velocity = 20.0
-    return scene, [crank, *scene.compile().index.closures]
+    return scene, [crank, *scene.compile().scene.index.closures]
 
 
 def elastic_slider_crank():
@@ -123,7 +123,7 @@ def test_what_is_not_there_is_told_alike():
 
 def test_kane_s_motion_goes_on_with_frames_asked_before():
     scene, hinge, com = pendulum()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     kinematics = Kinematics(compiled)
     for beta in (0.0, 1.0, -0.7):
         kinematics.move(0.0, np.array([beta]), np.zeros(1))

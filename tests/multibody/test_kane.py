@@ -37,7 +37,7 @@ def residual_of(compiled, x, v, a, multipliers):
 def test_partial_velocities_are_slopes_of_the_motion():
     """v_r and w_r of frames on rigid bodies and at flexible tips, by differences of their poses."""
     scene, bodies, _, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v, _ = moving(compiled, 0)
     frames = [bodies[1].frame("tip"), bodies[3].frame("tip"), bodies[5].frame(p=(0.1, 0.2, 0.3))]
     here, other = Kinematics(compiled).move(0.0, x, v), Kinematics(compiled)
@@ -65,14 +65,14 @@ def test_partial_velocities_are_slopes_of_the_motion():
 def test_kane_is_the_recursion(seed):
     """F_r + F*_r - C^T nu = -residual on a machine of all joints, rigid and flexible, with loops."""
     scene, bodies, _, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v, a = moving(compiled, seed)
     rng = np.random.default_rng(seed + 10)
     load = rng.standard_normal((2, 2, 3))
     ends = [bodies[1].frame("tip"), bodies[5].frame(p=(0.1, 0.2, 0.3))]
     for frame, (force, torque) in zip(ends, load, strict=True):
         scene.add_force(fm.force.FrameForce(frame, tuple(force), tuple(torque)))
-    loaded = scene.compile()
+    loaded = scene.compile().scene
     nu = rng.standard_normal(len(loaded.plan.rows))
     assert len(nu) > 10
     kinematics = Kinematics(loaded).move(0.0, x, v, a)
@@ -98,7 +98,7 @@ def test_the_motion_of_a_loop_fulfils_kane():
 
 def test_one_sweep_gives_the_forces_of_the_definition():
     scene, bodies, _, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v, _ = moving(compiled, 4)
     rng = np.random.default_rng(3)
     frames = [bodies[1].frame("tip"), scene.ground.frame(), bodies[4].frame(p=(0.1, 0.0, 0.2)), bodies[1].frame("tip")]
@@ -158,7 +158,7 @@ def test_a_gyrostat_turns_as_its_closed_form():
 
 def test_kinematics_know_joints_and_modes():
     scene, bodies, _, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v, _ = moving(compiled, 5)
     kinematics = Kinematics(compiled).move(0.7, x, v)
     hinge, flexible = scene._connections[1], bodies[1]
@@ -214,7 +214,7 @@ def test_joints_bear_forces_by_kane():
         else:
             for frame, load in zip(frames, loads, strict=True):
                 scene.add_force(fm.force.FrameForce(frame, *map(tuple, load)))
-        compiled = scene.compile()
+        compiled = scene.compile().scene
         x, v, a = (part[None] for part in moving(compiled, 3))
         nu = np.random.default_rng(8).standard_normal((1, len(compiled.plan.rows)))
         times = np.zeros(1)

@@ -123,8 +123,8 @@ def compare(scene, lin, variant, outputs, *, step=2e-4, rtol=1e-8, idle=()):
 
     def state(name, dy, dz, value):
         changed = scene if name is None else variant(name, value)
-        compiled = changed.compile().keep_rows(
-            [k for k, row in enumerate(changed.compile().row_names) if row in lin.scene.row_names]
+        compiled = changed.compile().scene.keep_rows(
+            [k for k, row in enumerate(changed.compile().scene.row_names) if row in lin.scene.row_names]
         )
         work = new_work(compiled.plan)
         evaluate_inputs(compiled, work, 0.0)

@@ -65,7 +65,7 @@ def test_parallel_hinges_solve_the_residual(seed, loaded):
         ends = bodies[3].frame(p=(0.1, 0.2, 0.3)), bodies[8].frame(p=(0.3, -0.1, 0.2))
         scene.add_force(fm.force.SpringDamper(*ends, stiffness=40.0, length=0.3, damping=2.0))
         scene.add_force(fm.force.SpringDamper(scene.ground.frame(), bodies[6].frame(p=(1, 0, 0)), 20.0, 0.2))
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan = compiled.plan
     x, v, work = somewhere(compiled, seed)
     aw = new_articulated_work(plan)
@@ -82,10 +82,10 @@ def test_parallel_hinges_solve_the_residual(seed, loaded):
 
 def test_other_trees_are_not_taken_for_parallel():
     scene, _, hinges = parallel_tree(3, twisted=True)
-    assert new_articulated_work(scene.compile().plan).planar[0] == 0
+    assert new_articulated_work(scene.compile().scene.plan).planar[0] == 0
     scene, _, hinges = parallel_tree(3)
     hinges[4].prescribe(fm.Sine(0.3, 1.7))
-    assert new_articulated_work(scene.compile().plan).planar[0] == 0
+    assert new_articulated_work(scene.compile().scene.plan).planar[0] == 0
 
 
 def coupled_tree(seed):
@@ -115,7 +115,7 @@ def grid():
 )
 def test_rows_by_their_paths(make):
     """C by the rates of the rows, C M^-1 C^T by the dense mass matrix, at a place where loops are open."""
-    compiled = make().compile()
+    compiled = make().compile().scene
     plan, free = compiled.plan, compiled.plan.free
     x, v, work = somewhere(compiled, 7)
     m = len(plan.rows)
@@ -143,7 +143,7 @@ def test_rows_by_their_paths(make):
 
 def test_respond_solves_the_loops():
     """What rows do to the machine, with the dense mass matrix."""
-    compiled = grid().compile()
+    compiled = grid().compile().scene
     plan = compiled.plan
     kept = plan._replace(rows=np.ascontiguousarray(plan.rows[[0, 1, 5, 6]]))  # those in the plane, of two hinges
     x, v, work = somewhere(compiled, 7)

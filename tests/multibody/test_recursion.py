@@ -19,7 +19,7 @@ from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constrain
 def test_bodies_frames_are_where_the_joints_put_them():
     """Poses through a flexible parent, composed by hand with SciPy's rotations."""
     scene, bodies, clouds, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     rng = np.random.default_rng(7)
     x = np.empty(compiled.nx)
     retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * 0.4, x)
@@ -56,7 +56,7 @@ def test_bodies_frames_are_where_the_joints_put_them():
 def test_residual_is_d_alembert_on_particles(seed):
     """out_j = sum m dr/dv_j . (r'' - g) + elastic + damping, r'' by central differences."""
     scene, bodies, clouds, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan = compiled.plan
     rng = np.random.default_rng(seed)
     x = np.empty(compiled.nx)
@@ -95,7 +95,7 @@ def test_residual_is_d_alembert_on_particles(seed):
 
 def test_constraint_rates_are_derivatives_of_the_residuals():
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     work = new_work(compiled.plan)
     rng = np.random.default_rng(3)
     x = np.empty(compiled.nx)
@@ -120,7 +120,7 @@ def test_constraint_rates_are_derivatives_of_the_residuals():
 
 def test_reactions_are_the_transposed_jacobian():
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, work = compiled.plan, new_work(compiled.plan)
     rng = np.random.default_rng(4)
     x = np.empty(compiled.nx)
@@ -138,7 +138,7 @@ def test_reactions_are_the_transposed_jacobian():
 def test_mass_matrix_is_the_kinetic_energy():
     """v M v / 2 from the trajectory's energy kernel and from the particles' velocities."""
     scene, bodies, clouds, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     work = new_work(compiled.plan)
     rng = np.random.default_rng(5)
     x = np.empty(compiled.nx)
@@ -160,7 +160,7 @@ def test_mass_matrix_is_the_kinetic_energy():
 def test_energies():
     """Of the trajectory's kernel, against the particles' and the modes'."""
     scene, bodies, clouds, _ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     rng = np.random.default_rng(6)
     x = np.empty(compiled.nx)
     retract(compiled.plan, compiled.start, rng.standard_normal(compiled.nv) * 0.5, x)

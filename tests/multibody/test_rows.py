@@ -34,7 +34,7 @@ def plan():
     scene = fm.System()
     body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
     scene.connect(fm.joint.Revolute(), scene.ground.frame(), body.frame())
-    return scene.compile().plan._replace(data=np.array([0.0, DATA]))
+    return scene.compile().scene.plan._replace(data=np.array([0.0, DATA]))
 
 
 def row_of(kind, index):

@@ -192,8 +192,8 @@ def test_explain_names_what_goes_where():
     assert "redundant, left out" in text
     tree, *_ = pendulum()
     assert "loops: none" in tree.explain()
-    assert len(tree.compile().plan.rows) == 0
-    assert tree.compile().plan.modal.size == 1  # nothing modal but the terminator
+    assert len(tree.compile().scene.plan.rows) == 0
+    assert tree.compile().scene.plan.modal.size == 1  # nothing modal but the terminator
 
 
 def test_configuration_interpolates_between_steps():

@@ -80,7 +80,7 @@ def compare(plan, state, *, speed_step=0.5):
 def test_tree_of_every_joint_and_body(seed):
     """Rigid and flexible parents, stretch, damping, a reversed joint, children on deforming frames."""
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     state = random_state(compiled, seed, spread=(0.5, 0.01, 1.0, 2.0)[seed])
     compare(tree_only(compiled), state)
 
@@ -89,7 +89,7 @@ def test_tree_of_every_joint_and_body(seed):
 def test_reactions_of_loops(seed):
     """Loops between bodies, to the ground, at deforming frames of one body or two."""
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     assert len(compiled.plan.rows) == 15
     compare(compiled.plan, random_state(compiled, seed))
 
@@ -97,7 +97,7 @@ def test_reactions_of_loops(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_jacobian_of_rows(seed):
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     x, v, a, multipliers = random_state(compiled, seed)
     plan, work, tw = compiled.plan, new_work(compiled.plan), new_tangent_work(compiled.plan, compiled.nv)
     tangent(plan, work, tw, x, v, a, multipliers, 0.3, 0.7, 1.0, np.zeros((compiled.nv, compiled.nv)))
@@ -151,17 +151,17 @@ def forced_scene():
 @pytest.mark.parametrize("seed", range(2))
 def test_force_elements(seed):
     scene, _ = forced_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     compare(compiled.plan, random_state(compiled, seed, spread=0.2), speed_step=2e-2)
 
 
 def test_forces_of_users_by_differences():
     """Central differences of the laws hold some ten digits."""
     scene, hinge = forced_scene()
-    without = scene.compile()
+    without = scene.compile().scene
     scene.add_force(fm.force.JointLaw(hinge, _law))
     scene.add_force(fm.force.StateForce(_everywhere))
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     state = random_state(compiled, 4, spread=0.2)
     weights = (0.3, 0.7, 0.0)
     added = analytic(compiled.plan, state, weights) - analytic(without.plan, state, weights)
@@ -178,7 +178,7 @@ def test_forces_of_users_by_differences():
 
 def test_factors_of_the_tree_fill_nothing_in():
     """Against LAPACK, on a tree of flexible limbs; entries outside the pattern stay as they were."""
-    compiled = branched_scene().compile()
+    compiled = branched_scene().compile().scene
     plan = tree_only(compiled)
     matrix = analytic(plan, random_state(compiled, 3), (1e-4, 1e-2, 1.0))
     lines = ancestors(plan)
@@ -213,8 +213,8 @@ def test_the_trees_factors_are_taken_where_they_pay():
                 link = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"{i}, {k}")
                 scene.connect(fm.joint.Revolute("y"), end, link.frame())
                 end = link.frame(p=(1.0, 0.0, 0.0))
-    assert is_cheaper_than_dense(ancestors(branched.compile().plan))
-    assert not is_cheaper_than_dense(ancestors(chain.compile().plan))
+    assert is_cheaper_than_dense(ancestors(branched.compile().scene.plan))
+    assert not is_cheaper_than_dense(ancestors(chain.compile().scene.plan))
 
 
 def branched_scene():
@@ -235,7 +235,7 @@ def branched_scene():
 
 
 def test_branches_on_a_flexible_body():
-    compiled = branched_scene().compile()
+    compiled = branched_scene().compile().scene
     compare(tree_only(compiled), random_state(compiled, 1))
     matrix = analytic(tree_only(compiled), random_state(compiled, 1), (1.0, 1.0, 1.0))
     names = np.array(compiled.velocity_names)
@@ -247,7 +247,7 @@ def test_branches_on_a_flexible_body():
 
 def test_far_from_the_origin():
     """A machine that flies fast and far away has the tangent that it has at home."""
-    compiled = branched_scene().compile()
+    compiled = branched_scene().compile().scene
     x, v, a, none = random_state(compiled, 2)
     plan = tree_only(compiled)
     here = analytic(plan, (x, v, a, none), (1.0, 0.5, 0.2))
@@ -261,14 +261,14 @@ def test_driven_joints_keep_their_rows():
     scene, *_ = mixed_scene()
     hinge = scene._connections[1]
     hinge.prescribe(lambda t: (t, 1.0, 0.0))
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     assert len(compiled.plan.driven) == 1
     compare(tree_only(compiled), random_state(compiled, 3))
 
 
 def test_mass_matrix():
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     state = random_state(compiled, 5)
     expected = mass_matrix(compiled, new_work(compiled.plan), state[0])
     np.testing.assert_allclose(analytic(tree_only(compiled), state, (0.0, 0.0, 1.0)), expected, atol=1e-12)
@@ -276,7 +276,7 @@ def test_mass_matrix():
 
 def test_weights_add_up():
     scene, *_ = mixed_scene()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, state = tree_only(compiled), random_state(compiled, 6)
     parts = [analytic(plan, state, unit) for unit in np.eye(3)]
     both = analytic(plan, state, (3.0, -0.7, 0.2))
@@ -284,5 +284,5 @@ def test_weights_add_up():
 
 
 def test_joint_kinds_are_all_there():
-    found = set(mixed_scene()[0].compile().plan.tree[:, at.JOINT])
+    found = set(mixed_scene()[0].compile().scene.plan.tree[:, at.JOINT])
     assert found == {kinds.FIXED, kinds.REVOLUTE, kinds.PRISMATIC, kinds.SPHERICAL, kinds.FREE}

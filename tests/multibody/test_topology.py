@@ -23,7 +23,7 @@ def loop(*joints):
 
 
 def closing(scene):
-    return [c.name for c in scene.compile().topology.closures]
+    return [c.name for c in scene.compile().scene.topology.closures]
 
 
 TURN, BALL, SLIDE = fm.joint.Revolute("z"), fm.joint.Spherical(), fm.joint.Prismatic("x")
@@ -35,7 +35,7 @@ def test_a_loop_is_cut_at_the_joint_with_fewest_rows(place):
     joints[place] = BALL
     scene, _ = loop(*joints)
     assert closing(scene) == [f"joint {place}"]
-    assert len(scene.compile().plan.rows) == 3
+    assert len(scene.compile().scene.plan.rows) == 3
 
 
 def test_equal_joints_are_taken_in_the_order_they_were_made():
@@ -72,7 +72,7 @@ def test_a_body_flies_by_coordinates_only_where_no_joint_carries_it():
     for body in (one, two):
         scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
     scene.connect(TURN, one.frame(), two.frame())
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     assert compiled.nv == 7
     assert len(compiled.plan.rows) == 0
 
@@ -84,7 +84,7 @@ def test_a_long_chain_is_spanned_whatever_order_its_joints_were_made_in():
     order = np.random.default_rng(1).permutation(len(bodies))
     for k in order:
         scene.connect(TURN, ends[k].frame(), ends[k + 1].frame(), name=f"joint {k}")
-    topology = scene.compile().topology
+    topology = scene.compile().scene.topology
     assert [b.connection.name for b in topology.branches] == [f"joint {k}" for k in range(400)]
 
 

@@ -107,7 +107,7 @@ CHAINS = {
 
 
 def compiled(name):
-    return chain(*CHAINS[name][0]).compile()
+    return chain(*CHAINS[name][0]).compile().scene
 
 
 @pytest.fixture(params=sorted(CHAINS))
@@ -195,7 +195,7 @@ def test_an_unbalanced_rotor_still_shakes_its_bearing():
     bearing = scene.connect(hinge(), scene.ground.frame(), rotor.frame())
     bearing.velocity = 30.0
     run = scene.simulate(0.1, h=0.01)
-    assert scene.compile().plan.tree[0, at.ROTATION] == IN_PLANE
+    assert scene.compile().scene.plan.tree[0, at.ROTATION] == IN_PLANE
     expected = np.zeros((len(run.t), 6))
     expected[:, 4] = SKEWED[0, 2] * 30.0**2
     np.testing.assert_allclose(run.reaction(bearing), expected, atol=1e-9)

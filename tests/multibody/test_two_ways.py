@@ -66,7 +66,7 @@ def test_start(name, reverse):
         scene, bodies, joints = machine(name, reverse=reverse, way=way)
         run = scene.simulate(1e-6, h=1e-6)
         runs.append((states(run, bodies)[0], *(run.reaction(j)[0] for j in joints)))
-        assert (len(scene.compile().plan.rows) > 0) == (way is fm.Way.CONSTRAINTS and name != "free")
+        assert (len(scene.compile().scene.plan.rows) > 0) == (way is fm.Way.CONSTRAINTS and name != "free")
     for part, other in zip(*runs, strict=True):
         np.testing.assert_allclose(other, part, atol=3e-12 * max(1.0, np.abs(part).max()))
     assert np.abs(runs[0][2]).max() > 0.1 or name == "free"
@@ -105,7 +105,7 @@ def test_penalty_yields_by_one_over_its_stiffness(name):
     def end(**choice):
         scene, bodies, joints = machine(name, **choice)
         run = scene.simulate(0.25, rtol=1e-7, integrator=fm.GeneralizedAlpha())
-        assert len(scene.compile().plan.rows) == 0
+        assert len(scene.compile().scene.plan.rows) == 0
         return run.position(bodies[2].frame())[-1], run.reaction(joints[1])[-1]
 
     exact = end()
@@ -164,7 +164,7 @@ def test_augmented_lagrangian_closes_what_it_enforces(name, choice):
     place, reaction = exact.position(bodies[2].frame())[-1], exact.reaction(joints[1])[-1]
     scene, bodies, joints = machine(name, enforce=fm.AugmentedLagrangian(*choice, tol=1e-10))
     run = scene.simulate(0.1, h=1e-3, rtol=1e-8)
-    extent = scene.compile().extent
+    extent = scene.compile().scene.extent
     assert run.stats.constraint_residual <= 1e-10 * max(1.0, extent)
     np.testing.assert_allclose(run.position(bodies[2].frame())[-1], place, atol=2e-6)
     np.testing.assert_allclose(run.reaction(joints[1])[-1], reaction, atol=2e-2 * np.abs(reaction).max())

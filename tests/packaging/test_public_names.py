@@ -20,7 +20,8 @@ import flexmbd as fm
 
 REPOSITORY = Path(__file__).parents[2]
 ROOMS = (
-    "beams", "continuum", "export", "force", "forms", "integrate", "joint", "meshes", "output", "reduction", "visual",
+    "beams", "continuum", "export", "force", "forms", "integrate", "joint", "meshes", "output",
+    "parameter", "reduction", "visual",
 )  # fmt: skip
 PUBLIC = ("flexmbd", *(f"flexmbd.{room}" for room in ROOMS))
 #: Pages about the inside of flexmbd, for those who work on it.

@@ -75,7 +75,7 @@ def test_a_copy_of_the_trajectory_alone_has_its_bodies(run):
 
 def test_a_compiled_scene_keeps_its_numbers_where_bodies_have_changed(run):
     scene, *_ = pendulum()
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     compiled.topology.branches[0].outer.body.mass = 5.0
     again = through_pickle(compiled)
     np.testing.assert_array_equal(again.plan.rigid, compiled.plan.rigid)

@@ -66,7 +66,7 @@ def joined(records, cuts, joint, *, gravity=(0.0, 0.0, 0.0), axis="x"):
 
 def at_rest(scene, x=None):
     """Stiffness, mass and the forces of a scene that does not move, at a configuration."""
-    compiled = scene.compile()
+    compiled = scene.compile().scene
     plan, nv = compiled.plan, compiled.nv
     assert len(plan.rows) == 0  # fixed joints at the pieces' own frames need no multipliers
     work, scratch = new_work(plan), new_tangent_work(plan, nv)

@@ -33,6 +33,7 @@ class Frame:
         modes: (6, n) displacement and small rotation of F in B's axes per unit modal
             coordinate, or None where F does not deform against B.
         label: how messages and plots call it.
+        interface: the interface of the body's record whose frame it is; None of other markers.
     """
 
     body: Body
@@ -40,6 +41,7 @@ class Frame:
     R_BF: FloatArray
     modes: FloatArray | None
     label: str
+    interface: str | None = None
 
 
 class Body(Protocol):
@@ -249,7 +251,7 @@ class FlexibleBody:
             return Frame(self, np.zeros(3), np.eye(3), None, label)
         interface = self.record.interface(name)
         modes = interface.modes if interface.modes.any() else None
-        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}")
+        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}", name)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass of the undeformed body about the body frame."""

@@ -110,11 +110,12 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
     g = np.asarray(gravity, dtype=np.float64)
     total = np.zeros(len(kinematics.v))
     for body in kinematics.bodies:
-        record = body.reduced()
+        now = kinematics.scene.index.now(body)
+        record = now.reduced()
         if record is not None:
             total += _flexible_inertia(kinematics, body, record, g)
-        elif body.mass > 0.0:
-            total += _rigid_inertia(kinematics, body, g)
+        elif now.mass > 0.0:
+            total += _rigid_inertia(kinematics, body, now, g)
     return total
 
 
@@ -127,16 +128,17 @@ def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
     return -out
 
 
-def _rigid_inertia(kinematics: Kinematics, body: Body, g: FloatArray) -> FloatArray:
-    first, second = body.moments()
-    com: FloatArray = np.asarray(first / body.mass, dtype=np.float64)
+def _rigid_inertia(kinematics: Kinematics, body: Body, now: Body, g: FloatArray) -> FloatArray:
+    """``now``: the body with the numbers that it has in the scene."""
+    first, second = now.moments()
+    com: FloatArray = np.asarray(first / now.mass, dtype=np.float64)
     central = second - np.outer(first, com)
     frame = Frame(body, com, np.eye(3), None, f"{body.name}'s centre of mass")
     linear, angular = kinematics.partial_velocities([frame])
     R = kinematics.rotation(frame)
     inertia = R @ (np.trace(central) * np.eye(3) - central) @ R.T
     w, alpha = kinematics.angular_velocity(frame), kinematics.angular_acceleration(frame)
-    force = -body.mass * (kinematics.acceleration(frame) - g)
+    force = -now.mass * (kinematics.acceleration(frame) - g)
     torque = -(inertia @ alpha + np.cross(w, inertia @ w))
     return linear[0].T @ force + angular[0].T @ torque
 

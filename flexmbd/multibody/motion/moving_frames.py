@@ -65,8 +65,9 @@ class MovingFrames:
     def row(self, frame: Frame) -> int:
         """The row of ``Plan.frames`` that stands for a frame here."""
         # by its place, for functions make the same frame anew at each call
-        modes = b"" if frame.modes is None else frame.modes.tobytes()
-        place = frame.p_BF_B.tobytes(), frame.R_BF.tobytes(), modes
+        now = self._index.frame_now(frame)
+        modes = b"" if now.modes is None else now.modes.tobytes()
+        place = now.p_BF_B.tobytes(), now.R_BF.tobytes(), modes
         rows = self._rows.setdefault(frame.body, {})
         if place not in rows:
             self._plan = self._index.with_probe(self._plan, frame)

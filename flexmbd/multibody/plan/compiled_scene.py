@@ -25,8 +25,9 @@ from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import lay_forces
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.rows import lay_penalties, lay_rows
-from flexmbd.multibody.plan.turning import decide_turning
-from flexmbd.multibody.scene_index import SceneIndex
+from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
+from flexmbd.multibody.plan.turning import decide_turning, turning_axes
+from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
 
@@ -73,6 +74,8 @@ class CompiledScene:
         breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
         parts: what it is compiled of.
         addresses: of all functions that the whole scene calls, in the order of ``_addresses``.
+        sources: where the plan's numbers come from.
+        varied: whether its numbers are those of a variant, not those of ``parts``.
     """
 
     plan: Plan
@@ -93,10 +96,12 @@ class CompiledScene:
     group_kind: IntArray
     group_full: FloatArray
     group_floor: FloatArray
+    sources: Sources
     wrench_sources: tuple[WrenchSource, ...] = ()
     redundant: tuple[str, ...] = ()
     interiors: Interiors | None = None
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    varied: bool = False
 
     @property
     def nx(self) -> int:
@@ -159,10 +164,15 @@ class CompiledScene:
     def __reduce__(self) -> tuple[Any, ...]:
         """Its parts and numbers; functions' addresses are of this process."""
         numbers = {name: getattr(self, name) for name in _NUMBERS}
-        return _compiled_anew, (self.parts, self.addresses, numbers)
+        breaks = tuple(row.breaks for row in self.time_rows)
+        return _compiled_anew, (self.parts, self.addresses, numbers, self.index.substitutes, breaks)
 
     def refuse_other(self, scene: CompiledScene) -> None:
         """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
+        if self.varied and not scene.varied:
+            raise SceneError(
+                "`about` is of a compiled machine with other values of its parameters; build a scene with these values"
+            )
         if self.velocity_names != scene.velocity_names:
             raise SceneError(
                 "`about` is of another scene, or the scene has changed since; where inputs change which joints have "
@@ -186,6 +196,7 @@ class CompiledScene:
 _NUMBERS = (
     "plan", "velocity_names", "row_names", "row_owners", "start", "time_names", "element_names", "extent", "group_of",
     "group_kind", "group_full", "group_floor", "redundant", "breaks",
+    "varied",
 )  # fmt: skip
 
 
@@ -195,7 +206,13 @@ def _addresses(plan: Plan) -> tuple[int, ...]:
     return tuple(int(address) for address in found)
 
 
-def _compiled_anew(parts: SceneParts, addresses: tuple[int, ...], numbers: dict[str, Any]) -> CompiledScene:
+def _compiled_anew(
+    parts: SceneParts,
+    addresses: tuple[int, ...],
+    numbers: dict[str, Any],
+    substitutes: IdentityMap[object, Any],
+    breaks: tuple[FloatArray, ...],
+) -> CompiledScene:
     """A scene of these parts with the numbers that it had and the addresses that its functions have now."""
     whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team)
     if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
@@ -206,7 +223,12 @@ def _compiled_anew(parts: SceneParts, addresses: tuple[int, ...], numbers: dict[
     for column in (*times.T[at.TIME_ADDRESS :], elements.T[at.EL_ADDRESS]):
         column[:] = [now[int(address)] for address in column]
     plan = plan._replace(times=times, elements=elements, lapack=whole.plan.lapack, flag=whole.plan.flag)
-    return replace(whole, plan=plan, **numbers)
+    data = np.split(plan.time_data, times[1:, at.TIME_OFFSET]) if len(times) else []
+    rows = tuple(
+        replace(row, data=part[: row.data.size], breaks=known)
+        for row, part, known in zip(whole.time_rows, data, breaks, strict=True)
+    )
+    return replace(whole, plan=plan, index=replace(whole.index, substitutes=substitutes), time_rows=rows, **numbers)
 
 
 def _coarse(table: FloatArray) -> FloatArray:
@@ -233,7 +255,8 @@ def build(
             that closes a loop.
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team)
-    b = Numbering(ground, _extent(topology), Callbacks(team))
+    reach = reaches(topology)
+    b = Numbering(ground, extent_of(reach), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
     rows = lay_rows(b, topology, couplings)
@@ -246,7 +269,8 @@ def build(
     tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
     frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
     rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
-    tree[:, at.ROTATION] = decide_turning(tree, frames, frame_of, rigid)
+    axes = turning_axes(tree, frames, frame_of)
+    tree[:, at.ROTATION] = decide_turning(tree, axes, rigid)
     plan = Plan(
         tree=tree,
         frames=frames,
@@ -289,23 +313,10 @@ def build(
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
+        sources=Sources(tuple(b.markers), reach, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
     )
     table.tell_built(scene)
     return scene
-
-
-def _extent(topology: Topology) -> float:
-    """The machine's size (m): the farthest reach of any frame or centre of mass in its body."""
-    reach = [0.0]
-    frames = [f for b in topology.branches for f in (b.inner, b.outer)]
-    frames += [f for c in topology.closures for f in (c.parent, c.child)]
-    reach.extend(float(np.linalg.norm(f.p_BF_B)) for f in frames)
-    for branch in topology.branches:
-        body = branch.outer.body
-        first, second = body.moments()
-        reach.append(float(np.linalg.norm(first)) / body.mass)
-        reach.append(float(np.sqrt(np.trace(second) / body.mass)))
-    return max(reach) or 1.0
 
 
 def _driven(b: Numbering, topology: Topology) -> list[list[int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,21 @@ from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
 #: Count of an element ON_STATE that is no user's force, so that no drive.
 NO_DRIVE = 1
+
+
+@dataclass(frozen=True)
+class ForceSpan:
+    """What a force element laid out beside its rows.
+
+    Attributes:
+        data: places in ``Plan.data``.
+        times: rows of ``Plan.times``.
+        frames: rows of ``Plan.frames`` that it asked for, in order.
+    """
+
+    data: range
+    times: range
+    frames: tuple[int, ...]
 
 
 class ForceTable:
@@ -52,6 +68,16 @@ class ForceTable:
         self._frames: IdentityMap[Frame, int] = IdentityMap()
         self._origin: int | None = None
         self._waiting: list[Callable[[Machine], None]] = []
+        self._asked: list[int] = []
+        self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
+
+    def lay(self, force: Force) -> None:
+        """Let a force element lay itself out, and keep where it has."""
+        first_number, first_time = self._numbering.data_size, len(self._numbering.times)
+        self._asked = []
+        force.lay(self)
+        data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
+        self.spans[force] = ForceSpan(data, times, tuple(self._asked))
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate."""
@@ -74,6 +100,7 @@ class ForceTable:
         """Row of ``Plan.frames``; a frame that several elements share has one."""
         if frame not in self._frames:
             self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), np.eye(3))
+        self._asked.append(self._frames[frame])
         return self._frames[frame]
 
     def ground(self) -> int:
@@ -81,6 +108,7 @@ class ForceTable:
         if self._origin is None:
             origin = Frame(self._ground, np.zeros(3), np.eye(3), None, "ground")
             self._origin = self._numbering.add_frame(origin, -1, np.eye(3))
+        self._asked.append(self._origin)
         return self._origin
 
     def numbers(self, values: ArrayLike) -> int:
@@ -117,6 +145,11 @@ class ForceTable:
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""
         self._waiting.append(hook)
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether functions of the state keep the compiled scene, so that no variant can take its place."""
+        return bool(self._waiting)
 
     def tell_built(self, scene: Machine) -> None:
         """Hand the compiled scene to those that wait for it."""
@@ -204,7 +237,7 @@ def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> F
     table = ForceTable(numbering, ground)
     for force in forces:
         first, first_element = len(table.forces), len(table.elements)
-        force.lay(table)
+        table.lay(force)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
         numbering.index.forces[force] = rows
     table.finish()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,33 @@ FloatArray = NDArray[np.float64]
 #: Deformations below this share of the machine's extent are resolved no more finely than it.
 _MODAL_SHARE = 1e-3
 
+_UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """Where a row of ``Plan.frames`` comes from.
+
+    Attributes:
+        frame: the marker.
+        turn: (3, 3) by which its axes are turned, so that a joint's own axes lie in them.
+    """
+
+    frame: Frame
+    turn: FloatArray
+
+
+def rigid_row(body: Body) -> list[float]:
+    """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2)."""
+    first, second = body.moments()
+    return [body.mass, *first, *second[_UPPER]]
+
+
+def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:
+    """Full size and floor of a body's modal coordinates (m kg^(1/2)) in a machine of this extent (m)."""
+    full = extent * float(np.sqrt(record.mass))
+    return full, _MODAL_SHARE * full
+
 
 class Numbering:
     """Numbers frames, bodies, joints, modes and functions of time: growing lists of the plan's arrays."""
@@ -39,6 +66,7 @@ class Numbering:
         self.group_of: list[int] = []
         self.frames: list[FloatArray] = []
         self.frame_of: list[tuple[int, int]] = []
+        self.markers: list[Marker | None] = []  # of each frame; None of what no marker gives
         self.modal: list[FloatArray] = []
         self.modal_size = 0
         self.flex: list[list[int]] = []
@@ -78,8 +106,7 @@ class Numbering:
         if connection is not None:
             self.index.joints[connection] = slots
             self.index.links[connection] = tuple(rows[k] for k in sorted(rows))
-        first, second = body.moments()
-        self.rigid[-1] = [body.mass, *first, *second[np.triu_indices(3)]]
+        self.rigid[-1] = rigid_row(body)
         record = body.reduced()
         if record is not None:
             self.tree[-1][at.FLEX : at.MODAL_V + 1] = self.add_modes(record, body)
@@ -109,8 +136,7 @@ class Numbering:
         self.index.modes[body] = Slots(slice(x, x + n), slice(v, v + n))
         self.start.extend([0.0] * n)
         self.names.extend(f"{body.name}.q[{k}]" for k in range(n))
-        full = self.extent * float(np.sqrt(record.mass))
-        self.groups.append((kinds.GROUP_MODAL, full, _MODAL_SHARE * full))
+        self.groups.append((kinds.GROUP_MODAL, *modal_sizes(self.extent, record)))
         self.group_of.extend([len(self.groups) - 1] * n)
         return [self.add_flex(record), x, v]
 
@@ -144,12 +170,15 @@ class Numbering:
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
         modes = -1 if frame.modes is None else self.add_modal(frame.modes)
-        return self.lay_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
+        laid = self.lay_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
+        self.markers[laid] = Marker(frame, turn)
+        return laid
 
     def lay_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
         """Append a frame of the body in ``row``; return its row."""
         self.frames.append(np.concatenate([p, R.ravel()]))
         self.frame_of.append((row, modes))
+        self.markers.append(None)
         return len(self.frames) - 1
 
     def add_flex(self, record: ReducedBody) -> int:

@@ -23,6 +23,29 @@ from flexmbd.multibody.topology import Topology
 FloatArray = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class ScaledRow:
+    """Numbers of a row in ``Plan.data`` that the machine's extent scales.
+
+    Attributes:
+        place: offset in ``Plan.data``.
+        row: the row.
+        choice: what enforces it.
+        name: of the row.
+    """
+
+    place: int
+    row: Row
+    choice: Penalty | AugmentedLagrangian
+    name: str
+
+    def numbers(self, extent: float) -> FloatArray:
+        """What stands there in a machine of this extent (m)."""
+        if isinstance(self.choice, AugmentedLagrangian):
+            return _hold(extent, self.row, self.choice, self.name)
+        return _yield(extent, self.row, self.choice, self.name)
+
+
 @dataclass
 class RowTable:
     """Growing rows of constraints, their names and whose they are; and those that penalties enforce."""
@@ -31,7 +54,8 @@ class RowTable:
     names: list[str]
     owners: list[Connection | Coupling]
     penalties: list[list[int]]
-    penalised: list[tuple[str, FloatArray]]
+    penalised: list[tuple[Row, Penalty, str]]
+    scaled: list[ScaledRow]
 
 
 #: The row that holds a joint's only coordinate, by the kind of its step.
@@ -48,7 +72,7 @@ def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) ->
     Raises:
         SceneError: a coupling of a joint that has no coordinate, or a penalty that enforces nothing.
     """
-    rows = RowTable([], [], [], [], [])
+    rows = RowTable([], [], [], [], [], [])
     for closure in topology.closures:
         _add_closure(b, rows, closure)
     for coupling in couplings:
@@ -85,9 +109,10 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
         name = f"{closure.name}: {row.name}"
         if isinstance(closure.enforce, AugmentedLagrangian):
             line[at.ROW_ENFORCEMENT] = b.add_data(_hold(b.extent, row, closure.enforce, name))
+            rows.scaled.append(ScaledRow(line[at.ROW_ENFORCEMENT], row, closure.enforce, name))
         if isinstance(closure.enforce, Penalty):
             rows.penalties.append(line)
-            rows.penalised.append((name, _yield(b.extent, row, closure.enforce, name)))
+            rows.penalised.append((row, closure.enforce, name))
         else:
             rows.table.append(line)
             rows.names.append(name)
@@ -112,7 +137,8 @@ def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> Fl
 
 def lay_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
     """Append the elements that stand for penalised rows."""
-    for k, (row, (name, penalty)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
-        data = b.add_data(penalty)
-        f, g = row[at.ROW_F], row[at.ROW_G]
+    for k, (line, (row, choice, name)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
+        data = b.add_data(_yield(b.extent, row, choice, name))
+        rows.scaled.append(ScaledRow(data, row, choice, name))
+        f, g = line[at.ROW_F], line[at.ROW_G]
         table.element(kinds.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)

@@ -59,7 +59,7 @@ def modal_stiffness(scene: CompiledScene) -> FloatArray:
     stiffness = np.zeros(scene.nv)
     for branch in scene.topology.branches:
         body = branch.outer.body
-        record = body.reduced()
+        record = scene.index.now(body).reduced()
         if record is not None:
             stiffness[scene.index.modes[body].v] = record.stiffness
     return stiffness

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,25 +23,33 @@ _HINGES = (kinds.REVOLUTE, kinds.SCREW)
 _SLIDES = (kinds.FIXED, kinds.PRISMATIC)
 
 
-def decide_turning(tree: IntArray, frames: FloatArray, frame_of: IntArray, rigid: FloatArray) -> IntArray:
-    """(bodies,) ``kinds.NONROTATING`` to ``kinds.FREE_ROTATION`` of each row of ``tree``.
+def decide_turning(tree: IntArray, axes: Sequence[FloatArray | None], rigid: FloatArray) -> IntArray:
+    """(bodies,) ``kinds.NONROTATING`` to ``FREE_ROTATION`` of each row of ``tree``; ``axes`` by ``turning_axes``."""
+    return np.array([how_turning(row, axes[i], rigid[i]) for i, row in enumerate(tree)], np.int64)
+
+
+def turning_axes(tree: IntArray, frames: FloatArray, frame_of: IntArray) -> list[FloatArray | None]:
+    """The axis (3,), in the body, about which each link's frame turns: zeros where it never does, None if about any.
 
     A frame turns about one axis n of its body if its joint is a hinge about n on a parent that turns about n as well
     or not at all, or a slide on a parent that turns about n; n then is fixed in body and space.  What stands on a
     frame that deforms may turn any way.  Columns are those of ``Plan``.
     """
-    axes: list[FloatArray | None] = []  # in the body; zeros: turns never; None: any way
-    turning = np.full(len(tree), kinds.FREE_ROTATION)
-    for i, row in enumerate(tree):
+    axes: list[FloatArray | None] = []
+    for row in tree:
         axes.append(_axis(row, frames, frame_of, axes))
-        axis = axes[-1]
-        if axis is None:
-            continue
-        if not axis.any():
-            turning[i] = kinds.NONROTATING
-        elif row[at.FLEX] < 0:
-            turning[i] = kinds.BALANCED_ROTATION if _is_balanced(rigid[i], axis) else kinds.PLANAR_ROTATION
-    return turning
+    return axes
+
+
+def how_turning(row: IntArray, axis: FloatArray | None, rigid: FloatArray) -> int:
+    """How the link of a row of ``Plan.tree`` turns that turns about ``axis`` and has the mass integrals ``rigid``."""
+    if axis is None:
+        return kinds.FREE_ROTATION
+    if not axis.any():
+        return kinds.NONROTATING
+    if row[at.FLEX] >= 0:
+        return kinds.FREE_ROTATION
+    return kinds.BALANCED_ROTATION if _is_balanced(rigid, axis) else kinds.PLANAR_ROTATION
 
 
 def _axis(

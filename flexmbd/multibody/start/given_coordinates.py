@@ -43,7 +43,7 @@ class Given:
         for connection in self.positions:
             joint = connection.joint
             rest = np.zeros(len(joint.velocity_names))
-            p_given, R_given, _, _ = joint_state(joint, np.asarray(connection.position), rest)
+            p_given, R_given, _, _ = joint_state(joint, np.asarray(scene.index.now(connection).position), rest)
             p, R, _, _ = _relative(scene, work, connection)
             turned = rotation_vector(tuple((R @ R_given.T).ravel()))
             gaps.append(_measure(joint, R) @ np.concatenate([p - p_given, turned]))
@@ -51,7 +51,7 @@ class Given:
 
     def velocity_gaps(self, scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> FloatArray:
         """(k,) m/s or rad/s: velocities of the joints at (x (nx,), v (nv,)), less those given."""
-        wanted = [np.zeros(0), *(np.asarray(c.velocity) for c in self.velocities)]
+        wanted = [np.zeros(0), *(np.asarray(scene.index.now(c).velocity) for c in self.velocities)]
         return _rates(scene, work, x, v, self.velocities) - np.concatenate(wanted)
 
     def position_slopes(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
@@ -94,7 +94,8 @@ def refuse_against_motions(scene: CompiledScene, work: Work, connections: Sequen
             continue
         values = work.time[scene.time_names.index(motion_name(connection))]
         size = _sizes(scene, [connection])[0]
-        for k, (what, given) in enumerate((("position", connection.position), ("velocity", connection.velocity))):
+        now = scene.index.now(connection)
+        for k, (what, given) in enumerate((("position", now.position), ("velocity", now.velocity))):
             if given is None or abs(given[0] - values[k]) <= _SAME * max(size, abs(values[k])):
                 continue
             raise SceneError(

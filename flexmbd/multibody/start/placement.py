@@ -121,8 +121,9 @@ def _state_by_joint(
     ``flies``: the flying body carries G; else it carries F.
     """
     joint = connection.joint
-    position = np.array(joint.start) if connection.position is None else connection.position
-    velocity = np.zeros(len(joint.velocity_names)) if connection.velocity is None else connection.velocity
+    now = scene.index.now(connection)
+    position = np.array(joint.start) if now.position is None else now.position
+    velocity = np.zeros(len(joint.velocity_names)) if now.velocity is None else now.velocity
     f, g = scene.index.closures[connection]
     if connection.motion is not None:
         held = (constraint_rows(scene.plan), penalty_rows(scene.plan))

@@ -1,0 +1,233 @@
+"""A machine compiled once: it runs with other values of its parameters without being set up anew."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from flexmbd.errors import SceneError, StartWarning
+from flexmbd.given import is_number, refuse_other
+from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
+from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.parameter.protocol import Parameter
+from flexmbd.multibody.plan.agreement import refuse_different
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.forces import refuse_crossed_stops
+from flexmbd.multibody.plan.variation import vary
+from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.multibody.start.consistent_start import Start, consistent_start
+from flexmbd.multibody.start.given_coordinates import refuse_against_motions
+from flexmbd.multibody.start.given_start import given_start
+from flexmbd.multibody.start.motion_check import refuse_false_rates
+from flexmbd.multibody.team import Team
+from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.event import Event
+from flexmbd.run.limits import Limits
+from flexmbd.run.simulation import Saves, check_times, run
+from flexmbd.run.stepping import evaluate_inputs, new_snapshot
+from flexmbd.run.trajectory import Trajectory
+
+_STARTING = "the start"  # what kernels are compiled for before any integrator's
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledMachine:
+    """A machine as it stands when it is compiled; made by ``System.compile``.
+
+    It can be pickled and deep-copied, together with the joints, frames and bodies that it is asked by.
+
+    Attributes:
+        scene: its flat arrays, and where its bodies, joints and forces stand in them.
+        connections: its joints.
+        bodies: its bodies.
+        parameters: what each name means.
+        team: the processes that run it side by side.
+
+    Raises:
+        SceneError: a parameter does not fit the scene, or bears the name of an argument of ``simulate``.
+    """
+
+    scene: CompiledScene
+    connections: tuple[Connection, ...]
+    bodies: tuple[Body, ...]
+    parameters: Mapping[str, tuple[Parameter, ...]]
+    team: Team
+
+    def __post_init__(self) -> None:
+        taken = set(inspect.signature(CompiledMachine.simulate).parameters)
+        for name, meant in self.parameters.items():
+            if not (isinstance(name, str) and name.isidentifier()) or name in taken:
+                raise SceneError(f"a parameter cannot be called {name!r}: simulate(...) takes it by its name")
+            for parameter in meant:
+                refuse_other(parameter, Parameter, f"parameter {name!r}", wanted="as fm.parameter.Mass(body)")
+                try:
+                    parameter.check(self.scene)
+                except SceneError as reason:
+                    raise SceneError(f"parameter {name!r}: {reason}") from reason
+
+    def variant(self, values: Mapping[str, Any]) -> CompiledScene:
+        """The compiled scene with these values of the parameters; those not given stay as compiled.
+
+        Raises:
+            SceneError: a name is no parameter's; a value is not possible, or changes what is computed.
+        """
+        unknown = [name for name in values if name not in self.parameters]
+        if unknown:
+            there = ", ".join(self.parameters) or "none: compile(parameters={...}) names them"
+            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {there}")
+        if not values:
+            return self.scene
+        now = self.scene.index.now
+        substitutes: IdentityMap[object, Any] = IdentityMap()
+        try:
+            for name, value in values.items():
+                for parameter in self.parameters[name]:
+                    of = parameter.of
+                    substitutes[of] = parameter.changed(substitutes[of] if of in substitutes else now(of), value)
+            return vary(self.scene, substitutes)
+        except SceneError as reason:
+            raise SceneError(f"with {told(values)}: {reason}") from reason
+
+    def start(self, *, t: float = 0.0, **values: Any) -> Start:
+        """The consistent start at time ``t`` (s) with these values of the parameters.
+
+        Raises:
+            SceneError, AssemblyError: as ``System.start``, and as ``variant``.
+        """
+        return self.start_of(self.variant(values), t)
+
+    def start_of(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
+        """The consistent start of a variant: what joints and bodies are given, or a state found before."""
+        if self.team.is_root:
+            announce_compilation(_STARTING)
+        work = new_work(scene.plan)
+        evaluate_inputs(scene, work, t)
+        if about is None:
+            refuse_against_motions(scene, work, self.connections)
+            x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
+        else:
+            about.scene.refuse_other(scene)
+            x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
+        refuse_different(scene, x, v, self.team)
+        memories = None if about is None else about.interiors
+        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
+        mark_compiled(_STARTING)
+        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
+        if start.strain.warning is not None and self.team.is_root:
+            warnings.warn(start.strain.warning, StartWarning, stacklevel=3)
+        return start
+
+    def simulate(
+        self,
+        t_end: float,
+        *,
+        rtol: float = 1e-6,
+        h: float | None = None,
+        t_start: float = 0.0,
+        about: WorkingPoint | None = None,
+        integrator: Integrator | Literal["auto"] = "auto",
+        events: Sequence[Event] = (),
+        checkpoints: Sequence[float] = (),
+        checkpoint_file: str | Path | None = None,
+        checkpoint_every: float | None = None,
+        restart: Checkpoint | None = None,
+        progress: bool = False,
+        max_step: float | None = None,
+        max_steps: int | None = None,
+        max_rows: int | None = None,
+        max_seconds: float | None = None,
+        **values: Any,
+    ) -> Trajectory:
+        """Run the machine with these values of its parameters; those not given stay as compiled.
+
+        The trajectory is to the bit that of a scene built with these values.  It is asked by the scene's own frames,
+        joints and bodies, and answers with this variant's numbers.
+
+        Args:
+            t_end: end time (s).
+            rtol: as of ``System.simulate``, as all arguments up to ``max_seconds``.
+            h: fixed step (s).
+            t_start: start time (s).
+            about: where to begin.
+            integrator: the method.
+            events: what to look for.
+            checkpoints: times (s) of checkpoints to keep.
+            checkpoint_file: of regular checkpoints.
+            checkpoint_every: s between them.
+            restart: a checkpoint to go on from, of a machine with these very values.
+            progress: show a progress bar.
+            max_step: longest step (s).
+            max_steps: steps after which the run is broken off.
+            max_rows: rows after which it is.
+            max_seconds: s of the wall's clock after which it is.
+            values: of the parameters, by their names.
+
+        Raises:
+            SceneError, AssemblyError, SimulationError: as ``System.simulate``, and as ``variant``.
+        """
+        refuse_other(events, Sequence, "events", wanted="a list of events, [event]")
+        for event in events:
+            refuse_other(event, Event, "an event", wanted="an fm.Event(...)")
+        refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
+        if restart is not None:
+            refuse_other(restart, Checkpoint, "restart", wanted="a checkpoint, as fm.Checkpoint.load(path) gives it")
+            t_start = restart.t
+        check_times(t_start, t_end, rtol, h, checkpoints)
+        limits = Limits(max_steps, max_rows, max_seconds)
+        if max_step is not None and not (h is None and is_number(max_step) and max_step > 0.0):
+            raise SceneError(f"max_step = {max_step} s must be positive and finite, and given without a fixed step h")
+        if (checkpoint_file is None) != (checkpoint_every is None):
+            raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")
+        saves = None
+        if checkpoint_file is not None and checkpoint_every is not None:
+            saves = Saves(Path(checkpoint_file), checkpoint_every)
+        begun = t_start if restart is None else restart.t_start
+        scene = self.variant(values)
+        refuse_false_rates(scene, t_start, t_end)
+        start = self.start_of(scene, begun, about)
+        if integrator == "auto":
+            method = choose(start, t=begun, rtol=rtol, h=h).method
+        else:
+            method = named(integrator)
+        if restart is None:
+            snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
+        else:
+            snapshot = restart.of(start.scene, method)
+        return run(
+            start,
+            {body.name: body for body in self.bodies},
+            self.team,
+            begun=begun,
+            snapshot=snapshot,
+            t_end=t_end,
+            method=method,
+            events=events,
+            checkpoints=checkpoints,
+            saves=saves,
+            progress=progress,
+            limits=limits,
+            max_step=max_step,
+        )
+
+
+def named(integrator: Integrator | str) -> Integrator:
+    """A method that the user gave."""
+    refuse_other(integrator, Integrator, "integrator", wanted='a method, as fm.RadauIIA(), or "auto"')
+    return cast(Integrator, integrator)
+
+
+def told(values: Mapping[str, Any]) -> str:
+    """Values of parameters, in a message."""
+    return ", ".join(f"{name} = {value!r:.60}" for name, value in values.items())

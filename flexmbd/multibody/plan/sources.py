@@ -1,0 +1,84 @@
+"""Where the numbers of a plan come from, place by place: what another set of numbers has to be written to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.plan.forces import ForceSpan
+from flexmbd.multibody.plan.numbering import Marker
+from flexmbd.multibody.plan.rows import ScaledRow
+from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.multibody.topology import Topology
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Where the numbers of a plan come from.
+
+    Attributes:
+        markers: of each row of ``Plan.frames``; None of those that no marker gives.
+        reach: (m) of all bodies and of the frames of all joints, what the machine's extent is the largest of.
+        scaled: numbers that the extent scales.
+        forces: what each force element laid out.
+        axes: about which each link turns (see ``turning``).
+        is_awaited: whether functions of the state keep the compiled scene.
+    """
+
+    markers: tuple[Marker | None, ...]
+    reach: tuple[tuple[Body | Frame, float], ...]
+    scaled: tuple[ScaledRow, ...]
+    forces: IdentityMap[Force, ForceSpan]
+    axes: tuple[FloatArray | None, ...]
+    is_awaited: bool
+
+    @cached_property
+    def rows_of(self) -> IdentityMap[Frame, list[int]]:
+        """Rows of ``Plan.frames`` of each marker."""
+        found: IdentityMap[Frame, list[int]] = IdentityMap()
+        for row, marker in enumerate(self.markers):
+            if marker is not None:
+                found.setdefault(marker.frame, []).append(row)
+        return found
+
+    def frames_of(self, body: Body) -> list[Frame]:
+        """The interface frames of a body among the markers."""
+        return [frame for frame in self.rows_of if frame.body is body and frame.interface is not None]
+
+
+def frame_reach(frame: Frame) -> float:
+    """How far (m) a frame lies from its body's origin."""
+    return float(np.linalg.norm(frame.p_BF_B))
+
+
+def body_reach(body: Body) -> float:
+    """How far (m) a body's mass lies from its origin: its centre's distance, or its radius of gyration."""
+    first, second = body.moments()
+    return max(float(np.linalg.norm(first)) / body.mass, float(np.sqrt(np.trace(second) / body.mass)))
+
+
+def reaches(topology: Topology) -> tuple[tuple[Body | Frame, float], ...]:
+    """The reach (m) of all bodies and of the frames of all joints."""
+    return tuple(_reaches(topology))
+
+
+def _reaches(topology: Topology) -> Iterator[tuple[Body | Frame, float]]:
+    frames = [f for b in topology.branches for f in (b.inner, b.outer)]
+    frames += [f for c in topology.closures for f in (c.parent, c.child)]
+    for frame in frames:
+        yield frame, frame_reach(frame)
+    for branch in topology.branches:
+        yield branch.outer.body, body_reach(branch.outer.body)
+
+
+def extent_of(reach: tuple[tuple[Body | Frame, float], ...]) -> float:
+    """The machine's size (m): the farthest reach of any frame or centre of mass in its body."""
+    return max((far for _, far in reach), default=0.0) or 1.0
