@@ -20,9 +20,9 @@ from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
 from flexmbd.meshes.round_bar import round_bar as round_bar
 from flexmbd.meshes.sheet import sheet as sheet
+from flexmbd.meshes.step_faces import Cylinder as Cylinder
+from flexmbd.meshes.step_faces import StepFace as StepFace
 from flexmbd.meshes.step_file import BRACKET as BRACKET
-from flexmbd.meshes.step_file import Cylinder as Cylinder
-from flexmbd.meshes.step_file import StepFace as StepFace
 from flexmbd.meshes.step_file import Tag as Tag
 from flexmbd.meshes.step_file import from_step as from_step
 from flexmbd.meshes.step_file import step_faces as step_faces

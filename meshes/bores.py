@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.meshes.step_file import Cylinder, Point, StepFace
+from flexmbd.meshes.step_faces import Cylinder, Point, StepFace
 
 # Of the radius: how far two faces of one bore may differ; CAD programs write seven digits and more.
 _EQUAL = 1e-5

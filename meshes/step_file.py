@@ -25,8 +25,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-
-Point: TypeAlias = tuple[float, float, float]
+from flexmbd.meshes.step_faces import Point, StepFace, point_text, read_faces, volume
 
 # A bracket of our own: a foot with two bolt bores and a lug with a pin bore (data/README.md).
 BRACKET = Path(__file__).parent / "data" / "bracket.step"
@@ -42,54 +41,6 @@ _OFF = 1e-5
 
 # Faces or solids that a message lists.
 _LISTED = 12
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """The cylinder that a face lies on, as far as the face goes along it.
-
-    Attributes:
-        centre: on the axis, halfway along the face, m.
-        axis: unit vector.
-        radius: m.
-        length: of the face along the axis, m.
-        angle: that the face goes around the axis, rad.
-        hollow: whether the material lies outside, as around a bore.
-    """
-
-    centre: Point
-    axis: Point
-    radius: float
-    length: float
-    angle: float
-    hollow: bool
-
-
-@dataclass(frozen=True)
-class StepFace:
-    """A face of a part, as `from_step` shows it to the functions that choose faces.
-
-    Attributes:
-        centre: its centroid by area, m.
-        area: m².
-        normal: unit normal of a plane face, out of the part or into it; None for others.
-        radius: m, of a cylindrical face; None for others.
-        cylinder: more about a cylindrical face; None for others.
-    """
-
-    centre: Point
-    area: float
-    normal: Point | None
-    radius: float | None
-    cylinder: Cylinder | None = None
-
-    def __str__(self) -> str:
-        kind = "curved"
-        if self.normal is not None:
-            kind = f"plane, normal to {_text(self.normal)}"
-        if self.radius is not None:
-            kind = f"cylinder of radius {self.radius:.6g} m"
-        return f"{kind}, centre {_text(self.centre)} m, area {self.area:.4g} m²"
 
 
 @dataclass(frozen=True)
@@ -170,7 +121,7 @@ def from_step(
     def build() -> MeshInput:
         volumes = _read_solids(Path(path), scale=scale, solid=solid, glue=glue)
         _check_size(h, scale=scale)
-        faces = _faces(scale)
+        faces = read_faces(scale)
         _group_faces(faces, tags, scale=scale)
         names = [f"solid {i}" for i in range(1, len(volumes) + 1)] if glue else ["part"]
         for name, parts in zip(names, volumes, strict=True):
@@ -232,7 +183,7 @@ def step_part(
                 _import(Path(path))
             low, high = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
             x, y, z = (scale * (high - low)).tolist()
-            return StepPart(tuple(_faces(scale).values()), (x, y, z), _volume(scale))
+            return StepPart(tuple(read_faces(scale).values()), (x, y, z), volume(scale))
 
     return on_root(comm, read)
 
@@ -300,7 +251,7 @@ def _read_solids(path: Path, *, scale: float, solid: int | None, glue: bool) -> 
     if not glue:
         solids = "; ".join(
             f"{i}: {_size(gmsh.model.getBoundingBox(3, tag), scale)} around "
-            f"{_text([scale * x for x in gmsh.model.occ.getCenterOfMass(3, tag)])} m"
+            f"{point_text([scale * x for x in gmsh.model.occ.getCenterOfMass(3, tag)])} m"
             for i, tag in enumerate(volumes[:_LISTED], start=1)
         )
         raise MeshError(
@@ -328,15 +279,11 @@ def _size(box: Sequence[float], scale: float) -> str:
     return " x ".join(f"{side:.4g}" for side in sides) + " m"
 
 
-def _text(numbers: Sequence[float]) -> str:
-    return f"({', '.join(f'{number:.6g}' for number in np.round(numbers, 12) + 0.0)})"
-
-
 def _check_size(h: float, *, scale: float) -> None:
     """Refuse cells much too big or small for the part, as when one of the units is wrong."""
     box = gmsh.model.getBoundingBox(-1, -1)
     largest = scale * max(high - low for low, high in zip(box[:3], box[3:], strict=True))
-    cells = _volume(scale) / (h**3 / (6 * math.sqrt(2)))
+    cells = volume(scale) / (h**3 / (6 * math.sqrt(2)))
     if cells > _MOST_CELLS:
         fault = f"cells of h = {h:g} m are too small, there would be about {cells:.1g} of them"
     elif h > largest / 2:
@@ -348,51 +295,6 @@ def _check_size(h: float, *, scale: float) -> None:
         "another unit than it was drawn in: give scale=, as scale=0.001 for millimetres that are "
         "taken for metres; else give another h"
     )
-
-
-def _volume(scale: float) -> float:
-    return scale**3 * sum(gmsh.model.occ.getMass(*entity) for entity in gmsh.model.getEntities(3))
-
-
-def _faces(scale: float) -> dict[int, StepFace]:
-    """The faces of the model's boundary by gmsh's tags."""
-    volumes = gmsh.model.getEntities(3)
-    boundary = gmsh.model.getBoundary(volumes, combined=True, oriented=False)
-    faces = {}
-    for _, tag in boundary:
-        low, high = gmsh.model.getParametrizationBounds(2, tag)
-        middle = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
-        kind = gmsh.model.getType(2, tag)
-        x, y, z = (scale * x for x in gmsh.model.occ.getCenterOfMass(2, tag))
-        normal = radius = cylinder = None
-        if kind == "Plane":
-            a, b, c = (float(part) for part in gmsh.model.getNormal(tag, middle))
-            normal = (a, b, c)
-        elif kind == "Cylinder":
-            most, least, _, _ = gmsh.model.getPrincipalCurvatures(tag, middle)
-            radius = scale / max(abs(float(most[0])), abs(float(least[0])))
-            cylinder = _cylinder(tag, radius, scale)
-        area = scale**2 * gmsh.model.occ.getMass(2, tag)
-        faces[tag] = StepFace((x, y, z), area, normal, radius, cylinder)
-    return faces
-
-
-def _cylinder(tag: int, radius: float, scale: float) -> Cylinder:
-    """The cylinder of a cylindrical face, whose parameters are the angle and the way along the axis."""
-    (u, v), (u_end, v_end) = gmsh.model.getParametrizationBounds(2, tag)
-    middle = [(u + u_end) / 2, (v + v_end) / 2]
-    start, end, on = gmsh.model.getValue(2, tag, [middle[0], v, middle[0], v_end, *middle]).reshape(3, 3)
-    normal = gmsh.model.getNormal(tag, middle)
-    # the axis lies to that side of the face to which its normals converge
-    beside = [middle[0] + 0.1 * (u_end - u), middle[1]]
-    apart = gmsh.model.getValue(2, tag, beside) - on
-    outward = normal if np.dot(gmsh.model.getNormal(tag, beside) - normal, apart) > 0.0 else -normal
-    probe = on + 1e-4 * radius / scale * outward
-    hollow = any(gmsh.model.isInside(3, volume, probe.tolist()) for _, volume in gmsh.model.getEntities(3))
-    x, y, z = (scale * on - radius * outward).tolist()
-    a, b, c = ((end - start) / np.linalg.norm(end - start)).tolist()
-    length = scale * float(np.linalg.norm(end - start))
-    return Cylinder((x, y, z), (a, b, c), radius, length, abs(float(u_end - u)), hollow)
 
 
 def _group_faces(faces: Mapping[int, StepFace], tags: Mapping[str, Tag], *, scale: float) -> None:
@@ -437,13 +339,13 @@ def _faces_at(
         if len(near) == 0:
             nearest = min(distance, key=lambda tag: distance[tag])
             raise MeshError(
-                f"tag {name!r}: the point {_text(point)} m lies on no face; the nearest, "
+                f"tag {name!r}: the point {point_text(point)} m lies on no face; the nearest, "
                 f"{distance[nearest]:.3g} m away, is this: {faces[nearest]}. The part measures "
                 f"{_size(box.reshape(-1).tolist(), scale)}"
             )
         if len(near) > 1:
             raise MeshError(
-                f"tag {name!r}: the point {_text(point)} m lies on {len(near)} faces; give one that "
+                f"tag {name!r}: the point {point_text(point)} m lies on {len(near)} faces; give one that "
                 "is not on their common edge"
             )
         if near[0] not in chosen:

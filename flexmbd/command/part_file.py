@@ -17,7 +17,8 @@ from flexmbd.errors import MeshError
 if TYPE_CHECKING:
     from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
     from flexmbd.meshes.bores import Bore
-    from flexmbd.meshes.step_file import StepFace, StepPart, Tag
+    from flexmbd.meshes.step_faces import StepFace
+    from flexmbd.meshes.step_file import StepPart, Tag
 
 _STEP = (".step", ".stp")
 # Without --size: this part of the longest side, and of the radius of the narrowest bore, but not many more cells.

@@ -10,6 +10,7 @@ from flexmbd.cli import main
 from flexmbd.continuum import ContinuumModel
 from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract import results as contract_results
+from flexmbd.continuum.contract import terms as contract_terms
 from flexmbd.continuum.contract import violations as contract
 from flexmbd.continuum.contract_suite.checks import CHECKS
 
@@ -63,7 +64,7 @@ def test_every_name_of_the_contract_is_explained():
 
 
 def test_messages_and_files_that_it_names_are_there():
-    for part in (contract_results._ONE_RULE, contract_results._ARITHMETIC):
+    for part in (contract_terms._ONE_RULE, contract_results._ARITHMETIC):
         assert part[:50] in TEXT
     failing = re.findall(r"FAIL `([a-z ]+)`", TEXT)
     assert len(failing) >= 3

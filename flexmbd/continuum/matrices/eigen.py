@@ -14,17 +14,17 @@ start vectors are added before the process goes on. The other way to know is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from scipy.linalg.blas import dgemm
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
+from flexmbd.continuum.matrices.blocks import FloatArray, multiply
+from flexmbd.continuum.matrices.lanczos_basis import LanczosBasis
 from flexmbd.errors import ConvergenceError
 
 #: Relative residual to which every mode converges.
@@ -32,24 +32,14 @@ TOLERANCE = 1e-12
 
 Solve = Callable[[FloatArray], FloatArray]
 
-# A direction that is this small after the projection is noise; or so small beside the largest Ritz value.
-_NOISE, _NOISE_OF_ALL = 1e-12, 1e-14
-# Where a fresh direction, of which all is new in a large space, is this small, there is no more space.
-_NOISE_OF_FRESH = 1e-8
-# A column is projected again if this part of its square was along the basis; no more often than so.
-_LEFT, _PASSES = 1e-4, 3
-# Or if the square of what is left is this small beside what was taken off, and so inexact.
-_SMALL = 1e-8
-# Smallest eigenvalue of a scaled Gram matrix that is not noise.
-_DEPENDENT = 1e-13
+# A direction that is this small beside the largest Ritz value is noise.
+_NOISE_OF_ALL = 1e-14
 # Relative distance below which eigenvalues count as copies of one.
 _EQUAL = 1e-9
 # Number of directions that are added where there may be more copies than there were start vectors.
 _FRESH = 8
 # Of a basis this large the modes are looked for only when it has grown by so many vectors.
 _LARGE, _SELDOM = 256, 16
-# Columns of the basis that are stored together.
-_PANEL = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +112,7 @@ class BlockLanczos:
         self._comm = mass.comm.tompi4py()
         self._massless = _has_massless_rows(mass)
         self._limit = min(limit, mass.getSize()[0])
-        self._basis = _LanczosBasis(mass, len(start))
+        self._basis = LanczosBasis(mass, len(start))
         self._projected: FloatArray = np.zeros((0, 0))
         # Ritz values and vectors of K^-1 M, descending, and their residuals
         self._values: FloatArray = np.zeros(0)
@@ -291,138 +281,6 @@ class BlockLanczos:
         )
 
 
-class _LanczosBasis:
-    """M-orthonormal vectors, of which each rank holds its rows."""
-
-    def __init__(self, mass: PETSc.Mat, rows: int) -> None:
-        self.mass = mass
-        self.comm = mass.comm.tompi4py()
-        self.size = 0
-        self._rows = rows
-        self._panels: list[FloatArray] = []
-        # of the last two blocks: their place, vectors, and images under M
-        self._recent: list[tuple[slice, FloatArray, FloatArray]] = []
-
-    def append(self, block: FloatArray, image: FloatArray) -> None:
-        """Add a block that is orthonormal, also to the others; `image` is M times it."""
-        end = self.size + block.shape[1]
-        self._recent = [*self._recent[-1:], (slice(self.size, end), block, image)]
-        done = 0
-        while done < block.shape[1]:
-            place = (self.size + done) % _PANEL
-            if place == 0:
-                self._panels.append(np.empty((self._rows, _PANEL), order="F"))
-            some = min(block.shape[1] - done, _PANEL - place)
-            self._panels[-1][:, place : place + some] = block[:, done : done + some]
-            done += some
-        self.size = end
-
-    def combine(self, coefficients: FloatArray) -> FloatArray:
-        """The first vectors times coefficients (number of them, k); not collective."""
-        result: FloatArray = np.zeros((self._rows, coefficients.shape[1]), order="F")
-        for place, panel in self._filled(len(coefficients)):
-            result = _plus_product(result, panel, coefficients[place])
-        return result
-
-    def products(self, block: FloatArray) -> FloatArray:
-        """Block^T times the vectors, (columns, size). Collective."""
-        local: FloatArray = np.zeros((block.shape[1], self.size))
-        for place, panel in self._filled(self.size):
-            local[:, place] = block.T @ panel
-        return total(self.comm, local)
-
-    def split(
-        self, block: FloatArray, *, noise: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Split K^-1 M times the last block into what the basis spans and the rest. Collective.
-
-        Args:
-            block: (n, b).
-            noise: size of a rest that is round-off.
-
-        Returns:
-            q, M q, a, r with block = basis a + q r; q is (n, c), c <= b the rank of the rest.
-        """
-        image = multiply(self.mass, block)
-        onto: FloatArray = np.zeros((self.size, block.shape[1]))
-        for place, vectors, images in self._recent:
-            onto[place] = inner(self.comm, vectors, image)
-            block = _plus_product(block, vectors, -onto[place])
-            image = _plus_product(image, images, -onto[place])
-        taken = np.sum(onto**2, axis=0)
-        block, image, rest = self._orthonormalise(block, image, taken=taken, noise=noise)
-        # in exact arithmetic that was all; what round-off leaves of the other vectors would grow
-        weakest = np.sum(rest**2, axis=1).min(initial=np.inf)
-        again = bool(weakest < _SMALL * taken.max(initial=0.0))
-        for _ in range(_PASSES):
-            part, block = self._project(block, image)
-            image = multiply(self.mass, block)
-            block, image, turn = self._orthonormalise(block, image, taken=np.sum(part**2, axis=0))
-            onto, rest = onto + part @ rest, turn @ rest
-            if not self.comm.bcast(again or np.any(np.sum(part**2, axis=0) > _LEFT)):
-                break
-            again = False
-        kept = self.comm.bcast(np.linalg.norm(rest, axis=1) > noise)
-        if not kept.all():
-            block, image, rest = block[:, kept], image[:, kept], rest[kept]
-        return block, image, onto, rest
-
-    def beside(
-        self, block: FloatArray, image: FloatArray, fresh: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """A block and its image, widened by what is new in fresh directions. Collective."""
-        images = multiply(self.mass, fresh)
-        taken = np.diag(inner(self.comm, fresh, images))
-        # twice is enough (Giraud, Langou & Rozloznik 2005)
-        for _ in range(2):
-            _, fresh = self._project(fresh, images)
-            fresh = _plus_product(fresh, block, -inner(self.comm, image, fresh))
-            images = multiply(self.mass, fresh)
-            noise = _NOISE_OF_FRESH * float(np.sqrt(taken.max(initial=0.0)))
-            fresh, images, _ = self._orthonormalise(fresh, images, taken=taken, noise=noise)
-            taken = np.zeros(fresh.shape[1])
-        return np.hstack([block, fresh]), np.hstack([image, images])
-
-    def _filled(self, size: int) -> Iterator[tuple[slice, FloatArray]]:
-        """The first vectors, panel by panel, and their places."""
-        for first in range(0, size, _PANEL):
-            place = slice(first, min(first + _PANEL, size))
-            yield place, self._panels[first // _PANEL][:, : place.stop - first]
-
-    def _project(self, block: FloatArray, image: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the basis spans of a block, as coefficients, and the rest. Collective."""
-        onto = self.products(image).T
-        for place, panel in self._filled(self.size):
-            block = _plus_product(block, panel, -onto[place])
-        return onto, block
-
-    def _orthonormalise(
-        self, block: FloatArray, image: FloatArray, *, taken: FloatArray, noise: float = 0.0
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Orthonormal columns q, M q, and r with block = q r but for noise. Collective.
-
-        By the eigenvectors of the scaled Gram matrix (Stathopoulos & Wu 2002), which stand a block of
-        deficient rank; `taken` is the square of what was taken off each column before.
-        """
-        gram = inner(self.comm, block, image)
-
-        def factor() -> tuple[FloatArray, FloatArray]:
-            squares = np.diag(gram)
-            large = squares > np.maximum(_NOISE**2 * (squares + taken), noise**2)
-            norms = np.sqrt(squares[large])
-            values, vectors = np.linalg.eigh(gram[np.ix_(large, large)] / np.outer(norms, norms))
-            kept = values > _DEPENDENT
-            roots = np.sqrt(values[kept])
-            forward = np.zeros((len(gram), len(roots)))
-            forward[large] = vectors[:, kept] / roots / norms[:, None]
-            backward = np.zeros((len(roots), len(gram)))
-            backward[:, large] = roots[:, None] * vectors[:, kept].T * norms
-            return forward, backward
-
-        forward, backward = self.comm.bcast(factor())
-        return _product(block, forward), _product(image, forward), backward
-
-
 def _known(values: FloatArray, width: int) -> int:
     """How many of the lowest modes are known to be complete; `values` in order, of converged ones.
 
@@ -446,16 +304,3 @@ def _has_massless_rows(mass: PETSc.Mat) -> bool:
 # numpy would make the products row by row, against the order of the blocks
 
 
-def _product(block: FloatArray, factor: FloatArray) -> FloatArray:
-    if 0 in (*block.shape, *factor.shape):
-        return np.zeros((len(block), factor.shape[1]), order="F")
-    product: FloatArray = dgemm(1.0, block, factor)
-    return product
-
-
-def _plus_product(result: FloatArray, block: FloatArray, factor: FloatArray) -> FloatArray:
-    """result + block @ factor; overwrites the result where that is in Fortran's order."""
-    if 0 in (*block.shape, *factor.shape):
-        return result
-    summed: FloatArray = dgemm(1.0, block, factor, beta=1.0, c=result, overwrite_c=True)
-    return summed

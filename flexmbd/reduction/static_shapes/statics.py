@@ -14,14 +14,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_forces
@@ -38,7 +36,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import (
 )
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes, rigid_modes
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
-from flexmbd.reduction.static_shapes.support import AT_REST, is_held
+from flexmbd.reduction.static_shapes.support import is_held, minimal_support
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +248,7 @@ def body_statics(
     else:
         p, R = interfaces[0].p, interfaces[0].R
     if supported and rigid is not None:
-        boundary = _support(model, rigid)
+        boundary = minimal_support(model, rigid)
     else:
         boundary = _bound(model, interfaces)
     if not is_held(model, boundary):
@@ -342,44 +340,6 @@ def _average_columns(
         owned = interface.dofs < model.n_owned
         columns[interface.dofs[owned], 6 * i : 6 * i + 6] = interface.average[owned] @ turn
     return columns
-
-
-def _support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
-    """(owned dofs,) six dofs on all ranks that together keep the body from moving. Collective.
-
-    The pivots of a QR factorisation of the rigid motions: dofs far apart.
-    """
-    reach = np.linalg.norm(model.node_x - rigid.com, axis=1).max(initial=0.0)
-    reach = model.comm.allreduce(reach, op=MPI.MAX)
-    rows = rigid.motions / np.repeat([1.0, reach], 3)
-    mine = _pivots(rows)
-    gathered = model.comm.gather((mine, rows[mine]), root=0) or []
-
-    def choose() -> list[tuple[int, int]]:
-        found = [(rank, dof) for rank, (dofs, _) in enumerate(gathered) for dof in dofs.tolist()]
-        together = np.vstack([rows for _, rows in gathered])
-        chosen = _pivots(together)
-        sizes = np.linalg.svd(together[chosen])[1]
-        if len(sizes) < 6 or not sizes[-1] > AT_REST * sizes[0]:
-            raise ReductionError(
-                "the nodes of the body lie in one line and carry no rotation, so that nothing can keep "
-                "it from turning about that line; take a formulation with rotations or a solid mesh"
-            )
-        return [found[i] for i in chosen]
-
-    support = np.zeros(model.n_owned, dtype=bool)
-    for rank, dof in parallel.on_root(model.comm, choose):
-        if rank == model.comm.rank:
-            support[dof] = True
-    return support
-
-
-def _pivots(rows: FloatArray) -> NDArray[np.intp]:
-    """At most six rows that are far from depending on each other."""
-    if len(rows) == 0:
-        return np.zeros(0, dtype=np.intp)
-    order: NDArray[np.intp] = scipy.linalg.qr(rows.T, mode="r", pivoting=True)[1]
-    return order[:6]
 
 
 def _check_rigid_motions(

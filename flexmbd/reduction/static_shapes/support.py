@@ -1,4 +1,4 @@
-"""Whether dofs that are held keep a body from moving as a rigid one, by its geometry alone.
+"""Dofs whose support keeps a body from rigid motions: whether given ones do, and a smallest set that does.
 
 A connected elastic body whose rigid motions all move some held dof has a regular stiffness. That is known before
 anything is factorised; what round-off leaves of a singular factor tells nothing.
@@ -6,12 +6,18 @@ anything is factorised; what round-off leaves of a singular factor tells nothing
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.grid.pieces import pieces
 from flexmbd.continuum.matrices.blocks import FloatArray, total
+from flexmbd.errors import ReductionError
+from flexmbd.reduction.static_shapes.rigid_modes import RigidModes
 
 #: Relative size below which a rigid motion leaves dofs at rest; found from squares, whose rounding is that of 1e-8.
 AT_REST = 1e-6
@@ -54,3 +60,41 @@ def _holds(model: LinearModel, piece: NDArray[np.bool_], held: NDArray[np.bool_]
 
 def _gram(model: LinearModel, rows: FloatArray) -> FloatArray:
     return total(model.comm, rows.T @ rows)
+
+
+def minimal_support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
+    """(owned dofs,) six dofs on all ranks that together keep the body from moving. Collective.
+
+    The pivots of a QR factorisation of the rigid motions: dofs far apart.
+    """
+    reach = np.linalg.norm(model.node_x - rigid.com, axis=1).max(initial=0.0)
+    reach = model.comm.allreduce(reach, op=MPI.MAX)
+    rows = rigid.motions / np.repeat([1.0, reach], 3)
+    mine = _pivots(rows)
+    gathered = model.comm.gather((mine, rows[mine]), root=0) or []
+
+    def choose() -> list[tuple[int, int]]:
+        found = [(rank, dof) for rank, (dofs, _) in enumerate(gathered) for dof in dofs.tolist()]
+        together = np.vstack([rows for _, rows in gathered])
+        chosen = _pivots(together)
+        sizes = np.linalg.svd(together[chosen])[1]
+        if len(sizes) < 6 or not sizes[-1] > AT_REST * sizes[0]:
+            raise ReductionError(
+                "the nodes of the body lie in one line and carry no rotation, so that nothing can keep "
+                "it from turning about that line; take a formulation with rotations or a solid mesh"
+            )
+        return [found[i] for i in chosen]
+
+    support = np.zeros(model.n_owned, dtype=bool)
+    for rank, dof in parallel.on_root(model.comm, choose):
+        if rank == model.comm.rank:
+            support[dof] = True
+    return support
+
+
+def _pivots(rows: FloatArray) -> NDArray[np.intp]:
+    """At most six rows that are far from depending on each other."""
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.intp)
+    order: NDArray[np.intp] = scipy.linalg.qr(rows.T, mode="r", pivoting=True)[1]
+    return order[:6]

@@ -9,14 +9,12 @@ is enclosed and not jumped over.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import ufl
-from dolfinx import fem, la
 from numpy.typing import ArrayLike
 
 from flexmbd.continuum import parallel
@@ -29,6 +27,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.reduction.static_shapes.statics import body_statics
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
+from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
 from flexmbd.reduction.stiffening.stability import is_stable
 from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
 
@@ -190,18 +189,6 @@ class _NotFoundError(Exception):
         self.displacement = displacement
 
 
-@dataclass(frozen=True, eq=False)
-class _Forms:
-    """Internal and centrifugal forces and the derivatives of both, for the values of `at` and `spin`."""
-
-    at: fem.Function
-    spin: fem.Constant
-    internal: list[fem.Form]
-    centrifugal: list[fem.Form]
-    stiffness: list[fem.Form]
-    softening: list[fem.Form]
-
-
 class _Equilibrium:
     """The search for the static state. Constructing one is collective, and compiles.
 
@@ -224,7 +211,7 @@ class _Equilibrium:
     ) -> None:
         self._model, self._rest = model, rest
         self._dead, self._wrenches, self._spin = dead, wrenches, spin
-        self._forms = _forms(model, origin=model.interface(rest.frame).p, spinning=bool(spin.any()))
+        self._forms = loaded_forms(model, origin=model.interface(rest.frame).p, spinning=bool(spin.any()))
 
     def state(self) -> StaticState:
         """The state under the whole load. Collective.
@@ -314,15 +301,15 @@ class _Equilibrium:
     def _with_balance(self, state: StaticState, part: float) -> StaticState:
         """The state with the forces of its displacement, under a part of the loads. Collective."""
         forms = self._set(state, part)
-        outside = part * self._dead + _assembled(forms.centrifugal, self._model)
-        return replace(state, balance=_assembled(forms.internal, self._model) - outside)
+        outside = part * self._dead + assembled_vector(forms.centrifugal, self._model)
+        return replace(state, balance=assembled_vector(forms.internal, self._model) - outside)
 
     def _tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
         forms = self._set(state, part)
         wanted = [*forms.stiffness, *(forms.softening if softened else [])]
         return assembly.assemble({"tangent stiffness": wanted}, self._model.groups, self._model.space)[0]
 
-    def _set(self, state: StaticState, part: float) -> _Forms:
+    def _set(self, state: StaticState, part: float) -> LoadedForms:
         self._forms.at.x.array[:] = state.displacement
         # centrifugal forces go with the square
         self._forms.spin.value[:] = np.sqrt(part) * self._spin
@@ -358,46 +345,3 @@ class _Equilibrium:
         )
 
 
-def _forms(model: LinearModel, *, origin: FloatArray, spinning: bool) -> _Forms:
-    """Compile. Collective."""
-    at, v = fem.Function(model.space), ufl.TestFunction(model.space)
-    spin = fem.Constant(model.mesh.mesh, np.zeros(3))
-    work = model.internal_work(at, v)
-    centrifugal = _centrifugal_work(model, at, spin, origin=origin) if spinning else []
-    return _Forms(
-        at=at,
-        spin=spin,
-        internal=[fem.form(term) for term in work],
-        centrifugal=[fem.form(term) for term in centrifugal],
-        stiffness=assembly.derivatives(work, at),
-        softening=assembly.derivatives([-term for term in centrifugal], at),
-    )
-
-
-def _centrifugal_work(
-    model: LinearModel, at: fem.Function, spin: fem.Constant, *, origin: FloatArray
-) -> list[ufl.Form]:
-    """Virtual work of the centrifugal forces: the derivative of the kinetic energy of spin x r by r.
-
-    Without what the sections' own rotary inertia adds to it.
-    """
-    others = [ufl.zero() for _ in range(at.ufl_shape[0] - 3)]
-
-    def turned(place: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        return ufl.as_vector([*ufl.cross(spin, ufl.as_vector([place[i] for i in range(3)])), *others])
-
-    r = ufl.SpatialCoordinate(model.mesh.mesh) - fem.Constant(model.mesh.mesh, origin)
-    velocity = turned([r[i] + at[i] for i in range(3)])
-    along = turned(ufl.TestFunction(model.space))
-    forms = (ufl.derivative(energy, at, along) for energy in model.kinetic_energy(at))
-    return [ufl.replace(ufl.algorithms.expand_derivatives(form), {at: velocity}) for form in forms]
-
-
-def _assembled(forms: Sequence[fem.Form], model: LinearModel) -> FloatArray:
-    """(owned dofs,) the sum of linear forms. Collective."""
-    total = np.zeros(model.n_owned)
-    for form in forms:
-        vector = fem.assemble_vector(form)
-        vector.scatter_reverse(la.InsertMode.add)
-        total += vector.array[: model.n_owned]
-    return total

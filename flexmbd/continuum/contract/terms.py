@@ -1,0 +1,87 @@
+"""The terms of a form, pairs of an integrand and its quadrature rule, checked without a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import basix
+import basix.ufl
+import ufl
+
+_ONE_RULE = (
+    "two quadrature rules in one form give a silently wrong residual, so each term is "
+    "(integrand, Quadrature) and is assembled by itself"
+)
+_NOT_IN_CELLS = {
+    ufl.classes.CellAvg: (
+        "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is no plain UFL form; give the "
+        "volumetric part a term with a lower rule of its own, or make the pressure an unknown"
+    ),
+    ufl.classes.FacetAvg: "averages over a facet: the terms are integrals over cells",
+    ufl.classes.Restricted: "has sides of a facet, as jump and avg do: the terms are integrals over cells",
+}
+
+
+def term_faults(
+    terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
+) -> Iterator[str]:
+    """What is wrong with a list of terms; `look` goes into an integrand that is in order."""
+    if isinstance(terms, ufl.BaseForm):
+        yield f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
+        return
+    terms = list(terms)
+    if not terms:
+        yield "has no terms"
+    for number, term in enumerate(terms):
+        label = f"term {number}"
+        if isinstance(term, ufl.BaseForm):
+            yield f"{label} is a form with {_rules(term)}: {_ONE_RULE}"
+            continue
+        if not isinstance(term, tuple) or len(term) != 2:
+            yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
+            continue
+        integrand, rule = term
+        if not _is_rule(rule, cell):
+            expected = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
+            yield f"{label} must state {expected}, got {rule!r}"
+        if isinstance(integrand, ufl.BaseForm):
+            yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
+        elif not isinstance(integrand, ufl.core.expr.Expr):
+            yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
+        elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
+            yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
+        elif misplaced := _misplaced(integrand):
+            yield f"{label}: the integrand {misplaced}"
+        else:
+            yield from (f"{label}: {fault}" for fault in look(integrand))
+
+
+def _misplaced(integrand: ufl.core.expr.Expr) -> str | None:
+    """What the integrand has that no integral over cells can have."""
+    for part in ufl.corealg.traversal.unique_pre_traversal(integrand):
+        for kind, why in _NOT_IN_CELLS.items():
+            if isinstance(part, kind):
+                return why
+    return None
+
+
+def _is_rule(rule: Any, cell: str) -> bool:
+    degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
+    if type(degree) is not int or degree < 0 or not isinstance(scheme, str):
+        return False
+    try:
+        kind = basix.quadrature.string_to_type(scheme)
+    except (KeyError, ValueError):
+        return scheme == "vertex"  # the form compiler's own
+    try:
+        basix.make_quadrature(basix.CellType[cell], min(degree, 30), rule=kind)
+    except RuntimeError:  # a rule for other cells
+        return False
+    return True
+
+
+def _rules(form: ufl.BaseForm) -> str:
+    integrals = form.integrals() if isinstance(form, ufl.Form) else ()
+    count = len({repr(integral.metadata()) for integral in integrals})
+    return f"{count} rule{'' if count == 1 else 's'}"
