@@ -445,16 +445,16 @@ def test_mean_strain_makes_an_exact_discrete_gradient():
     h = 1e-2
     rng = np.random.default_rng(5)
     s.u[:] = rng.standard_normal(len(s.u))
-    s.force[:] = s.stored[:] = 0.0
+    s.gradient[:] = s.stored_gradient[:] = 0.0
     x = state.x.copy()
     modes = slice(int(plan.tree[0, at.MODAL_X]), int(plan.tree[0, at.MODAL_X]) + len(record.stiffness))
     x[modes] = 0.1 * rng.standard_normal(len(record.stiffness))
     call(s.kernels[PLACE], (plan, x, s, h))
-    add_elastic_forces(plan, plan.flex[plan.tree[0, at.FLEX]], s.x_mid[modes], np.zeros(3), np.zeros(3), s.stored[1:4])
-    middle = s.stored[1:4] @ s.move[1:4]
+    add_elastic_forces(plan, plan.flex[plan.tree[0, at.FLEX]], s.x_mid[modes], np.zeros(3), np.zeros(3), s.stored_gradient[1:4])
+    middle = s.stored_gradient[1:4] @ s.increment[1:4]
     average_strain(plan, s, h)
     change = strain_energy(record, s.x_end[modes]) - strain_energy(record, x[modes])
-    assert s.stored[1:4] @ s.move[1:4] == pytest.approx(change, rel=1e-11)
+    assert s.stored_gradient[1:4] @ s.increment[1:4] == pytest.approx(change, rel=1e-11)
     assert abs(middle - change) > 1e-6 * abs(change)
 
 
