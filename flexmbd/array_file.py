@@ -45,7 +45,7 @@ def read_arrays(path: str | Path, *, version: int) -> dict[str, NDArray[Any]]:
             arrays = {name: file[name] for name in file}
             found = int(arrays["version"])
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as reason:
-        raise RecordError(f"{path} is no checkpoint that can be read: {reason}") from reason
+        raise RecordError(f"{path} is not a checkpoint that can be read: {reason}") from reason
     if found != version:
         raise RecordError(f"{path}: a checkpoint of version {found}, not {version}")
     return arrays

@@ -1,6 +1,6 @@
-"""What users give: numbers, of which what is none becomes NaN, which each quantity's checks refuse; and objects.
+"""Values from users: numbers, where anything else becomes NaN, which each quantity's checks refuse; and objects.
 
-True and False are no numbers: ``joint.position = True`` would turn a joint by 1 rad.
+True and False are not numbers: ``joint.position = True`` would turn a joint by 1 rad.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def numbers(value: object) -> FloatArray:
     """An array of numbers; NaN, without dimensions, for what holds anything else, as a text or rows of two lengths."""
     try:
         array = np.asarray(value)
-        # a text of digits is no number, and among numbers numpy takes True for one
+        # a text of digits is not a number, and among numbers numpy takes True for one
         if array.dtype.kind in "iufO" and (isinstance(value, np.ndarray) or not _holds_truth(value)):
             return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):

@@ -87,11 +87,11 @@ def _from_archive(path: Path) -> ResultTable:
     arrays = read_archive(path, requested=("names", "units", "values"))
     missing = [name for name in ("names", "units", "values") if name not in arrays]
     if missing:
-        raise ExportError(f"{path} is no table of results: it has no array {', '.join(missing)}")
+        raise ExportError(f"{path} is not a table of results: it has no array {', '.join(missing)}")
     names, units, values = arrays["names"], arrays["units"], arrays["values"]
     texts = all(one.ndim == 1 and one.dtype.kind == "U" for one in (names, units))
     if not texts or values.ndim != 2 or values.dtype.kind != "f" or len(names) != len(units):
-        raise ExportError(f"{path} is no table of results: names, units and values do not fit together")
+        raise ExportError(f"{path} is not a table of results: names, units and values do not fit together")
     known, kinds = [str(one) for one in names], [str(one) for one in units]
     return _checked(path, known, kinds, np.asarray(values, dtype=np.float64))
 
@@ -121,7 +121,7 @@ def _from_text(path: Path) -> ResultTable:
 def _checked(path: Path, names: Sequence[str], units: Sequence[str], values: FloatArray) -> ResultTable:
     """A table whose parts fit together."""
     if not names or len(names) != values.shape[1] or len(values) == 0:
-        raise ExportError(f"{path} is no table of results: {len(names)} names for values of shape {values.shape}")
+        raise ExportError(f"{path} is not a table of results: {len(names)} names for values of shape {values.shape}")
     if len(set(names)) != len(names) or max(map(len, [*names, *units])) > _LONGEST or "" in names:
         raise ExportError(f"{path}: each column must have a name of its own, of at most {_LONGEST} letters")
     return ResultTable(tuple(names), tuple(units), finite(values, path=path, what="the table"))

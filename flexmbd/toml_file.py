@@ -158,7 +158,7 @@ def read_toml(path: str | Path, *, kind: type[FlexmbdError]) -> TomlSection:
     file = Path(path)
     try:
         if file.exists() and not file.is_file():
-            raise kind(f"cannot read {file}: it is no regular file")
+            raise kind(f"cannot read {file}: it is not a regular file")
         with file.open("rb") as stream:
             data = stream.read(_LARGEST + 1)
     except OSError as error:

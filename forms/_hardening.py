@@ -1,6 +1,6 @@
 """Isotropic hardening: how the yield stress of a plastic form grows with the accumulated plastic strain.
 
-No formulation: a name that begins with an underscore is none.  Forms alone import it.
+Not a formulation, as its name begins with an underscore.  Forms alone import it.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class TabulatedHardening:
         stress: (n,) Pa, true stress at them, not falling; the first is the yield stress.
 
     Raises:
-        ValueError: fewer than two points, or a curve that is no function, does not begin at zero
+        ValueError: fewer than two points, or a curve that is not a function, does not begin at zero
             plastic strain, or falls.
     """
 
@@ -118,7 +118,7 @@ class TabulatedHardening:
         for k in range(1, len(strain)):
             if not strain[k] > strain[k - 1]:
                 raise ValueError(
-                    f"the hardening table is no function: plastic strain {strain[k]} follows {strain[k - 1]}"
+                    f"the hardening table is not a function: plastic strain {strain[k]} follows {strain[k - 1]}"
                 )
             if not stress[k] >= stress[k - 1]:
                 raise ValueError(

@@ -1,6 +1,6 @@
 """What several forms have in common: rules, numbers, the isotropic elastic material, solids' elements and rigid motion.
 
-No formulation: a name that begins with an underscore is none.  Forms alone import it.
+Not a formulation, as its name begins with an underscore.  Forms alone import it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def number(name: str, value: object) -> float:
     """The value as a float.
 
     Raises:
-        ValueError: it is no number.
+        ValueError: it is not a number.
     """
     # float() would take a text, and trips over an array
     if not hasattr(value, "__float__") or hasattr(value, "__len__") or isinstance(value, bool):
@@ -41,7 +41,7 @@ def take_numbers(values: object) -> None:
     """Turn the fields of a frozen dataclass that must be numbers into floats; called by its `__post_init__`.
 
     Raises:
-        ValueError: one is no number.
+        ValueError: one is not a number.
     """
     for item in fields(values):  # type: ignore[arg-type]
         if item.type in ("float", float):

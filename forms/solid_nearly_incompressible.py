@@ -11,7 +11,7 @@ conditions on its volume than unknowns and does not lock as nu approaches 1/2. L
 the small-strain solid; large rotations and moderate strains are exact.
 
 Quadratic hexahedra only, and why. Fewer points must still integrate the gradients of the shape functions
-exactly, or constant stress is no solution (the patch test): the 2 x 2 x 2 points of a triquadratic
+exactly, or constant stress is not a solution (the patch test): the 2 x 2 x 2 points of a triquadratic
 hexahedron with straight edges do, the one point of a trilinear hexahedron does only in a parallelepiped.
 One point of a linear tetrahedron is full integration, which locks; of a quadratic one it makes the
 pressure constant in a cell, and the error larger than full integration does. For these cells see

@@ -35,7 +35,7 @@ _TYPES: tuple[tuple[re.Pattern[str], str, int], ...] = (
     (re.compile(r"(S9R5|M3D9[A-Z]*)"), "quad9", 9),
 )
 
-# What is no part of a solid: lines, masses, springs, dashpots, connectors, couplings.
+# What is not part of a solid: lines, masses, springs, dashpots, connectors, couplings.
 _LEFT_OUT = re.compile(r"(T[23]D[23]|B[23][123]|MASS|ROTARYI|SPRING|DASHPOT|CONN|DCOUP|GAP).*")
 
 # What makes nodes and elements, or moves them, by rules that are not read.
@@ -171,7 +171,7 @@ class _Reader:
         # a set of an instance is written instance.set
         known = sets.get(_key(field)) or sets.get(_key(field.rpartition(".")[2]))
         if known is None:
-            raise MeshError(f"{self._path}: {where} names {field!r}, which is no set before it")
+            raise MeshError(f"{self._path}: {where} names {field!r}, which is not a set before it")
         return np.concatenate(known[1])
 
     def _add_surface(self, block: _Block) -> None:

@@ -59,7 +59,7 @@ def _plain(value: object) -> str:
 
 
 def require_positive(**lengths: float) -> None:
-    """Refuse a length that is no positive, finite number; not collective.
+    """Refuse a length that is not a positive, finite number; not collective.
 
     Args:
         **lengths: values in m, by the names the caller knows them by.

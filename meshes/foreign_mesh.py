@@ -1,4 +1,4 @@
-"""What a file of another finite element program lists, turned into an input of flexmbd's.
+"""Meshes of other finite element programs, turned into flexmbd's.
 
 Such files number nodes and elements as they like, and name sets of either; a set of elements may hold
 solids, shells on their faces, or both.
@@ -244,7 +244,7 @@ class _FacetSets:
         return rows, tags.astype(np.int32), {name: tag for tag, name in enumerate(found, start=1)}
 
     def vertex_groups(self, *, without: Collection[str]) -> dict[str, IntArray]:
-        """The sets of nodes that are no groups of facets, as vertices."""
+        """The sets of nodes that are not groups of facets, as vertices."""
         held = {
             name: np.flatnonzero(inside & self._is_vertex)[:, None]
             for name, inside in self._nodes.items()

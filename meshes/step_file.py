@@ -99,7 +99,7 @@ def from_step(
         comm: the communicator of the mesh.
 
     Raises:
-        MeshError: on all ranks; there is no such file, it is no STEP file, it has no solid or
+        MeshError: on all ranks; there is no such file, it is not a STEP file, it has no solid or
             several; h does not go with the size of the part, which is given; a tag chooses no face,
             or a face that another one has; an argument is out of range or not the same on all ranks;
             the cells are too big for the part.
@@ -148,7 +148,7 @@ def step_faces(
         comm: the ranks.
 
     Raises:
-        MeshError: on all ranks; there is no such file, it is no STEP file, or has no solid.
+        MeshError: on all ranks; there is no such file, it is not a STEP file, or has no solid.
     """
     return step_part(path, scale=scale, comm=comm).faces
 
@@ -171,7 +171,7 @@ def step_part(
         comm: the ranks.
 
     Raises:
-        MeshError: on all ranks; there is no such file, it is no STEP file, has no solid, or not that one.
+        MeshError: on all ranks; there is no such file, it is not a STEP file, has no solid, or not that one.
     """
     check_arguments(comm, dict(locals()), lambda: require_positive(scale=scale))
 

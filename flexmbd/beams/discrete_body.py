@@ -43,8 +43,8 @@ def discrete_body(
             damping (Anthonis & Ramon 2003, section 4.2.2).
 
     Raises:
-        SceneError: an interface is no node, is given twice, or is not there; more modes than there are;
-            ratios that are no numbers from 0 to 1.
+        SceneError: an interface is not a node, is given twice, or is not there; more modes than there are;
+            ratios that are not numbers from 0 to 1.
     """
     rows = _interface_nodes(lumped, interfaces, frame)
     basis = _basis(lumped, rows, floating=frame is None, modes=modes)

@@ -136,7 +136,7 @@ class DiscreteFrame:
         nearest = int(distance.argmin())
         if not distance[nearest] <= _SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
             raise SceneError(
-                f"{at.tolist()} m is no node, and discrete elements take loads at nodes alone; the nearest is "
+                f"{at.tolist()} m is not a node, and discrete elements take loads at nodes alone; the nearest is "
                 f"{names[nearest]!r} at {x[nearest].tolist()} m, {distance[nearest]:.6g} m away: load that, or make "
                 "the place a point of the frame"
             )
@@ -148,7 +148,7 @@ class DiscreteFrame:
         """(6 nodes,) the load vector of a force (N) and a moment (N m) on a node, along the frame's axes.
 
         Raises:
-            SceneError: the place is no node.
+            SceneError: the place is not a node.
         """
         loads = np.zeros(6 * self.n_nodes)
         row = 6 * self.node(place)
@@ -163,7 +163,7 @@ class DiscreteFrame:
             clamped: nodes that are held, by name or place.
 
         Raises:
-            SceneError: what is held leaves the frame free to move, or a place is no node.
+            SceneError: what is held leaves the frame free to move, or a place is not a node.
         """
         free = self.active.copy()
         for place in clamped:

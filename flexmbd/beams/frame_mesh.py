@@ -69,7 +69,7 @@ def mesh_frame(
     Raises:
         MeshError: names what is at fault: points or nodes that coincide, a point that is not finite, in no
             beam, or on a beam it does not end; a beam between unknown points, or given twice; an arc that
-            is none; divisions that are no positive whole numbers; a frame in pieces.
+            is none; divisions that are not positive whole numbers; a frame in pieces.
     """
     places = {name: _place(f"point {name!r}", value) for name, value in points.items()}
     _check_beams(places, beams)

@@ -160,7 +160,7 @@ def _number(text: str, word: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise MeshError(f"--tag {text}: {word.strip()!r} is no number")
+        raise MeshError(f"--tag {text}: {word.strip()!r} is not a number")
     return number
 
 

@@ -42,7 +42,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace results that are there")
     parser.add_argument("--explain", action="store_true", help="say what would be computed, and stop")
     bar = parser.add_mutually_exclusive_group()
-    bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, also where that is no terminal")
+    bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, even if it is not a terminal")
     bar.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     add_json(parser)
     parser.set_defaults(run=simulate)
@@ -52,7 +52,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     """Read the scene, simulate, write the tables. Not collective.
 
     Raises:
-        SceneError, AssemblyError: the file is no scene, or the machine cannot be assembled.
+        SceneError, AssemblyError: the file is not a scene, or the machine cannot be assembled.
         ExportError: results exist already, or cannot be written.
         PictureError: the film cannot be made; the tables are there then.
     """

@@ -1,4 +1,4 @@
-"""How the command speaks: rank 0 alone, to people in lines and to scripts in JSON."""
+"""Output of the command: on rank 0 alone, as lines for people and JSON for scripts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that speaks on rank 0 alone."""
+    """A parser that prints on rank 0 alone."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if is_root():
@@ -25,7 +25,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def is_root() -> bool:
-    """Whether this process speaks; without loading MPI where nothing else has."""
+    """Whether this process prints; without loading MPI where nothing else has."""
     if "mpi4py.MPI" in sys.modules:
         from mpi4py import MPI
 
@@ -39,7 +39,7 @@ def launched_ranks() -> int:
 
 
 def _first_number(names: tuple[str, ...], default: int) -> int:
-    """What mpirun tells in the first of these environment variables."""
+    """The number in the first of these environment variables of mpirun that has one."""
     for name in names:
         text = os.environ.get(name, "")
         if text.isdecimal():
@@ -60,7 +60,7 @@ def print_warning(text: str) -> None:
 
 
 def print_progress(text: str) -> None:
-    """Tell a person at the terminal what takes its time now; nothing where nobody looks on."""
+    """Print on a terminal what is being done; nothing where stderr is not one."""
     if is_root() and sys.stderr.isatty():
         print(f"flexmbd: {text} ...", file=sys.stderr)
 

@@ -58,7 +58,7 @@ def read_archive(path: str | Path, *, requested: Collection[str] | None = None) 
         OSError, EOFError, KeyError, ValueError, RuntimeError, NotImplementedError, OverflowError, SyntaxError,
         MemoryError, TypeError, zipfile.BadZipFile, zlib.error,
     ) as error:  # fmt: skip
-        raise ExportError(f"{path} is no archive of arrays that can be read: {error}") from error
+        raise ExportError(f"{path} is not an archive of arrays that can be read: {error}") from error
 
 
 def _refuse_excess(path: str | Path, members: list[zipfile.ZipInfo]) -> None:

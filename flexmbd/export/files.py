@@ -44,11 +44,11 @@ def read_file(path: str | Path, *, largest: int = LARGEST) -> bytes:
     """The bytes of a file. Not collective.
 
     Raises:
-        ExportError: it cannot be read, is no regular file, or has more than ``largest`` bytes.
+        ExportError: it cannot be read, is not a regular file, or has more than ``largest`` bytes.
     """
     try:
         if Path(path).exists() and not Path(path).is_file():  # opening a pipe would wait for its writer
-            raise ExportError(f"cannot read {path}: it is no regular file")
+            raise ExportError(f"cannot read {path}: it is not a regular file")
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
             if size > largest:

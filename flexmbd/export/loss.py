@@ -1,8 +1,8 @@
-"""What a format can carry of a reduced body, and what would be lost: refused, or told.
+"""What a format can carry of a reduced body, and what would be lost: refused, or reported.
 
 What changes the linear body itself (interfaces, damping, rotations of frames, mass distribution) is
 refused unless a caller accepts the loss; what a format never asks for (stress, pictures, named loads,
-stiffening by load) is told, never refused.
+stiffening by load) is reported, never refused.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Capabilities:
 
 
 def check_body(body: object) -> None:
-    """Raise an ExportError for what is no reduced body, as a body of a scene or the scene itself."""
+    """Raise an ExportError for what is not a reduced body, as a body of a scene or the scene itself."""
     if not isinstance(body, ReducedBody):
         raise ExportError(
             f"formats of bodies take a ReducedBody, as craig_bampton and ReducedBody.load return it, not a "
@@ -64,7 +64,7 @@ def check_losses(body: ReducedBody, capabilities: Capabilities, *, kind: str, lo
         What is not in the file, a phrase each, for whoever asked for it.
 
     Raises:
-        ExportError: it is no reduced body; the body itself would become another, and ``lossy`` does not say that it
+        ExportError: it is not a reduced body; the body itself would become another, and ``lossy`` does not say that it
             may.
     """
     check_body(body)

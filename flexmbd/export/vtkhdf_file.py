@@ -204,7 +204,7 @@ def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
 def _temporary_file(target: Path) -> Iterator[Path]:
     """A name beside the target, of a file that is gone afterwards."""
     if target.exists() and not target.is_file():
-        raise OSError(f"{target} is no regular file")
+        raise OSError(f"{target} is not a regular file")
     temporary = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
         yield temporary

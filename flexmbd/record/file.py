@@ -84,7 +84,7 @@ def check_destination(path: Path) -> None:
     if not target.parent.is_dir():
         fault = f"there is no folder {target.parent}"
     elif target.exists() and not target.is_file():
-        fault = "it is no regular file"
+        fault = "it is not a regular file"
     elif not os.access(target.parent, os.W_OK | os.X_OK):
         fault = f"the folder {target.parent} may not be written to"
     else:
@@ -157,7 +157,7 @@ def replace_file(path: Path, *parts: bytes) -> None:
     """
     if path.exists() and not path.is_file():
         # the rename would put a file in the place of a device
-        raise OSError(errno.EINVAL, "it is no regular file")
+        raise OSError(errno.EINVAL, "it is not a regular file")
     # another name for each writer, so that two at once do not meet
     temporary = path.with_name(f".{secrets.token_hex(8)}.part")
     try:
@@ -184,7 +184,7 @@ def _read_bytes(path: Path) -> bytes:
     """All of a file whose head is sound; of a foreign one, however long, nothing but the head is read."""
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise RecordError(f"cannot read {path}: it is no regular file")
+            raise RecordError(f"cannot read {path}: it is not a regular file")
         with open(path, "rb") as file:
             head = file.read(_HEAD)
             _headline(path, head)

@@ -1,4 +1,4 @@
-"""The readable sheet of a reduced body: what `ReducedBody.inspect` and `flexmbd inspect` print.
+"""The readable summary of a reduced body: what `ReducedBody.inspect` and `flexmbd inspect` print.
 
 The same record gives the same text, before and after it was saved.
 """
@@ -51,7 +51,7 @@ _PURPOSE = {
 
 
 class _Record(Protocol):
-    """What of a `ReducedBody` the sheet tells; it stands below that class, whose `inspect` calls it."""
+    """What the summary reads of a `ReducedBody`, whose `inspect` calls it."""
 
     @property
     def frame(self) -> str | None: ...
@@ -86,7 +86,7 @@ class _Record(Protocol):
 
 
 def summary(body: _Record) -> str:
-    """The sheet, with a newline at its end; see `ReducedBody.inspect`."""
+    """The summary, with a newline at its end; see `ReducedBody.inspect`."""
     sections = (
         _title(body),
         _mass(body),

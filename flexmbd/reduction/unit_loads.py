@@ -103,8 +103,8 @@ def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
     """Refuse loads that are not well formed. Collective.
 
     Raises:
-        ReductionError: on all ranks: something that is no load, two of one name, or a pressure on a
-            mesh that is no solid.
+        ReductionError: on all ranks: something that is not a load, two of one name, or a pressure on a
+            mesh that is not a solid.
         MeshError: on all ranks: no such facet group, or it has facets inside the part.
     """
     for load in loads:

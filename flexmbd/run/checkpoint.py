@@ -95,7 +95,7 @@ class Checkpoint:
             snapshot = Snapshot(state, groups, float(first_step), file["rows"], kept)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError) as reason:
-            raise RecordError(f"{path} is no checkpoint of a machine: {reason}") from reason
+            raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
 
 
 def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:

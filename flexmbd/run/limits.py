@@ -22,7 +22,7 @@ class Limits:
         max_seconds: s of the wall's clock, compiling included.
 
     Raises:
-        SceneError: one is not positive, or counts are no whole numbers.
+        SceneError: one is not positive, or counts are not whole numbers.
     """
 
     max_steps: int | None = None

@@ -162,7 +162,7 @@ class Saves:
         every: s of simulated time between them.
 
     Raises:
-        SceneError: ``every`` is no positive time.
+        SceneError: ``every`` is not a positive time.
     """
 
     path: Path

@@ -185,7 +185,7 @@ class Trajectory:
         with bodies that have a history pass on is told by ``reaction`` alone.
 
         Raises:
-            SceneError: a time outside the trajectory, or what is no single time.
+            SceneError: a time outside the trajectory, or what is not a single time.
         """
         if not is_number(t):
             raise SceneError(f"one time in s is wanted, got {t!r:.100}")
@@ -281,7 +281,7 @@ class Trajectory:
         values at the steps' ends, or a fixed step.  Closed loops are open by as much.
 
         Raises:
-            SceneError: a time outside the trajectory, or what is no time.
+            SceneError: a time outside the trajectory, or what is not a time.
         """
         wanted = np.atleast_1d(numbers(t))
         if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():

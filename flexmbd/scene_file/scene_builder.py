@@ -34,7 +34,7 @@ class Built:
         """The frame at a place.
 
         Raises:
-            SceneError, InterfaceError: R is no rotation, or the body has no such interface.
+            SceneError, InterfaceError: R is not a rotation, or the body has no such interface.
         """
         body = self.bodies[place.body]
         if isinstance(body, FlexibleBody):

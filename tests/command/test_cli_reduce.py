@@ -195,7 +195,7 @@ GOOD = {
         ({"--damping-ratio": ["2"]}, "a damping ratio must lie between 0 and 1"),
         ({"--degree": ["7"]}, "degree"),
         ({"-o": ["nowhere/b.h5"]}, "there is no folder"),
-        ({"-o": ["."]}, "it is no regular file"),
+        ({"-o": ["."]}, "it is not a regular file"),
         ({"mesh": ["nowhere.msh"]}, "nowhere.msh: cannot be opened"),
         ({"mesh": ["beam.h5"]}, "beam.h5 is the file to read"),
         ({"mesh": ["beam.h5"], "-o": ["other.h5"]}, "not a flexmbd mesh, but an HDF5 file"),

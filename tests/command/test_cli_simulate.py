@@ -175,7 +175,7 @@ def test_a_run_that_fails_keeps_what_it_computed(folder, capsys):
     ("text", "message"),
     [
         (None, "cannot read p.toml: No such file"),
-        ("folder", "cannot read p.toml: it is no regular file"),
+        ("folder", "cannot read p.toml: it is not a regular file"),
         (PENDULUM.replace("com", "cmo"), "p.toml: body[0].cmo: is not known; did you mean 'com'?"),
         (PENDULUM.replace("t_end = 2", "t_end = -2"), "t_end"),
         (PENDULUM.replace("every = 0.05", "every = 1e-9"), "output.every: would make 2e+09 rows; 1e+07 are the most"),
@@ -241,8 +241,8 @@ def test_tables_come_back_to_the_bit(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is no table of results"),
-        ("t [s],x\n", "is no table of results"),
+        ("", "is not a table of results"),
+        ("t [s],x\n", "is not a table of results"),
         ("t,x\n1,2\n3\n", "line 3: 1 values under 2 headings"),
         ("t,x\n1,two\n", "could not convert"),
         ("t,x\n1,nan\n", "not finite"),
@@ -261,7 +261,7 @@ def test_tables_of_archives_that_are_others(tmp_path):
     np.savez(tmp_path / "a.npz", names=np.array(["t"]), units=np.array(["s"]), values=np.zeros(3))
     np.savez(tmp_path / "b.npz", x=np.zeros(3))
     for name in ("a", "b"):
-        with pytest.raises(ExportError, match="is no table of results"):
+        with pytest.raises(ExportError, match="is not a table of results"):
             read_table(tmp_path / f"{name}.npz")
 
 

@@ -180,7 +180,7 @@ def test_allowed_imports_pass(load_text, line):
             "returns a form with 2 rules; return a list",
         ),
         ([(RETURN, "return [(energy * ufl.dx, Quadrature(2))]")], "already holds a measure with 1 rule:"),
-        ([(RETURN, RETURN.replace("energy", "ufl.cell_avg(energy)"))], "cell_avg.*F-bar is no plain UFL form"),
+        ([(RETURN, RETURN.replace("energy", "ufl.cell_avg(energy)"))], "cell_avg.*F-bar is not a plain UFL form"),
         ([(RETURN, RETURN.replace("energy", 'energy("+")'))], "has sides of a facet"),
         ([("    energy = lam", "    lam = lam if p.nu > 0 else 0\n    energy = lam")], SYMBOLS),
         ([("return [(p.rho / 2", "return [(float(p.rho) / 2")], "kinetic_energy: .*in UFL arithmetic only"),

@@ -27,7 +27,7 @@ def killed(kind, file):
     code = None
     if WORLD.rank == 0:
         ranks = [] if WORLD.size == 1 else ["mpirun", "-n", str(WORLD.size)]
-        # that program is no part of this one's ranks
+        # that program is not part of this one's ranks
         outside = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI_COMM", "PMIX_"))}
         command = [*ranks, sys.executable, str(SCRIPT), kind, str(file)]
         code = subprocess.run(command, env=outside, capture_output=True, timeout=200).returncode

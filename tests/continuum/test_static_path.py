@@ -233,7 +233,7 @@ def test_multigrid_in_place_of_a_factor():
 
 
 def test_multigrid_refuses_what_it_does_not_know():
-    """A beam's rotations are no displacements."""
+    """A beam's rotations are not displacements."""
     mesh = meshes.line(1.0, divisions=4)
     section = beam_exact.Parameters.rectangle(1e9, 0.3, 1.0, width=0.1, height=0.1, orientation=(0.0, 1.0, 0.0))
     body = NonlinearModel(mesh, beam_exact, section, degree=1)

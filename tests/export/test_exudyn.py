@@ -468,7 +468,7 @@ def test_a_wrong_file_is_told(tmp_path, changed, says):
 
 def test_another_archive_is_told(tmp_path):
     fm.export.npz(damped_rod(), tmp_path / "rod.npz")
-    with pytest.raises(ExportError, match="is no reduced body of Exudyn: it lacks infoList"):
+    with pytest.raises(ExportError, match="is not a reduced body of Exudyn: it lacks infoList"):
         fm.export.read_exudyn(tmp_path / "rod.npz")
 
 

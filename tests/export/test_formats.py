@@ -1,4 +1,4 @@
-"""What holds for every format: what is no reduced body is refused by name, and nothing is written."""
+"""What holds for every format: what is not a reduced body is refused by name, and nothing is written."""
 
 import pytest
 from exported_bodies import soft_bar

@@ -393,7 +393,7 @@ REFUSED = {
     "sign of Ct": (lambda s: s.replace("m0( 1, 3) = 3.0", "m0( 1, 3) = -3.0"), "Ct and m1 of mdCM contradict"),
     "stiffening": (lambda s: s.replace("m1( 1, 1, 2) = -3.0", "m1( 1, 1, 2) = -1.5"), "without geometric stiffness"),
     "no mass so": (lambda s: s.replace("m0( 1, 1) = 12.0", "m0( 1, 1) = 90.0"), "no distribution of mass"),
-    "twice": (lambda s: s.replace("           Ke\n", "           Ct\n"), "is no block of a body, or comes twice"),
+    "twice": (lambda s: s.replace("           Ke\n", "           Ct\n"), "is not a block of a body, or comes twice"),
     "pre-stress": (
         lambda s: s.replace(
             "           Ke\n",

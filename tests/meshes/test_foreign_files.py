@@ -231,7 +231,7 @@ HEXAHEDRA = lattice.inp(lattice.lattice("hexahedron", 1, map=lattice.shear), 1)
         ("*Heading", "*INCLUDE, INPUT=part.inp", r"\*INCLUDE goes more than 10 files deep"),
         ("*Heading", "*PART, NAME=a\n*PART, NAME=b", "there are 2 parts and 0 instances"),
         ("*Heading", "*INSTANCE, NAME=a\n1., 0., 0.", "the instance is moved"),
-        ("HALF_END,", "other,", r"\*NSET 'end' names 'other', which is no set before it"),
+        ("HALF_END,", "other,", r"\*NSET 'end' names 'other', which is not a set before it"),
         ("*ELSET, ELSET=left, ", "*ELSET, ", r"\*ELSET without a name"),
         ("_foot_S6, S6\n", "_foot_S6, S7\n", "surface 'foot' has the face 'S7'; a hexahedron has the faces S1 to S6"),
     ],

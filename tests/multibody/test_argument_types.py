@@ -108,7 +108,7 @@ WRONG = {
     "truths": (lambda p: setattr(p[2], "position", np.array([True])), r"takes 1 finite number\(s\)"),
     "truth among numbers": (lambda _: fm.RigidBody(1.0, (1, 1, 1), (0.0, True, 0.0)), "com must be three finite numb"),
     "truth as mass": (lambda _: fm.RigidBody(True, (1, 1, 1)), "mass must be positive, got True"),
-    "truth as motion": (lambda p: p[2].prescribe(True), "bool is no function of time"),
+    "truth as motion": (lambda p: p[2].prescribe(True), "bool is not a function of time"),
     "truth as torque": (
         lambda p: (p[0].add_force(fm.force.JointTorque(p[2], np.bool_(1))), p[0].start()), "no function of time"
     ),

@@ -241,9 +241,9 @@ def test_functions_of_the_wrong_kind():
         scene.add_force(fm.force.JointLaw(hinge, compiled_forces))
     with pytest.raises(SceneError, match="it must take four arguments"):
         scene.add_force(fm.force.StateForce(compiled_law))
-    with pytest.raises(SceneError, match="float is no function of t, x and v"):
+    with pytest.raises(SceneError, match="float is not a function of t, x and v"):
         scene.add_force(fm.force.StateForce(1.0))
-    with pytest.raises(SceneError, match="float is no function of t, beta and its rate"):
+    with pytest.raises(SceneError, match="float is not a function of t, beta and its rate"):
         scene.add_force(fm.force.JointLaw(hinge, 1.0))
 
 

@@ -195,7 +195,7 @@ def test_a_kane_force_that_fails_says_which_and_when(load, message):
     with pytest.raises(SimulationError, match=rf"KaneForce 'thrust' at t = 0\.2.*{message}") as caught:
         scene.simulate(1.0)
     assert 0.1 < caught.value.trajectory.t[-1] <= 0.2
-    with pytest.raises(SceneError, match="KaneForce '': float is no function"):
+    with pytest.raises(SceneError, match="KaneForce '': float is not a function"):
         scene.add_force(fm.force.KaneForce(1.0))
 
 

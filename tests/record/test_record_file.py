@@ -217,6 +217,6 @@ def test_h5py_loads_on_call_only():
 
 def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "fifo")
-    with pytest.raises(RecordError, match="it is no regular file"):
+    with pytest.raises(RecordError, match="it is not a regular file"):
         write_tree(tmp_path / "fifo", TREE)
     assert (tmp_path / "fifo").is_fifo()

@@ -172,7 +172,7 @@ def static_energies(full, t, loads, *, held):
 def test_what_the_static_response_lacks(frame):
     """Against the energy of the full model's response; it falls with the modes.
 
-    On an interface it is none where the frame is held; else the body's inertia answers, which is no load of the
+    On an interface it is none where the frame is held; else the body's inertia answers, which is not a load of the
     interface.
     """
     model = bracket("root", "tip", comm=MPI.COMM_SELF, degree=1)

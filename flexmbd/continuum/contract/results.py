@@ -281,7 +281,7 @@ class _Symbol(ufl.Constant):
 
     def __float__(self) -> float:
         # UFL's own looks for a value without end
-        raise TypeError("a symbol is no number")
+        raise TypeError("a symbol is not a number")
 
 
 def _symbols(parameters: Any, domain: ufl.Mesh) -> tuple[Any, dict[Any, FloatArray]]:

@@ -15,7 +15,7 @@ _ONE_RULE = (
 )
 _NOT_IN_CELLS = {
     ufl.classes.CellAvg: (
-        "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is no plain UFL form; give the "
+        "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is not a plain UFL form; give the "
         "volumetric part a term with a lower rule of its own, or make the pressure an unknown"
     ),
     ufl.classes.FacetAvg: "averages over a facet: the terms are integrals over cells",

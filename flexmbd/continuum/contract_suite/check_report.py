@@ -1,4 +1,4 @@
-"""All checks on every cell and degree of a form file, and the sheet that tells how they ended."""
+"""All checks on every cell and degree of a form file, and the report of their results."""
 
 from __future__ import annotations
 

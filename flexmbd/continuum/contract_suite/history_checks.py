@@ -221,7 +221,7 @@ HISTORY_CHECKS = (
     Check(
         "unloading",
         _each(unloading),
-        "scaled_yield must make all yield limits as many times as high as it is told, and leave the elasticity alone",
+        "scaled_yield must multiply all yield limits by its factor, and leave the elasticity alone",
     ),
 )
 """Of forms with history, after the others."""

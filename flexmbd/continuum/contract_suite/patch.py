@@ -14,7 +14,7 @@ _STRAIN = 1e-5
 
 _GRADIENT = np.array([[0.7, -0.3, 0.5], [0.4, -0.6, 0.2], [-0.8, 0.1, 0.9]])
 
-_VARIES = "the material varies with the place: constant strain is no solution; the observed order stands for it"
+_VARIES = "the material varies with the place: constant strain is not a solution; the observed order stands for it"
 
 
 def patch_test(trial: Trial) -> Outcome:

@@ -24,7 +24,7 @@ class CutMesh:
             "rest 2" and on.  Groups of the whole mesh are there with what lies in the piece.
         cuts: where they meet.
         summaries: of each piece.
-        crumbs: cells that went to their neighbours because a cut left them loose.
+        fragments: cells that a cut separated from their piece, and that were given to the neighbouring one.
     """
 
     pieces: Mapping[str, TaggedMesh]

@@ -1,4 +1,4 @@
-"""Which cells of a mesh are neighbours, and what of them hangs together: plain arrays, on one rank."""
+"""Neighbouring cells of a mesh and their connected pieces: plain arrays, on one rank."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
-# A piece with fewer cells than this part of the largest one of its kind is a crumb; of tetrahedra also one
+# A piece with fewer cells than this part of the largest one of its kind is a fragment; of tetrahedra also one
 # with fewer than two bricks have.
 _FRAGMENT, _TETRAHEDRA = 0.02, 12
 
@@ -104,7 +104,7 @@ def merge_fragments(labels: IntArray, pairs: Neighbours, cell: str) -> IntArray:
         np.maximum.at(largest, label, sizes)
         least = np.maximum(_FRAGMENT * largest[label], _TETRAHEDRA if cell == "tetrahedron" else 0)
         fragments = (sizes < least) & (sizes < largest[label])
-        # over each facet between a crumb and what is none, from the one's piece to the other's label
+        # over each facet between a fragment and another piece, from the one's piece to the other's label
         left, right = piece[pairs.a], piece[pairs.b]
         ways = np.concatenate([np.column_stack([left, right]), np.column_stack([right, left])])
         ways = ways[fragments[ways[:, 0]] & ~fragments[ways[:, 1]]]
@@ -118,7 +118,7 @@ def merge_fragments(labels: IntArray, pairs: Neighbours, cell: str) -> IntArray:
 
 
 def patches(facets: IntArray) -> list[IntArray]:
-    """Facets (f, v) that hang together by a vertex, as numbers of facets, in the order of the lowest."""
+    """Facets (f, v) connected by a vertex, as numbers of facets, in the order of the lowest."""
     _, vertex = np.unique(facets, return_inverse=True)
     n, width = facets.shape
     facet = np.repeat(np.arange(n), width)

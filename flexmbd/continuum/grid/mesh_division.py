@@ -134,7 +134,7 @@ class Division:
         piece: (m,) number of each cell's piece.
         cuts: between them.
         cut_facets: (f, v) of each cut.
-        crumbs: as in `CutMesh`.
+        fragments: as in `CutMesh`.
     """
 
     whole: WholeMesh

@@ -1,4 +1,4 @@
-"""Does a mesh hang together?"""
+"""Whether a mesh is connected by its facets, and into which pieces it falls."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ def check_connected(mesh: dolfinx.mesh.Mesh) -> None:
 
 
 def pieces(mesh: dolfinx.mesh.Mesh) -> Pieces:
-    """What of a mesh hangs together. Collective.
+    """The connected pieces of a mesh. Collective.
 
-    Two cells hang together that share a facet; by an edge or a vertex alone a solid is a mechanism.
+    Two cells that share a facet are connected; by an edge or a vertex alone a solid is a mechanism.
 
     Args:
         mesh: of any dimension, spread over the ranks with or without ghost cells.

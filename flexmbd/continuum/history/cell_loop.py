@@ -109,7 +109,7 @@ def _solve_local(kernels, room, begin, size, sweeps, tolerance):  # type: ignore
         for i in range(size):
             new = room.tensor[i] / kernels.weights[i // each]
             moved = abs(new - room.row[begin + i])
-            # written so that a number that is none is kept
+            # written so that NaN is kept
             if not moved <= change:
                 change = moved
             room.row[begin + i] = new

@@ -200,7 +200,7 @@ class NonlinearModel(DiscretisedBody):
         for group in limited:
             if not hasattr(group.formulation, "scaled_yield"):
                 raise FormulationError(
-                    f"{group.form_name} keeps a history and does not tell its yield limit, without which there is no "
+                    f"{group.form_name} keeps a history and does not say what its yield limit is, without which there is no "
                     "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "
                     "factor times as high, or p itself where nothing ever yields"
                 )
@@ -287,7 +287,7 @@ class NonlinearModel(DiscretisedBody):
     def energies(self) -> dict[str, float]:
         """Energies, J, of the last accepted step by name: "elastic", "plastic". Collective.
 
-        What the formulations tell; the same on every rank.
+        The sums of what the formulations compute; the same on every rank.
         """
         self._set_trial(np.zeros(self.layout.n_local))
         totals: dict[str, float] = {}

@@ -199,7 +199,7 @@ class TangentSolver:
         # a direction in which all dofs are prescribed, as in plane strain, has no rigid motion
         near, vectors = near_null_space(matrix, motions[:, np.diag(inner(self._body.comm, motions, motions)) > 0.0])
         matrix.setNearNullSpace(near)
-        options = PETSc.Options(_PREFIX)  # not to be had but by PETSc's options
+        options = PETSc.Options(_PREFIX)  # PETSc sets this by its options alone
         options["pc_gamg_threshold"] = _THRESHOLD
         ksp.setOptionsPrefix(_PREFIX)
         ksp.getPC().setType(PETSc.PC.Type.GAMG)

@@ -1,5 +1,5 @@
 """Whole meshes between rigid frames, explicit or implicit: what the machine meets as bodies with history.
 
-The gate to the machine that is no record: these classes keep the protocol of interiors, and nothing else of the
+The gate to the machine that is not a record: these classes keep the protocol of interiors, and nothing else of the
 continuum is seen there.
 """

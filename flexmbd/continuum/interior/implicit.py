@@ -218,7 +218,7 @@ class ImplicitContinuum:
         try:
             solution = self._solve(guess, motion, forces, tangent)
         except ConvergenceError:
-            # accelerations of vibrations shorter than the step lead astray: begin from the body as it is deformed
+            # a guess by accelerations of vibrations shorter than the step is far off: begin from the deformed body
             if not guess.any():
                 raise
             self._newton.discard_factor()

@@ -29,7 +29,7 @@ class RegularCheckpoints:
         every: s of simulated time between them, counted from where `simulate` began.
 
     Raises:
-        SceneError: `every` is no positive time.
+        SceneError: `every` is not a positive time.
     """
 
     path: str | Path
@@ -95,7 +95,7 @@ class RunState:
         """
         file: dict[str, Any] = parallel.on_root(motion.body.comm, lambda: read_arrays(path, version=_VERSION))
         if "run" not in file:
-            raise RecordError(f"{path} is no checkpoint of a body that runs by itself")
+            raise RecordError(f"{path} is not a checkpoint of a body that runs by itself")
         if str(file["run"]) != fingerprint(motion.body, **motion.surroundings):
             raise SceneError(
                 f"{path}: the checkpoint was made by another run: mesh, materials, planes, supports or damping differ"

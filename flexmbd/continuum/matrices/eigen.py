@@ -197,7 +197,7 @@ class BlockLanczos:
         eigenvalues = self.eigenvalues[:count]
         shapes = self._basis.combine(self._vectors[:, :count])
         if self._massless:
-            # the steps have no eye for round-off where there is no mass (Nour-Omid et al. 1987)
+            # Lanczos steps do not filter round-off at massless dofs (Nour-Omid et al. 1987)
             shapes = self._solve(multiply(self._mass, shapes)) * eigenvalues
         return Modes(eigenvalues, shapes)
 

@@ -1,4 +1,4 @@
-"""What multigrid is told of an elastic matrix: the motions that cost next to no energy."""
+"""The near null space of an elastic matrix for multigrid: motions that cost next to no energy."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def exudyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple
     """Write a file that Exudyn's ``ObjectFFRFreducedOrderInterface.LoadFromFile`` reads. Not collective.
 
     The nodes are those of the mesh where the body has its group ``modes``, else fictitious ones of equal mass;
-    then four a frame, one at the centre of mass, and the surface's vertices where they are no nodes.  No pickles.
+    then four a frame, one at the centre of mass, and the surface's vertices where they are not nodes.  No pickles.
 
     Args:
         body: an elastic body.

@@ -58,7 +58,7 @@ def read_exudyn(path: str | Path, *, interfaces: Mapping[str, Sequence[int]] | N
 def _body(path: str | Path, arrays: Mapping[str, Any], groups: Mapping[str, Sequence[int]]) -> ReducedBody:
     missing = [key for key in _NEEDED if key not in arrays]
     if missing:
-        raise ExportError(f"{path} is no reduced body of Exudyn: it lacks {', '.join(missing)}")
+        raise ExportError(f"{path} is not a reduced body of Exudyn: it lacks {', '.join(missing)}")
     n, k = (int(number) for number in arrays["infoList"][:2])
     if not (0 < n <= _MOST_MODES and k > 0):
         raise ExportError(f"{path} claims {n} modes and {k} nodes; from 1 to {_MOST_MODES} modes are read")

@@ -113,7 +113,7 @@ Status instance_set_start(Instance *instance, double t) {
     if (instance->state->phase != CREATED)
         return instance_error(instance, "the start time is set before initialisation");
     if (!isfinite(t))
-        return instance_error(instance, "the start time is no finite number");
+        return instance_error(instance, "the start time is not a finite number");
     instance->state->time = t;
     instance->state->begun = 0;
     return STATUS_OK;
@@ -198,11 +198,11 @@ Status instance_set(Instance *instance, const uint32_t *references, size_t count
         size_t reference = references[k];
         const char *fault = NULL;
         if (reference == 0 || reference > given_values())
-            fault = "it is no input or parameter";
+            fault = "it is not an input or parameter";
         else if (reference > model_inputs && state->phase == RUNNING)
             fault = "a parameter is set before the simulation";
         else if (!isfinite(values[k]))
-            fault = "the value is no finite number";
+            fault = "the value is not a finite number";
         if (fault) {
             char text[MESSAGE_SIZE];
             snprintf(text, sizeof text, "value reference %zu cannot be set: %s", reference, fault);
@@ -262,7 +262,7 @@ Status instance_keep(Instance *instance, State **kept) {
 
 Status instance_restore(Instance *instance, const State *kept) {
     if (!instance || !kept || kept->size != state_size())
-        return instance_error(instance, "this is no state of the FMU");
+        return instance_error(instance, "this is not a state of the FMU");
     memcpy(instance->state, kept, state_size());
     return STATUS_OK;
 }
@@ -279,7 +279,7 @@ Status instance_forget(Instance *instance, State **kept) {
 
 Status instance_size(Instance *instance, const State *kept, size_t *size) {
     if (!instance || !kept || !size || kept->size != state_size())
-        return instance_error(instance, "this is no state of the FMU");
+        return instance_error(instance, "this is not a state of the FMU");
     *size = state_size();
     return STATUS_OK;
 }
@@ -297,7 +297,7 @@ static uint64_t sum(const State *state) {
 
 Status instance_serialise(Instance *instance, const State *kept, unsigned char *bytes, size_t size) {
     if (!instance || !kept || !bytes || kept->size != state_size() || size < state_size())
-        return instance_error(instance, "this is no state of the FMU, or no room for it");
+        return instance_error(instance, "this is not a state of the FMU, or no room for it");
     State *copy = malloc(state_size());
     if (!copy)
         return instance_error(instance, "no memory for a state");
@@ -311,7 +311,7 @@ Status instance_serialise(Instance *instance, const State *kept, unsigned char *
 
 Status instance_deserialise(Instance *instance, const unsigned char *bytes, size_t size, State **kept) {
     if (!instance || !bytes || !kept || size != state_size())
-        return instance_error(instance, "these bytes are no state of this FMU");
+        return instance_error(instance, "these bytes are not a state of this FMU");
     State *state = malloc(state_size());
     if (!state)
         return instance_error(instance, "no memory for a state");
@@ -320,7 +320,7 @@ Status instance_deserialise(Instance *instance, const unsigned char *bytes, size
     state->check = 0;
     if (state->size != state_size() || check != sum(state)) {
         free(state);
-        return instance_error(instance, "these bytes are no state of this FMU");
+        return instance_error(instance, "these bytes are not a state of this FMU");
     }
     *kept = state;
     return STATUS_OK;

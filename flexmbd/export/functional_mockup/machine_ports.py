@@ -68,7 +68,7 @@ def replaced(force: Given) -> Given:
     """The force with a function of time in place of each number, which is what an input sets."""
     if not isinstance(force, Given):
         raise ExportError(
-            f"{force!r} is no input of a machine; give a JointTorque, JointForce, FrameForce or DistributedLoad"
+            f"{force!r} is not an input of a machine; give a JointTorque, JointForce, FrameForce or DistributedLoad"
         )
     if isinstance(force, FrameForce):
         return replace(force, force=_constants(force, force.force), torque=_constants(force, force.torque))
@@ -113,7 +113,7 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
         ExportError: it is none, or has no coordinates in the scene.
     """
     if type(output) not in _COLUMNS:
-        raise ExportError(f"{output!r} is no output; give fm.output.Position, Velocity, Acceleration or Rotation")
+        raise ExportError(f"{output!r} is not an output; give fm.output.Position, Velocity, Acceleration or Rotation")
     of = output.of
     if isinstance(of, Frame):
         return _observed_frame(scene, output, name or of.label, parts)

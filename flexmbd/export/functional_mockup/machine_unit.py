@@ -69,8 +69,8 @@ def fmu_machine(
         step: communication step that is proposed to importers (s), by default ten of the integrator's.
 
     Raises:
-        ExportError: a body with history, or a function that is no number, table or sine; an input or output that does
-            not fit; names that FMI does not carry; no gcc; the destination cannot be written.
+        ExportError: a body with history, or a function that is not a number, table or sine; an input or output that
+            does not fit; names that FMI does not carry; no gcc; the destination cannot be written.
         SceneError, AssemblyError: as `System.start`.
     """
     version = version_of(fmi, binary=True)

@@ -67,7 +67,7 @@ def check_label(name: str) -> None:
     """Raise an ExportError for an interface name that is none for MBDyn, or one of our own points."""
     if not _LABEL.fullmatch(name) or name.startswith(POINT):
         raise ExportError(
-            f"the interface name {name!r} is no node label for MBDyn: give it up to 80 letters, digits and _ . + -, "
+            f"the interface name {name!r} is not a node label for MBDyn: give it up to 80 letters, digits and _ . + -, "
             f"a letter or _ first, without blanks, and not beginning with {POINT!r}"
         )
 

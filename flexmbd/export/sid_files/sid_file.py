@@ -251,7 +251,7 @@ def _frame(node: SidNode, name: str, n: int) -> InterfaceFrame:
     axes = _shaped(node.blocks.get("AP"), (3, 3), f"AP of {where}")
     R = np.eye(3) if axes is None else axes.m0
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
-        raise ExportError(f"AP of {where} is no rotation")
+        raise ExportError(f"AP of {where} is not a rotation")
     rotations = np.zeros((3, n)) if psi is None else psi.m0
     return InterfaceFrame(name, origin.m0[:, 0], R, np.vstack([phi.m0, rotations]))
 

@@ -206,7 +206,9 @@ class _Parser:
             elif word in BLOCKS and word not in blocks:
                 blocks[word] = self.block(word)
             else:
-                raise self.refuse(f"{line[:40]!r} is no block of a body, or comes twice; those are {', '.join(BLOCKS)}")
+                raise self.refuse(
+                    f"{line[:40]!r} is not a block of a body, or comes twice; those are {', '.join(BLOCKS)}"
+                )
         if mass is None:
             raise self.refuse("the body has no refmod with its mass and its number of modes")
         if len(nodes) != n_nodes:
@@ -241,7 +243,7 @@ class _Parser:
             elif line == "sigma":  # stress at the node: the record's own is over the whole mesh
                 self.skip(line)
             elif not line.startswith("rframe"):
-                raise self.refuse(f"{line[:40]!r} is no block of a node, or comes twice; those are {NODE_BLOCKS}")
+                raise self.refuse(f"{line[:40]!r} is not a block of a node, or comes twice; those are {NODE_BLOCKS}")
         return blocks
 
     def skip(self, name: str) -> None:

@@ -216,7 +216,7 @@ def _fields(line: str) -> tuple[str, list[str]]:
 def _whole(fields: list[str], at: int) -> int:
     text = fields[at] if at < len(fields) else ""
     if not re.fullmatch(r"\d{0,9}", text, re.ASCII):
-        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is no whole number")
+        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is not a whole number")
     return int(text or 0)
 
 
@@ -225,7 +225,7 @@ def _number(fields: list[str], at: int) -> float:
     found = _NUMBER.fullmatch(text or "0.")
     value = math.nan if found is None else float(f"{found[1]}e{found[2] or 0}")
     if not math.isfinite(value):
-        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is no finite number")
+        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is not a finite number")
     return value
 
 

@@ -142,7 +142,7 @@ def _dimensions(lines: list[str]) -> Iterator[int]:
         if line.lower().startswith("!dimension"):
             text = line.partition(":")[2].strip()
             if not (text.isascii() and text.isdigit() and len(text) < 9):
-                raise ValueError(f"the dimension {text[:30]!r} is no whole number")
+                raise ValueError(f"the dimension {text[:30]!r} is not a whole number")
             yield int(text)
 
 

@@ -276,7 +276,7 @@ def _frames(
         R = np.asarray(one.axes, dtype=np.float64)
         p = x[rows].mean(axis=0) if one.origin is None else np.asarray(one.origin, dtype=np.float64)
         if p.shape != (3,) or R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0.0:
-            raise ExportError(f"interface {name!r}: its origin is no point (3,), or its axes are no rotation (3, 3)")
+            raise ExportError(f"interface {name!r}: its origin is not a point (3,), or its axes are no rotation (3, 3)")
         frames[name] = _Frame(p, R, rows)
     return frames
 

@@ -98,7 +98,7 @@ def _variable(content: bytes, order: str, requested: Collection[str]) -> tuple[s
     what = flags & 0xFF
     if flags & _COMPLEX or len(shape) != 2 or min(shape) < 0 or not (what in _NUMERIC or what == _CHARACTERS):
         hint = f"; store full({name})" if what == _SPARSE else ""
-        raise ValueError(f"variable {name} is no full real matrix and no text{hint}")
+        raise ValueError(f"variable {name} is not a full real matrix and no text{hint}")
     kind, values = next(parts, (0, b""))
     if what == _CHARACTERS:
         return name, _rows_of_text(values, kind, order, shape, name)

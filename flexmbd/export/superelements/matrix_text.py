@@ -52,7 +52,7 @@ def whole(text: str) -> int:
     """A whole number from 0 on, or ValueError."""
     text = text.strip()
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise ValueError(f"{text[:30]!r} is no whole number of a node or component")
+        raise ValueError(f"{text[:30]!r} is not a whole number of a node or component")
     return int(text)
 
 
@@ -124,7 +124,7 @@ def _components(words: list[str]) -> list[int]:
 
 def _lower(words: list[str], size: int) -> FloatArray:
     if len(words) != size * (size + 1) // 2:
-        raise ValueError(f"a matrix has {len(words)} entries, which is no lower triangle of {size} rows")
+        raise ValueError(f"a matrix has {len(words)} entries, which is not a lower triangle of {size} rows")
     matrix = np.zeros((size, size))
     matrix[np.tril_indices(size)] = [number(word) for word in words]
     whole_matrix: FloatArray = np.tril(matrix) + np.tril(matrix, -1).T

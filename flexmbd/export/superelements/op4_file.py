@@ -128,7 +128,7 @@ def _parsed(text: str) -> dict[str, FloatArray]:
             continue
         header = _HEADER.match(lines[at].ljust(64))
         if header is None:
-            raise ValueError(f"line {at + 1} is no header of a matrix in text form: {lines[at][:60]!r}")
+            raise ValueError(f"line {at + 1} is not a header of a matrix in text form: {lines[at][:60]!r}")
         columns, rows, form, kind = (int(header[i]) for i in range(1, 5))
         name = header[5].strip().upper()
         if rows < 0 or kind not in (1, 2) or not 0 < columns <= MOST_ROWS or not 0 < rows <= MOST_ROWS:

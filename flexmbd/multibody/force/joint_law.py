@@ -30,13 +30,13 @@ class JointLaw(OnCoordinate):
     coordinate: int = 0
 
     def check(self) -> None:
-        """Raise SceneError for a joint without that coordinate, or what is no function of three arguments."""
+        """Raise SceneError for a joint without that coordinate, or what is not a function of three arguments."""
         super().check()
         if isinstance(self.law, Compiled):
             if self.law.signature is not Signature.LAW:
                 raise SceneError(f"{self.what}: {self.law.name} must take three arguments, t, beta and its rate")
         elif not callable(self.law):
-            raise SceneError(f"{self.what}: {type(self.law).__name__} is no function of t, beta and its rate")
+            raise SceneError(f"{self.what}: {type(self.law).__name__} is not a function of t, beta and its rate")
 
     def lay(self, table: Table) -> None:
         """One row with the function's address."""

@@ -45,11 +45,11 @@ class KaneBody(OffJoints):
         return f"KaneBody {self.name or getattr(self.function, '__name__', '')!r}"
 
     def check(self) -> None:
-        """Raise SceneError for no frames, or what is no function."""
+        """Raise SceneError for no frames, or what is not a function."""
         if not self.frames:
             raise SceneError(f"{self.what}: give one frame of the machine at least")
         if not callable(self.function):
-            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of the machine's motion")
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of the machine's motion")
 
     def lay(self, table: Table) -> None:
         """One of the bodies that are solved together."""

@@ -38,9 +38,9 @@ class KaneForce(OnState):
         return f"KaneForce {self.name or getattr(self.function, '__name__', '')!r}"
 
     def check(self) -> None:
-        """Raise SceneError for what is no function."""
+        """Raise SceneError for what is not a function."""
         if not callable(self.function):
-            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of the machine's motion")
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of the machine's motion")
 
     def lay(self, table: Table) -> None:
         """A function of the state that asks the user's with the motion of that state."""

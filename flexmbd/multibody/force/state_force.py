@@ -33,12 +33,12 @@ class StateForce(OnState):
         return f"StateForce {self.name or own!r}"
 
     def check(self) -> None:
-        """Raise SceneError for what is no function of the state."""
+        """Raise SceneError for what is not a function of the state."""
         if isinstance(self.function, Compiled):
             if self.function.signature is not Signature.STATE:
                 raise SceneError(f"{self.what}: it must take four arguments, t, x, v and out")
         elif not callable(self.function):
-            raise SceneError(f"{self.what}: {type(self.function).__name__} is no function of t, x and v")
+            raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of t, x and v")
 
     def lay(self, table: Table) -> None:
         """One row with the function's address."""

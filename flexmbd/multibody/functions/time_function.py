@@ -124,7 +124,7 @@ class Piecewise:
         breaks: instants (s).
 
     Raises:
-        SceneError: the breaks are no finite instants.
+        SceneError: the breaks are not finite instants.
     """
 
     function: Any
@@ -145,7 +145,7 @@ TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types 
 
 
 def checked_breaks(breaks: ArrayLike, what: str) -> FloatArray:
-    """Declared breaks (k,), ascending; SceneError where they are no finite instants."""
+    """Declared breaks (k,), ascending; SceneError where they are not finite instants."""
     try:
         values = np.asarray(breaks, dtype=np.float64)
     except (TypeError, ValueError) as reason:
@@ -178,7 +178,7 @@ def compiled(
         breaks: instants (s) at which its value or slope jumps, as of ``flexmbd.Piecewise``.
 
     Raises:
-        SceneError: it takes another number of arguments, or breaks are no instants.
+        SceneError: it takes another number of arguments, or breaks are not instants.
     """
     if function is None:
         return lambda following: compiled(following, breaks=breaks)
@@ -306,7 +306,7 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     if callable(function):
         return TimeRow(kinds.TIME_PYTHON, np.zeros(0), 0, none, function, "Python callable", fingerprint(function))
     raise SceneError(
-        f"{what}: {type(function).__name__} is no function of time; give a number, "
+        f"{what}: {type(function).__name__} is not a function of time; give a number, "
         "flexmbd.Table, flexmbd.Sine, a scipy PPoly, a compiled function or a callable"
     )
 

@@ -108,7 +108,7 @@ class AlongAxis:
     axis: Axis
 
     def __post_init__(self) -> None:
-        z_onto(self.axis)  # refuses what is no axis
+        z_onto(self.axis)  # refuses what is not an axis
 
     @property
     def turn(self) -> FloatArray:

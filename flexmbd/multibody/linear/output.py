@@ -85,11 +85,11 @@ def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) 
     """Derivatives of an output at configuration x (nx,) and velocities v (nv,).
 
     Raises:
-        SceneError: it is not in the scene, has no coordinates there, or is no output.
+        SceneError: it is not in the scene, has no coordinates there, or is not an output.
     """
     if type(output) not in ORDERS:
         raise SceneError(
-            f"{output!r} is no output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "
+            f"{output!r} is not an output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "
             "flexible body, or fm.output.Rotation of a frame"
         )
     order, of = ORDERS[type(output)], output.of

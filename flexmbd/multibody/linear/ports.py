@@ -110,7 +110,7 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
     elements, on_joints = force_elements(plan), joint_force_times(plan)
     if not np.isin(elements.kind, _GIVEN).all():
         raise SceneError(
-            f"{what} follows the machine's state and is no input; give a JointTorque, JointForce, FrameForce or "
+            f"{what} follows the machine's state and is not an input; give a JointTorque, JointForce, FrameForce or "
             "DistributedLoad, or a joint with a prescribed motion"
         )
     scales = sorted({int(k) for k in (*on_joints, *elements.time) if k >= 0})
@@ -147,7 +147,7 @@ def _motion_row(scene: CompiledScene, connection: Connection) -> int:
             for time in rows.time[rows.between(*frames) & (rows.time >= 0)]:
                 return int(time)
     raise SceneError(
-        f"joint {connection.name!r} is no input: its motion is not prescribed in this scene; call "
+        f"joint {connection.name!r} is not an input: its motion is not prescribed in this scene; call "
         "joint.prescribe(0.0) to move it as an input, or give a JointTorque or JointForce on it"
     )
 

@@ -25,7 +25,7 @@ from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
-#: Count of an element ON_STATE that is no user's force, so that no drive.
+#: Count of an element ON_STATE that is not a user's force, so that no drive.
 NO_DRIVE = 1
 
 

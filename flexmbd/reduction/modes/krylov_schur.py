@@ -153,7 +153,7 @@ class SlicingSearch(KrylovSchurSearch):
             factor.setType(PETSc.KSP.Type.PREONLY)
             factor.getPC().setType(PETSc.PC.Type.CHOLESKY)
             factor.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
-            # not to be had but by PETSc's options: without it the pivots of the root are not counted
+            # set by PETSc's options alone; without it the pivots of the root are not counted
             options, name = PETSc.Options(factor.getOptionsPrefix()), "mat_mumps_icntl_13"
             given = options.hasName(name)
             if not given:

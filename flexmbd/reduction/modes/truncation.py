@@ -91,7 +91,7 @@ def whole_number(name: str, value: object, *, least: int) -> int:
     """The value as a whole number, checked.
 
     Raises:
-        ReductionError: it is no whole number, or below ``least``.
+        ReductionError: it is not a whole number, or below ``least``.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]

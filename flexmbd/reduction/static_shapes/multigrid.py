@@ -145,7 +145,7 @@ def _smoother(largest: float) -> tuple[float, float]:
 
 def _coarsen(solver: PETSc.KSP) -> None:
     """Make the hierarchy. Collective."""
-    # not to be had but by PETSc's options
+    # PETSc sets this by its options alone
     options = PETSc.Options(_PREFIX)
     options["pc_gamg_threshold"] = _THRESHOLD
     solver.setOptionsPrefix(_PREFIX)

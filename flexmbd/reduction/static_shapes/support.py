@@ -24,7 +24,7 @@ AT_REST = 1e-6
 
 
 def is_held(model: LinearModel, boundary: NDArray[np.bool_]) -> bool:
-    """Whether every piece of a body, cells that hang together by facets, is held. Collective.
+    """Whether every piece of a body, cells connected by facets, is held. Collective.
 
     Args:
         model: the body.

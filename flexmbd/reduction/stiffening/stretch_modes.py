@@ -115,7 +115,7 @@ def _combinations(found: FloatArray, loads: UnitLoads, held: FloatArray, *, firs
     held = held * np.array([1.0 / loads.accelerations[kinds == kind].max() for kind in kinds])
     effect = found[:, :first, :first].reshape(len(found), first * first)
     whole, fields = np.linalg.norm(held.T @ effect, axis=1), membrane_fields(found)
-    # what is no membrane force is left out in any case, and its size is all that can be reached
+    # what is not a membrane force is left out in any case, and its size is all that can be reached
     bending = np.linalg.norm((held - fields @ (fields.T @ held)).T @ effect, axis=1)
     reached = np.maximum(_LACKING * whole.max(initial=0.0), bending)
     scale = np.divide(1.0, reached, out=np.zeros_like(reached), where=reached > 0.0)
