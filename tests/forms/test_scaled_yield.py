@@ -109,7 +109,7 @@ def test_a_yield_limit_by_any_name(tmp_path):
 def test_a_form_that_does_not_tell_its_limit_is_refused_where_it_is_needed(tmp_path):
     form = own_form(tmp_path, RENAMED)
     body, _ = pulled(form, form.Parameters(2e9, 0.3, 7800.0, 1e7, 1e8))
-    with pytest.raises(FormulationError, match=r"does not say what its yield limit is, .*; give it scaled_yield\(p, factor\)"):
+    with pytest.raises(FormulationError, match=r"does not give its yield limit, .*; give it scaled_yield\(p, factor\)"):
         body.unloading_tangent()
 
 

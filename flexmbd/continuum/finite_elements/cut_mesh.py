@@ -70,7 +70,7 @@ class CutMesh:
             size = f"{cut.facets} facets, {cut.area:.4g} m^2"
             lines.append(f"  {cut.name:{width}}  cut        {size} around ({centre}) m")
         if self.fragments:
-            lines.append(f"  {self.fragments} cells that a cut left loose went to their neighbours")
+            lines.append(f"  {self.fragments} cells that a cut separated went to their neighbours")
         return "\n".join(lines)
 
 

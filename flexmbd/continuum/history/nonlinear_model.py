@@ -200,7 +200,7 @@ class NonlinearModel(DiscretisedBody):
         for group in limited:
             if not hasattr(group.formulation, "scaled_yield"):
                 raise FormulationError(
-                    f"{group.form_name} keeps a history and does not say what its yield limit is, without which there is no "
+                    f"{group.form_name} keeps a history and does not give its yield limit, without which there is no "
                     "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "
                     "factor times as high, or p itself where nothing ever yields"
                 )
