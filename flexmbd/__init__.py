@@ -9,6 +9,7 @@ import importlib
 import types
 import typing
 
+from flexmbd import ensemble as ensemble
 from flexmbd import export as export
 from flexmbd import force as force
 from flexmbd import integrate as integrate
@@ -114,7 +115,7 @@ __version__ = "0.1.0"
 
 #: Rooms that load when they are first asked for.
 _LAZY = frozenset({"beams", "continuum", "forms", "meshes", "reduction", "visual"})
-_LOADED = frozenset({"export", "force", "integrate", "joint", "output", "parameter"})
+_LOADED = frozenset({"ensemble", "export", "force", "integrate", "joint", "output", "parameter"})
 
 if typing.TYPE_CHECKING:
     from flexmbd import beams as beams

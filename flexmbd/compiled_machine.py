@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import warnings
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexmbd.ensemble.executing import run_ensemble
+from flexmbd.ensemble.results import Ensemble
+from flexmbd.ensemble.samples import Samples
+from flexmbd.ensemble.variants import Output, Study
 from flexmbd.errors import SceneError, StartWarning
-from flexmbd.given import is_number, refuse_other
+from flexmbd.given import is_number, is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -31,7 +40,7 @@ from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Alone, Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.limits import Limits
@@ -219,6 +228,81 @@ class CompiledMachine:
             progress=progress,
             limits=limits,
             max_step=max_step,
+        )
+
+    def ensemble(
+        self,
+        samples: Mapping[str, ArrayLike] | Sequence[Mapping[str, Any]],
+        outputs: Mapping[str, Output],
+        *,
+        t_end: float,
+        rtol: float = 1e-6,
+        h: float | None = None,
+        t_start: float = 0.0,
+        integrator: Integrator | Literal["auto"] = "auto",
+        max_step: float | None = None,
+        max_steps: int | None = None,
+        max_seconds: float | None = None,
+        executor: Executor | None = None,
+        workers: int | None = None,
+        file: str | Path | None = None,
+        progress: bool = False,
+    ) -> Ensemble:
+        """Run many variants of the machine, and keep some outputs of each.
+
+        The outputs are the same to the bit whoever runs the variants and in what order.  A variant that fails is
+        listed with its values in the result's ``failures``, and the others go on.
+
+        Args:
+            samples: the parameters' values, arrays (n, ...) by their names, or a list of n mappings.
+            outputs: by name functions of a variant's trajectory that give a number, or an array of the same shape for
+                all variants.
+            t_end: end time (s).
+            rtol: as of ``System.simulate``, as all arguments up to ``max_seconds``.
+            h: fixed step (s).
+            t_start: start time (s).
+            integrator: the method; a named one spares each variant the choice.
+            max_step: longest step (s).
+            max_steps: steps after which a variant fails.
+            max_seconds: s of the wall's clock after which a variant fails.
+            executor: who runs the variants: any ``concurrent.futures.Executor``, as ProcessPoolExecutor() or
+                mpi4py.futures.MPIPoolExecutor(); by default threads of this process.  To executors other than thread
+                pools the machine and the outputs are sent, so these must pickle.
+            workers: how many the executor has; by default as many as there are processors.
+            file: an HDF5 file that the outputs are streamed to.  If it holds a part of the very same ensemble, as
+                one that was killed leaves, only what is missing is run.
+            progress: show a progress bar.
+
+        Raises:
+            SceneError: samples, outputs or arguments do not fit, or all variants failed; the message has the first.
+            RecordError: the file cannot be written, or is of another ensemble.
+        """
+        if not isinstance(self.team, Alone):
+            raise SceneError("an ensemble runs each variant on one process: build the scene without a team")
+        check_times(t_start, t_end, rtol, h, ())
+        refuse_no_truth(progress=progress)
+        if workers is not None and (is_truth(workers) or not isinstance(workers, int) or workers < 1):
+            raise SceneError(f"workers must be a positive number, got {workers!r}")
+        if executor is not None:
+            refuse_other(executor, Executor, "executor", wanted="a concurrent.futures.Executor")
+        if not (isinstance(outputs, Mapping) and outputs and all(map(callable, outputs.values()))):
+            raise SceneError("outputs must be functions of a trajectory by their names, {'peak': lambda run: ...}")
+        values = Samples(samples)
+        unknown = [name for name in values.names if name not in self.parameters]
+        if unknown:
+            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {', '.join(self.parameters)}")
+        method = integrator if integrator == "auto" else named(integrator)
+        simulate = partial(
+            self.simulate, t_end, rtol=rtol, h=h, t_start=t_start, integrator=method, max_step=max_step,
+            max_steps=max_steps, max_seconds=max_seconds,
+        )  # fmt: skip
+        options = (t_end, rtol, h, t_start, method if isinstance(method, str) else method.name, max_step, max_steps)
+        asked = [f"{name} {fingerprint(ask)}" for name, ask in outputs.items()]
+        told_apart = (self.scene.digest(), values.digest(), options, asked, tuple(self.parameters))
+        digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
+        study = Study(simulate, outputs, shared=not self.scene.calls_users)
+        return run_ensemble(
+            study, values, digest, executor=executor, workers=workers, file=file, progress=progress
         )
 
 

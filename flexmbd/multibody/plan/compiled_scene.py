@@ -156,6 +156,11 @@ class CompiledScene:
         digest.update(self.declared_breaks().tobytes())
         return digest.hexdigest()
 
+    @property
+    def calls_users(self) -> bool:
+        """Whether functions of the user or interiors take part, whose failures and memories all runs share."""
+        return any(self.addresses) or self.interiors is not None
+
     def declared_breaks(self) -> FloatArray:
         """(k,) s, of functions of time, of laws and of forces of the state."""
         found: FloatArray = np.unique(np.concatenate([self.breaks, *(row.breaks for row in self.time_rows)]))

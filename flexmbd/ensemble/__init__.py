@@ -1,0 +1,8 @@
+"""Many runs of one machine with other values: samples, workers, outputs streamed to a file; docs/ensembles.md.
+
+Users enter by `CompiledMachine.ensemble`.
+"""
+
+from flexmbd.ensemble.results import Ensemble as Ensemble
+from flexmbd.ensemble.results import Failure as Failure
+from flexmbd.ensemble.variants import Output as Output

@@ -1,0 +1,92 @@
+"""What an ensemble leaves: outputs by name, and the variants that failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.ensemble.results_file import DONE, FAILED, ResultsFile
+from flexmbd.ensemble.samples import Samples
+from flexmbd.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A variant that failed.
+
+    Attributes:
+        index: which, from 0.
+        values: of its parameters.
+        message: why.
+    """
+
+    index: int
+    values: dict[str, Any]
+    message: str
+
+
+class Ensemble:
+    """The outputs of all variants, read from their file as they are asked for.
+
+    A context manager; ``close`` lets go of the file.
+    """
+
+    def __init__(self, samples: Samples, file: ResultsFile) -> None:
+        self._samples, self._file = samples, file
+
+    def __len__(self) -> int:
+        """How many variants there are, failed ones included."""
+        return len(self._samples)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self._file.names
+
+    @property
+    def done(self) -> BoolArray:
+        """(n,) which variants have outputs; those of the others are NaN."""
+        found: BoolArray = self._file.state == DONE
+        return found
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """The variants that failed, with the values of their parameters."""
+        rows = (int(k) for k in np.flatnonzero(self._file.state == FAILED))
+        return tuple(Failure(k, self._samples[k], self._file.message(k)) for k in rows)
+
+    def output(self, name: str, rows: slice = slice(None)) -> FloatArray:
+        """(n, ...) an output of all variants, or of ``rows`` of them alone.
+
+        Raises:
+            SceneError: there is no output of that name.
+        """
+        if name not in self.names:
+            raise SceneError(f"the ensemble has no output {name!r}; it has {', '.join(self.names)}")
+        found: FloatArray = self._file.file["outputs"][name][rows]
+        return found
+
+    def values(self, k: int) -> dict[str, Any]:
+        """The values of the parameters of variant k."""
+        return self._samples[k]
+
+    def close(self) -> None:
+        """Let go of the file; outputs cannot be asked for any more."""
+        self._file.file.close()
+
+    def __enter__(self) -> Ensemble:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let go of the file."""
+        self.close()

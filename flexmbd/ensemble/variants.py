@@ -1,0 +1,108 @@
+"""Runs of variants, by whoever does the work: the outputs of each, or why it failed."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.multibody.kernels.base.compiling import pickled_function
+from flexmbd.run.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
+#: What is asked of each variant's trajectory: a number, or an array of the same shape for all variants.
+Output: TypeAlias = Callable[[Trajectory], ArrayLike]
+#: A variant's number, its outputs, and why it failed if it did.
+Outcome: TypeAlias = tuple[int, dict[str, FloatArray], str]
+#: Variants' numbers and the values of their parameters.
+Rows: TypeAlias = Sequence[tuple[int, Mapping[str, Any]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What is done with each variant.
+
+    Attributes:
+        simulate: from the values of parameters to a trajectory.
+        outputs: what is asked of it, by name.
+        shared: whether threads may run it side by side; else they take turns.
+    """
+
+    simulate: Callable[..., Trajectory]
+    outputs: Mapping[str, Output]
+    shared: bool
+
+    def run(self, rows: Rows, turn: AbstractContextManager[Any]) -> list[Outcome]:
+        """Run variants one after the other, each in its ``turn``."""
+        found: list[Outcome] = []
+        for k, values in rows:
+            with turn:
+                found.append(self._outcome(k, values))
+        return found
+
+    def _outcome(self, k: int, values: Mapping[str, Any]) -> Outcome:
+        doing = "the simulation"
+        try:
+            run = self.simulate(**values)
+            answers: dict[str, FloatArray] = {}
+            for name, ask in self.outputs.items():
+                doing = f"output {name!r}"
+                answers[name] = np.asarray(ask(run), dtype=np.float64)
+        except FlexmbdError as reason:
+            return k, {}, f"{doing}: {reason}"
+        except Exception as reason:  # noqa: BLE001  (of the user's functions; the other variants go on)
+            return k, {}, f"{doing}: {type(reason).__name__}: {reason}"
+        return k, answers, ""
+
+
+class ThreadTasks:
+    """Tasks for threads of this process, which share the machine."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        self._turn: AbstractContextManager[Any] = nullcontext() if study.shared else threading.Lock()
+
+    def __call__(self, rows: Rows) -> list[Outcome]:
+        """Run variants."""
+        return self._study.run(rows, self._turn)
+
+
+class ProcessTasks:
+    """Tasks for other processes, each of which unpacks the machine once.
+
+    Raises:
+        SceneError: something of the machine or of the outputs cannot be sent to another process.
+    """
+
+    def __init__(self, study: Study) -> None:
+        try:
+            # by value, with what outputs refer to, so that these find their frames in the copied machine
+            self._packed = pickled_function(study)  # type: ignore[arg-type]
+        except Exception as reason:  # whatever stands in the way, it is what the user gave
+            raise SceneError(
+                f"the machine or an output cannot be sent to another process ({type(reason).__name__}: {reason}); run "
+                "the ensemble on threads, or let outputs use what can be pickled"
+            ) from reason
+
+    def __call__(self, rows: Rows) -> list[Outcome]:
+        """Run variants, in the process that unpickled this."""
+        return _unpacked(self._packed).run(rows, nullcontext())
+
+
+_last: tuple[bytes, Study] | None = None
+
+
+def _unpacked(packed: bytes) -> Study:
+    """The study of the last task of this process if it is the same, else unpacked anew."""
+    global _last
+    if _last is None or _last[0] != packed:
+        study: Study = pickle.loads(packed)
+        _last = packed, study
+    return _last[1]
