@@ -5,8 +5,7 @@ A public name: users enter here, and `flexmbd.scene_file`.
 
 from flexmbd.multibody.joint.connection import Connection as Connection
 from flexmbd.multibody.joint.constant_velocity import ConstantVelocity as ConstantVelocity
-from flexmbd.multibody.joint.coupling import Coupling as Coupling
-from flexmbd.multibody.joint.coupling import Term as Term
+from flexmbd.multibody.joint.coordinate_coupling import Term as Term
 from flexmbd.multibody.joint.cylindrical import Cylindrical as Cylindrical
 from flexmbd.multibody.joint.distance import Distance as Distance
 from flexmbd.multibody.joint.enforcement import Enforcement as Enforcement

@@ -18,8 +18,8 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.linearize import LinearEquations, linearize
-from flexmbd.multibody.linear.output import Output
-from flexmbd.multibody.linear.ports import Input, lay_ports
+from flexmbd.multibody.linear.output_equations import Output
+from flexmbd.multibody.linear.ports import Input, find_ports
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, match_motion
@@ -362,7 +362,7 @@ def linear_machine(
     work = new_work(scene.plan)
     evaluate_inputs(scene, work, point.t)
     whole = replace(whole, plan=whole.plan._replace(rows=scene.plan.rows), row_names=scene.row_names)
-    ports = lay_ports(whole, point, work.time, [*inputs, *disturbances])
+    ports = find_ports(whole, point, work.time, [*inputs, *disturbances])
     controls = sum(ports.count[: len(inputs)])
     return LinearizedMachine(
         equations=linearize(point, work, ports, outputs, modes),

@@ -28,13 +28,13 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
-from flexmbd.multibody.linear.output import Output
-from flexmbd.multibody.linear.ports import Input, leave_out, refuse_followers
+from flexmbd.multibody.linear.output_equations import Output
+from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
@@ -42,7 +42,7 @@ from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Alone, Team
-from flexmbd.multibody.topology import span
+from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.stepping import evaluate_inputs
@@ -55,7 +55,7 @@ _INTERIOR_MODES = InteriorModes()
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
-CouplingT = TypeVar("CouplingT", bound=Coupling)
+CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
 
 #: What may take other values in a compiled machine, by its name.
 Parameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
@@ -80,7 +80,7 @@ class System:
         self._continua: list[ContinuumBody] = []
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
-        self._couplings: list[Coupling] = []
+        self._couplings: list[CoordinateCoupling] = []
 
     def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
         """Put a body into the scene and return it.
@@ -189,7 +189,8 @@ class System:
         Raises:
             SceneError: it couples a joint of another scene, or is there already.
         """
-        refuse_other(coupling, Coupling, "a coupling", wanted="fm.joint.Gear(...) or fm.joint.RackAndPinion(...)")
+        wanted = "fm.joint.Gear(...) or fm.joint.RackAndPinion(...)"
+        refuse_other(coupling, CoordinateCoupling, "a coupling", wanted=wanted)
         for term in coupling.terms:
             if not any(term.connection is c for c in self._connections):
                 raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
@@ -206,7 +207,7 @@ class System:
         return gravity.copy()
 
     def compile(self, *, parameters: Parameters | None = None) -> CompiledMachine:
-        """Decide what will be computed and lay it out flat: a machine that runs, as the scene stands now.
+        """Compile the scene as it is now into the flat arrays of the machine that runs.
 
         Args:
             parameters: by their names what may take other values in each run, as {"m": fm.parameter.Mass(piston)}; a
@@ -227,7 +228,7 @@ class System:
             if any(given is not None for given in (c.position, c.velocity, c.motion)):
                 wanted.add(id(c))
         together = [body.parts for body in self._continua]
-        topology = span(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
+        topology = spanning_tree(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = self._weight()
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
         forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
@@ -299,7 +300,7 @@ class System:
                 by functions of time per unit of each, of a FrameForce by numbers per force as given; they need not
                 be in the scene.  Of a joint with a prescribed motion three: displacement, velocity, acceleration.
             disturbances: the columns of W, alike.
-            outputs: what is observed: fm.output.Position(frame or joint or flexible body), ...
+            outputs: the quantities observed: fm.output.Position(frame or joint or flexible body), ...
             about: of ``equilibrium``, or a trajectory, whose end is meant; by default the start.
             t: s, at which forces and motions are taken; of ``about`` its own.
             modes: how many coordinates bodies with history get, fm.InteriorModes(count, below_hz).
@@ -324,7 +325,7 @@ class System:
             self._check_force(force)
         whole = self._compile(added)
         t = float(about.t[-1]) if isinstance(about, Trajectory) else t if about is None else about.t
-        start = self._start(leave_out(whole, added), t)
+        start = self._start(without_inputs(whole, added), t)
         bodies = {body.name: body for body in self._bodies}
         point = working_point(start, about, t)
         return linear_machine(
@@ -345,7 +346,7 @@ class System:
         h: float | None = None,
         integrator: Integrator | Literal["auto"] = "auto",
     ) -> str:
-        """Say for a person what is computed, what is skipped, and why.
+        """A text for the user: what is computed, what is left out, and why.
 
         Args:
             rtol: as for ``simulate``; it plays a part in the choice of the integrator.

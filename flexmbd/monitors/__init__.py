@@ -1,4 +1,4 @@
-"""What watches a machine run: where and when reduced bodies yield, and which part of them may.
+"""Monitors of runs: where and when reduced bodies yield, and which part of them may.
 
 Entered by users and by `flexmbd.system`; reads trajectories and records.
 """

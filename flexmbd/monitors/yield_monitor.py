@@ -113,7 +113,7 @@ class YieldMonitor:
         q = run.q(self.body, t=None if t is None else times)
         largest, at, peak = self._scan(q)
         noise = self._noise(times, q, largest)
-        # what cannot be told from yield is yield, as where the run was stopped by it
+        # within round-off of yield counts as yield, as where the run was stopped by it
         largest[abs(largest - 1.0) <= noise] = 1.0
         peak[abs(peak - 1.0) <= noise[largest == 1.0].max(initial=0.0)] = 1.0
         for passed in run.events:  # found to the method's own accuracy, which may end below

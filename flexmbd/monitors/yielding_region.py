@@ -19,7 +19,7 @@ _DIRECTIONS = 180
 
 @dataclass(frozen=True)
 class Slab:
-    """What lies between two planes across an axis; a function of points, as groups of a mesh are chosen.
+    """The region between two planes across an axis; a function of points, as groups of a mesh are chosen.
 
     Attributes:
         axis: (3,) in the mesh's axes, normal to the planes; made a unit vector.
@@ -67,7 +67,7 @@ def yielding_slabs(
 ) -> tuple[Slab, ...]:
     """The slabs of a part in which it may yield, each one section depth wider than what does on either side.
 
-    What a rigid or averaged cut does to the stress dies away within about a section's depth (Saint-Venant), so
+    The disturbance of the stress by a rigid or averaged cut decays within about a section's depth (Saint-Venant), so
     that farther off it changes neither what yields nor the way the part bends.  Slabs closer than a depth are
     one, and none ends closer than a depth from the part's end: it goes through to the end.
 

@@ -1,4 +1,4 @@
-"""What a compiled energy of a pseudo-rigid body does beyond the stiffness that its record has."""
+"""Forces of a pseudo-rigid body's compiled energy, beyond the stiffness in its record."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
-from flexmbd.multibody.force.protocol import OnState, Table
+from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.kernels.base import kinds
 
 
@@ -20,7 +20,7 @@ class EnergyForce(OnState):
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         body, record = self.body, self.body.reduced()
         if record is None:

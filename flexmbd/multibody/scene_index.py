@@ -1,4 +1,4 @@
-"""Where the bodies, joints and forces of a scene stand in its arrays, asked by the objects themselves."""
+"""Places of a scene's bodies, joints and forces in its arrays, by the objects themselves."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Slots:
 
 @dataclass(frozen=True)
 class ForceRows:
-    """Rows of ``Plan.forces`` and of ``Plan.elements`` that one force element laid out."""
+    """Rows of ``Plan.forces`` and of ``Plan.elements`` of one force element."""
 
     forces: range
     elements: range

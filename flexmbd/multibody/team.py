@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Team(Protocol):
-    """What the machine asks of its fellow processes; numpy only.
+    """The interface of the processes that run one machine; numpy only.
 
     Every process holds the whole machine.  After each decision rank 0's is taken, so no process
     steps alone; files, prints and pictures are the root's.

@@ -40,7 +40,7 @@ class Topology:
     closures: tuple[Connection, ...]
 
 
-def span(
+def spanning_tree(
     ground: Body,
     bodies: Sequence[Body],
     connections: Sequence[Connection],
@@ -96,7 +96,7 @@ def span(
             while neighbours and id(neighbours[0]) in reached:
                 neighbours.popleft()
             near = neighbours[0] if neighbours else next(b for b in loose if id(b) not in reached)
-            branch = _fly(ground, mate or _carrying(near, at_body, reached))
+            branch = _add_free_joint(ground, mate or _carrying_body(near, at_body, reached))
         branches.append(branch)
         reach(branch.outer.body)
         if branch.connection is not None:
@@ -155,7 +155,7 @@ def _branch(c: Connection, reached: set[int]) -> Branch | None:
     return None
 
 
-def _carrying(body: Body, at_body: Mapping[int, list[tuple[int, Connection]]], reached: set[int]) -> Body:
+def _carrying_body(body: Body, at_body: Mapping[int, list[tuple[int, Connection]]], reached: set[int]) -> Body:
     """The body that must fly if joints asked to go by coordinates are to carry this one."""
     passed = set(reached)
     carrier: Body | None = body
@@ -170,7 +170,7 @@ def _carrying(body: Body, at_body: Mapping[int, list[tuple[int, Connection]]], r
     return body
 
 
-def _fly(ground: Body, body: Body) -> Branch:
+def _add_free_joint(ground: Body, body: Body) -> Branch:
     """Six free coordinates for a body that no joint can carry."""
     frames = [Frame(b, np.zeros(3), np.eye(3), None, b.name) for b in (ground, body)]
     return Branch(None, frames[0], frames[1], False)

@@ -15,7 +15,7 @@ from flexmbd.errors import RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.continuum_body import Memory
-from flexmbd.multibody.interiors.scene_interiors import Kept
+from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Snapshot
 
@@ -91,7 +91,7 @@ class Checkpoint:
             groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
             t_start, first_step = file["times"]
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
-            kept = Kept(file["wrenches"], memories)
+            kept = InteriorSnapshot(file["wrenches"], memories)
             snapshot = Snapshot(state, groups, float(first_step), file["rows"], kept)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError) as reason:
@@ -99,5 +99,5 @@ class Checkpoint:
 
 
 def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:
-    """What a body with history remembers, of the arrays whose names begin so."""
+    """The state of a body with history, from the arrays whose names begin with ``prefix``."""
     return {name.removeprefix(prefix): file[name] for name in file if name.startswith(prefix)}

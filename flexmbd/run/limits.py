@@ -1,4 +1,4 @@
-"""What a simulation may cost: steps, rows that are kept, seconds."""
+"""Limits of a simulation: steps, rows that are kept, seconds."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def run(
 
 
 class _Budget:
-    """What a run may still cost; how many rows it leaves before it is asked again."""
+    """The remaining budget of a run; the rows to compute before it is checked again."""
 
     def __init__(self, limits: Limits, integration: Integration, team: Team, set_out: float) -> None:
         self._limits, self._integration, self._team = limits, integration, team
@@ -265,7 +265,7 @@ def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Traj
 def _until(trajectory: Trajectory, row: int) -> Trajectory:
     """The trajectory's rows before ``row``."""
     t = trajectory.t[:row]
-    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "beside")}
+    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "interior_rows")}
     kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
     events = tuple(e for e in trajectory.events if e.row < row)
     departures = tuple(d for d in trajectory.departures if d.row < row)
@@ -300,9 +300,9 @@ def _finish(
     if start.scene.redundant:
         work, independent = new_work(scene.plan), len(start.scene.plan.rows)
         multipliers = minimum_norm_multipliers(scene, work, x, multipliers, independent=independent)
-    beside = tuple(integration.beside)
+    beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
-    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, beside=beside, departures=departures)
+    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, interior_rows=beside, departures=departures)
 
 
 def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:
@@ -337,7 +337,7 @@ def _refuse_forbidden_motion(start: Start, trajectory: Trajectory) -> None:
             )
 
 
-#: What a step failed by, and what to look for.
+#: Causes of a step's failure, and the remedies.
 _CAUSES = {
     st.NOT_CONVERGED: (
         "left equations that Newton's iteration does not solve",

@@ -11,14 +11,14 @@ from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
-from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept, Row
+from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
-from flexmbd.multibody.start.impulse import rates_after_jump, refuse_leaps
-from flexmbd.multibody.start.independent_rows import firmer_rows
+from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
+from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
@@ -30,8 +30,8 @@ IntArray = NDArray[np.int64]
 
 # How much more firmly others must hold to be kept instead of rows that still do, and after a step that failed.
 _WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
-# What a step may fail by where the rows that are kept lose their rank.
-_MAY_BE_ROWS = (st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE)
+# Failures of a step that may come of kept rows losing their rank.
+_POSSIBLY_DEPENDENT_ROWS = (st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Snapshot:
     groups: st.Groups
     first_step: float
     rows: IntArray
-    interiors: Kept = NOTHING_KEPT
+    interiors: InteriorSnapshot = NO_INTERIORS
 
 
 class Integration:
@@ -100,7 +100,7 @@ class Integration:
         self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
         self.stored: list[tuple[FloatArray, ...]] = []
         self._taken = 0
-        self.beside: list[Row] = []
+        self.interior_rows: list[InteriorRecord] = []
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
         self.room = 1 if one_by_one else MOST_ROWS
@@ -155,7 +155,7 @@ class Integration:
             code, count[st.RESELECT_ROWS] = (int(one) for one in agreed)
             if code == st.DONE and self.t == ahead:
                 count[st.AT_BREAK] = 1
-        if count[st.WATCH_ROWS] == 1 and code in _MAY_BE_ROWS:
+        if count[st.WATCH_ROWS] == 1 and code in _POSSIBLY_DEPENDENT_ROWS:
             count[st.RESELECT_ROWS] = code
             return st.OUTPUT
         return code
@@ -168,7 +168,7 @@ class Integration:
         s.numbers[st.LARGEST_PIVOT] = 0.0
         evaluate_inputs(self.scene, self.work, self.t)
         worth = _WORTH_AFTER_FAILURE if failed else _WORTH
-        rows = firmer_rows(full, self.work, s.x, list(self._rows), worth=worth) or self._rows
+        rows = better_rows(full, self.work, s.x, list(self._rows), worth=worth) or self._rows
         rows = self._team.agree(np.array(rows, float)).astype(np.int64)
         if np.array_equal(rows, self._rows):
             return False
@@ -195,11 +195,11 @@ class Integration:
         return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.LEAST_RATE])))
 
     def _leave_break(self) -> None:
-        """Go on from a break with what acts just after it; what is remembered of the steps before it is forgotten."""
+        """Go on from a break with the values just after it; the method's history is dropped."""
         scene, s = self.scene, self.state
         evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
         if is_driven(scene.plan):
-            refuse_leaps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
+            refuse_position_jumps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
             v = rates_after_jump(scene, self.work, s.x, s.v)
             self._refuse_impulse_on_history(v - s.v)
             s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
@@ -244,7 +244,7 @@ class Integration:
         self.stored.append((*motion, self._of_all_rows(multipliers)))
         self._taken += stored
         if self._interiors is not None:
-            self.beside.extend(self._interiors.buffer[:stored])
+            self.interior_rows.extend(self._interiors.buffer[:stored])
         self.state.counts[st.STORED] = 0
 
     def keep_state(self) -> None:
@@ -254,7 +254,7 @@ class Integration:
         self.stored.append((np.array([self.t]), *motion, self._of_all_rows(s.multipliers[None])))
         self._taken += 1
         if self._interiors is not None:
-            self.beside.append(self._interiors.row(self.scene.plan))
+            self.interior_rows.append(self._interiors.row(self.scene.plan))
 
     def _of_all_rows(self, multipliers: FloatArray) -> FloatArray:
         """Multipliers (n, m) of the kept rows among those of all, zero where a row is not kept."""
@@ -345,8 +345,8 @@ def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
     return float(0.1 * rtol ** (1.0 / order) / rate)
 
 
-def _kept(scene: CompiledScene) -> Kept:
-    return NOTHING_KEPT if scene.interiors is None else scene.interiors.snapshot(scene.plan)
+def _kept(scene: CompiledScene) -> InteriorSnapshot:
+    return NO_INTERIORS if scene.interiors is None else scene.interiors.snapshot(scene.plan)
 
 
 def _copy(state: st.State) -> st.State:

@@ -1,4 +1,4 @@
-"""What ends a simulation early, with the trajectory up to then."""
+"""Errors that end a simulation early, with the trajectory up to then."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trajectory: what a simulation leaves, asked by frame, joint and body."""
+"""Trajectory: the result of a simulation, by frame, joint and body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
-from flexmbd.multibody.interiors.scene_interiors import Row
+from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base import kinds
@@ -32,7 +32,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.scene_index import Slots
-from flexmbd.multibody.start.independent_rows import look
+from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
@@ -50,7 +50,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stats:
-    """What a simulation cost and how well it kept its constraints.
+    """Cost of a simulation, and how well it kept its constraints.
 
     Attributes:
         integrator: the method's name and options.
@@ -59,7 +59,7 @@ class Stats:
         factorisations: of the iteration matrix.
         evaluations: of the residual.
         seconds: wall time of the stepping, compiling or loading its loop included.
-        compile_seconds: from the setting out of the integrator to the end of its first steps: compiling or loading
+        compile_seconds: from the start of the integrator to the end of its first steps: compiling or loading
             from the cache.
         start_moved: (coordinate, from, to) that the consistent start changed; those of a ball or a free body are the
             parts of its rotation vector (rad).
@@ -102,7 +102,7 @@ class Trajectory:
         team: who writes files.
         events: what took place, in order.
         checkpoints: states to restart from, at the times asked for.
-        beside: what bodies with history leave at each instant; nothing where there are none.
+        interior_rows: records of bodies with history at each instant; empty without any.
         departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
             just before.
     """
@@ -118,7 +118,7 @@ class Trajectory:
     team: Team
     events: tuple[Occurrence, ...] = ()
     checkpoints: tuple[Checkpoint, ...] = ()
-    beside: tuple[Row, ...] = ()
+    interior_rows: tuple[InteriorRecord, ...] = ()
     departures: tuple[Departure, ...] = ()
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
@@ -185,7 +185,7 @@ class Trajectory:
         with bodies that have a history pass on is told by ``reaction`` alone.
 
         Raises:
-            SceneError: a time outside the trajectory, or what is not a single time.
+            SceneError: a time outside the trajectory, or not a single time.
         """
         if not is_number(t):
             raise SceneError(f"one time in s is wanted, got {t!r:.100}")
@@ -202,7 +202,7 @@ class Trajectory:
         work = new_work(self.scene.plan)
         self.scene.forget_failure()
         evaluate_times(self.scene.plan, t, work.time)
-        rank = look(self.scene, work, self.x[row]).rank
+        rank = decompose_rows(self.scene, work, self.x[row]).rank
         return balancing_multipliers(self.scene, work, x, v, a, rank=rank)
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
@@ -223,7 +223,7 @@ class Trajectory:
         bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
         for k, other in enumerate(bodies):
             if other is body:
-                told = [row.energies[k] for row in self.beside]
+                told = [row.energies[k] for row in self.interior_rows]
                 return {name: np.array([energies[name] for energies in told]) for name in told[0]}
         raise SceneError(f"body {body.name!r} has no interior in this trajectory")
 
@@ -281,7 +281,7 @@ class Trajectory:
         values at the steps' ends, or a fixed step.  Closed loops are open by as much.
 
         Raises:
-            SceneError: a time outside the trajectory, or what is not a time.
+            SceneError: a time outside the trajectory, or not a time.
         """
         wanted = np.atleast_1d(numbers(t))
         if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():
@@ -376,12 +376,12 @@ class Trajectory:
         return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))
 
     def _stretches(self) -> Iterator[slice]:
-        """Rows whose forces the plan tells: all at once, or row by row what interiors exerted in each."""
+        """Blocks of rows with the plan of their forces: all at once, or row by row with the interiors' wrenches."""
         if self.scene.interiors is None:
             yield slice(None)
             return
-        for k, row in enumerate(self.beside):
-            self.scene.interiors.put(self.scene.plan, row.wrenches)
+        for k, row in enumerate(self.interior_rows):
+            self.scene.interiors.apply_wrenches(self.scene.plan, row.wrenches)
             yield slice(k, k + 1)
 
     @cached_property

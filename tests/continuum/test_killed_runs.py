@@ -103,7 +103,7 @@ def test_bad_input(tmp_path):
     with pytest.raises(RecordError, match="no checkpoint of a body that runs by itself"):
         one.simulate(0.03, restart=tmp_path / "body.npz")
     np.savez(tmp_path / "other.npz", version=5)
-    with pytest.raises(RecordError, match="no checkpoint of a machine"):
+    with pytest.raises(RecordError, match="not a checkpoint of a machine"):
         fm.Checkpoint.load(tmp_path / "other.npz")
     with pytest.raises(RecordError, match="cannot be written"):
         one.simulate(0.02, checkpoints=RegularCheckpoints(tmp_path / "no folder" / "run.npz", 0.005))

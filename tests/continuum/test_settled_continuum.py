@@ -156,14 +156,14 @@ def test_slopes_of_the_balance_are_the_derivative_of_its_wrenches(name, held):
     interior = bar(form, parameters, HELD[held])
     straight, motion = standing(interior, size=size)
     interior.begin(0.0, straight, GRAVITY)
-    wrenches, slopes = interior.settle(0.0, motion)
+    wrenches, slopes = interior.equilibrate(0.0, motion)
     # its weight, but for what the frames have of it
     weight = sum(wrench[:3] for wrench in wrenches)
     own = 78.0 - sum(frame.mass for frame in interior.frames)
     assert weight == pytest.approx(own * GRAVITY, abs=1e-6 * abs(wrenches).max())
     step, found = 1e-7, np.zeros((12, 12))
     for j, unit in enumerate(np.eye(12)):
-        there, back = (interior.settle(0.0, moved(motion, sign * step * unit))[0] for sign in (1.0, -1.0))
+        there, back = (interior.equilibrate(0.0, moved(motion, sign * step * unit))[0] for sign in (1.0, -1.0))
         found[:, j] = (there - back).reshape(-1) / (2 * step)
     assert abs(found - slopes).max(axis=0) == pytest.approx(0.0, abs=3e-6 * abs(slopes).max())
 
@@ -174,7 +174,7 @@ def test_linear_equations_are_those_of_small_steps(held):
     interior = bar(couplings=HELD[held])
     straight, motion = standing(interior, size=5e-3)
     interior.begin(0.0, straight, GRAVITY)
-    interior.settle(0.0, motion)
+    interior.equilibrate(0.0, motion)
     interior.commit()
     linear = interior.linear(motion, ALL)
     assert abs(linear.lacking[12:]).max() < 1e-8 * abs(linear.lacking[:12]).max()
@@ -194,17 +194,17 @@ def test_what_has_yielded_unloads_elastically(name):
     interior = bar(form, parameters)
     straight, motion = standing(interior, size=size)
     interior.begin(0.0, straight, GRAVITY)
-    interior.settle(0.0, motion)
+    interior.equilibrate(0.0, motion)
     interior.commit()
     assert interior.energies()["plastic"] > 0.1 * interior.energies()["elastic"]
     stiffness = interior.linear(motion, ALL).stiffness[:12, :12]
     onwards = np.concatenate([motion.p - straight.p, np.zeros((2, 3))], axis=1)
     for k in range(2):
         onwards[k, 3:] = Rotation.from_matrix(motion.R[k] @ straight.R[k].T).as_rotvec()
-    rest, _ = interior.settle(0.0, motion)
+    rest, _ = interior.equilibrate(0.0, motion)
     step = 1e-5
     loading, unloading = (
-        (interior.settle(0.0, moved(motion, sign * step * onwards))[0] - rest).reshape(-1) / (sign * step)
+        (interior.equilibrate(0.0, moved(motion, sign * step * onwards))[0] - rest).reshape(-1) / (sign * step)
         for sign in (1.0, -1.0)
     )
     expected = -stiffness @ onwards.reshape(-1)

@@ -231,7 +231,7 @@ class ImplicitSprings(Springs):
             turning[turned, turned] += skew(push[i]) @ skew(r[i])
         return rigid, turning
 
-    def settle(self, t, motion):
+    def equilibrate(self, t, motion):
         n, x, v, still = self.n, self.x.copy(), self.v.copy(), np.zeros_like(self.x)
         x[:n], _, _, r = self.bonded(motion)
         v[:] = motion.v[0]

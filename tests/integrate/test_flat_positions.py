@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import flexmbd as fm
 from flexmbd.continuum import MpiTeam
-from flexmbd.multibody.start.independent_rows import Place
+from flexmbd.multibody.start.independent_rows import RowDecomposition
 
 G = 9.81
 T_END = 2.0
@@ -126,12 +126,12 @@ def test_firmness_of_rows(angle):
     """Of rows (1, 0), (cos, sin) and (0, 1): the last two hold as cos^2/2 says, by hand."""
     rows = np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)], [0.0, 1.0]])
     left, sigma, _ = np.linalg.svd(rows)
-    place = Place(rows, np.ones(len(rows), bool), left, np.append(sigma, 0.0), 1e-12)
+    place = RowDecomposition(rows, np.ones(len(rows), bool), left, np.append(sigma, 0.0), 1e-12)
     # U = C (C^T C)^-1/2 V, C^T C = 1 + n n^T of eigenvalues 2 along n and 1 across
     half = np.eye(2) + (1 / np.sqrt(2.0) - 1.0) * np.outer(rows[1], rows[1])
-    assert place.firmness([0, 2]) == pytest.approx(np.linalg.svd(half)[1][-1], rel=1e-12)
-    assert place.firmness([0, 2]) == pytest.approx(np.sqrt(0.5), rel=1e-12)
-    assert place.firmness(place.firmest(2)) >= place.firmness([0, 2]) - 1e-12
+    assert place.conditioning([0, 2]) == pytest.approx(np.linalg.svd(half)[1][-1], rel=1e-12)
+    assert place.conditioning([0, 2]) == pytest.approx(np.sqrt(0.5), rel=1e-12)
+    assert place.conditioning(place.best_conditioned(2)) >= place.conditioning([0, 2]) - 1e-12
 
 
 def forces_of_inertia(run):

@@ -129,7 +129,7 @@ def test_scenes_without_history_know_nothing_of_it():
     scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
     run = scene.simulate(0.1, integrator=fm.GeneralizedAlpha())
     assert run.scene.interiors is None
-    assert run.beside == ()
+    assert run.interior_rows == ()
     assert "history" not in scene.explain()
     with pytest.raises(SceneError, match="no interior in this trajectory"):
         run.energies(body_of(frame()))

@@ -12,7 +12,7 @@ import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import frame_series
-from flexmbd.multibody.linear.output import observe
+from flexmbd.multibody.linear.output_equations import output_derivatives
 from flexmbd.multibody.plan.compiled_scene import add_probe
 
 POINT = np.array([0.07, -0.2, 0.11])
@@ -100,6 +100,6 @@ def test_what_each_coordinate_changes_of_place_and_velocity(seed):
         places.append(sum(weight * (there[k] - there[-k]) for k, weight in FIRST) / h)
         rates = {k: motion(one)[12:15] for k, one in moved.items()}
         velocities.append(sum(weight * (rates[k] - rates[-k]) for k, weight in FIRST) / h)
-    found = observe(compiled, x, v, fm.output.Velocity(frame))
+    found = output_derivatives(compiled, x, v, fm.output.Velocity(frame))
     np.testing.assert_allclose(found.L, np.array(places).T, atol=1e-10)
     np.testing.assert_allclose(found.G, np.array(velocities).T, atol=1e-9)

@@ -184,7 +184,7 @@ def test_runs_and_reactions_are_the_same(name, monkeypatch):
         scene = chain(*CHAINS[name][0])
         run = scene.simulate(0.4, h=0.01, integrator=fm.RadauIIA())
         runs.append(np.hstack([run.x, *(run.reaction(c) for c in scene._connections)]))
-        monkeypatch.setattr(plan_module, "decide_turning", lambda tree, *_: np.full(len(tree), FREELY))
+        monkeypatch.setattr(plan_module, "classify_rotations", lambda tree, *_: np.full(len(tree), FREELY))
     assert np.abs(runs[0] - runs[1]).max() < 1e-11 * np.abs(runs[1]).max()
 
 

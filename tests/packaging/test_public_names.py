@@ -108,11 +108,11 @@ def shown(module: str) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------- types in annotations
 
 #: What the machine asks of joints, forces, integrators and its plan: called by it, on types of its inside.
-ASKED_BY_THE_MACHINE = {"rows", "steps", "lay", "stepper", "check", "rule", "force_elements", "tableau"}
+ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule", "force_elements", "tableau"}
 #: Types that users pass on and do not look into, or that belong to the compiled machine.
 OPAQUE = {
-    "Choice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "Kept", "Row", "Field",
-    "WrenchSource", "Slots", "Machine",
+    "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
+    "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 

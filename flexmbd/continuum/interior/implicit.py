@@ -140,7 +140,7 @@ class ImplicitContinuum:
         self._state = replace(now, t=t, v=v, h=0.0)
         return self._start_accelerations(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
 
-    def settle(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+    def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.settle`. Collective."""
         self._check_rigid_interface()
         body, bonds = self.body, self._bonds

@@ -29,7 +29,7 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
-from flexmbd.multibody.linear.output import Output
+from flexmbd.multibody.linear.output_equations import Output
 from flexmbd.system import System
 
 _EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"

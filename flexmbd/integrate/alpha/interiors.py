@@ -161,11 +161,11 @@ class ImplicitInteriors:
         """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix."""
         plan, s, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
         motions = self._interiors.split_motions(self._motions)
-        answers = self._interiors.ask(
+        answers = self._interiors.evaluate(
             lambda k, body: _implicit(body).trial(t + h, h, scheme, motions[k]),
             doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s",
         )
-        self._interiors.put(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
+        self._interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
         twists = self._interiors.twists(plan, self._work, s.x)[:, plan.free]
         s.interior_stiffness[:] = 0.0
         first = 0

@@ -120,7 +120,7 @@ class ExplicitInteriors:
             SceneError: a given step is longer; or an interior failed to compute it.
         """
         number = self._state.numbers
-        answers = self._interiors.ask(
+        answers = self._interiors.evaluate(
             lambda k, body: (np.array(_explicit(body).stable_step()),), doing="to compute its stable step"
         )
         limits = [float(answer) for (answer,) in answers]
@@ -138,23 +138,23 @@ class ExplicitInteriors:
         """One step: the interiors towards the predicted positions, then the machine with their wrenches."""
         plan, state, groups, interiors = self._plan, self._state, self._groups, self._interiors
         method = self._method
-        before = interiors.acting(plan)
+        before = interiors.applied_wrenches(plan)
         h = float(propose_step(self._rule, knots, state, groups))
         slots = method.plain, method.quaternions, self._rows
         first, last = self._motions
         predict_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)
-        answers = interiors.ask(
+        answers = interiors.evaluate(
             lambda k, body: _explicit(body).advance(h, starts[k], ends[k]),
             doing=f"in the step from t = {state.numbers[st.TIME]:.6g} s to {state.numbers[st.STEP_END]:.6g} s",
         )
         wrenches, mean = (np.concatenate([answer[k].reshape(-1, 6) for answer in answers]) for k in range(2))
-        interiors.put(plan, 2.0 * mean - before if self._subcycle else wrenches)
+        interiors.apply_wrenches(plan, 2.0 * mean - before if self._subcycle else wrenches)
         code = int(step_machine(method, self._rule, state, groups, record, h))
         if code != st.DONE:
             return code
         if self._subcycle:
-            interiors.put(plan, wrenches)
+            interiors.apply_wrenches(plan, wrenches)
             accelerate_again(plan, self._work, method.aw, method.loops, state)
             record.a[state.counts[st.STORED] - 1] = state.a
             record.multipliers[state.counts[st.STORED] - 1] = state.multipliers

@@ -1,4 +1,4 @@
-"""Bodies: what the recursion asks of a body; rigid and reduced ones.
+"""Bodies of a machine: their interface; rigid and reduced ones.
 
 A body is constant data: its mass integrals about its own frame B and, where it is flexible, its
 modes.  ``Frame`` is a marker on a body, the thing that joints connect and results are asked of.
@@ -45,7 +45,7 @@ class Frame:
 
 
 class Body(Protocol):
-    """What a scene asks of every kind of body."""
+    """The interface of every kind of body."""
 
     name: str
 
@@ -107,7 +107,7 @@ class Ground:
 class RigidBody:
     """A rigid body.
 
-    What is given may be changed later: a scene takes it as it stands when it is compiled.
+    Attributes may be changed later: a scene takes their values when it is compiled.
 
     Attributes:
         mass: kg, positive.
@@ -163,7 +163,7 @@ class RigidBody:
 
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> RigidBody:
-        """What a closed surface encloses, as a rigid body in the points' axes; see ``Solid.from_surface``."""
+        """The solid inside a closed surface, as a rigid body in the points' axes; see ``Solid.from_surface``."""
         return cls.from_solid(Solid.from_surface(points, triangles, density=density))
 
     def principal_axes(self) -> tuple[FloatArray, FloatArray]:

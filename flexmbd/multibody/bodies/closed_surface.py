@@ -1,4 +1,4 @@
-"""What a closed surface of triangles encloses: volume, centre and second moments, by the divergence theorem."""
+"""Volume, centre and second moments inside a closed surface of triangles, by the divergence theorem."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from flexmbd.rotation import check_rotation
 
 FloatArray = NDArray[np.float64]
 
-#: What an interior remembers, as arrays: it goes into checkpoints and their files.
+#: The state of an interior, as arrays: it goes into checkpoints and their files.
 Memory = Mapping[str, NDArray[np.generic]]
 
 
@@ -66,7 +66,7 @@ class FrameMotion(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What an interior exerts on its frames: (k, 6) force (N) and moment (N m) about each frame's origin.
+    """Wrenches of an interior on its frames: (k, 6) force (N) and moment (N m) about each frame's origin.
 
     end: at the step's end.  mean: over the step, by the trapezoidal rule over the interior's own steps, so that h
     times it is the impulse; of a single step it is the mean of both ends.
@@ -148,7 +148,7 @@ class Scheme:
 
 
 class Interior(Protocol):
-    """What lies between the frames: its own masses, elasticity, history, and their state at an instant."""
+    """The body between the frames: its own masses, elasticity, history, and their state at an instant."""
 
     @property
     def frames(self) -> tuple[InteriorFrame, ...]:
@@ -174,7 +174,7 @@ class Interior(Protocol):
         """
 
     def snapshot(self) -> Memory:
-        """Copies of all that tells how it goes on, to the bit."""
+        """Copies of its whole state, from which it goes on to the bit."""
 
     def restore(self, memory: Memory) -> None:
         """Go back to a snapshot, perhaps of another process's interior of the same data.
@@ -207,8 +207,8 @@ class ExplicitInterior(Interior, Protocol):
 
         Args:
             h: s.
-            start: with the velocities at hand, which the velocities foretold as the last ``end`` only came near.
-            end: positions and rotations at the step's end; velocities are foretold by the accelerations at the
+            start: with the present velocities, to which those predicted in the last ``end`` were approximations.
+            end: positions and rotations at the step's end; velocities are predicted by the accelerations at the
                 start, which ``end`` repeats.
 
         Raises:
@@ -227,7 +227,7 @@ class ImplicitInterior(Interior, Protocol):
 
         Several trials of one step follow each other; none builds on another's history (a last trial may be the first
         guess of the next), so that the answer depends on the last state committed and the arguments alone, to the
-        solver's tolerance, which is to be far below what the machine asks for (1e-10 of the forces, say).
+        solver's tolerance, which is to be far below the machine's (1e-10 of the forces, say).
 
         Args:
             t_end: time (s) of the step's end.
@@ -312,7 +312,7 @@ class ContinuumBody:
 
 
 @dataclass(frozen=True)
-class LaidInterior:
+class PlacedInterior:
     """A body's k frames in a plan: rows of ``Plan.frames``, and where ``Plan.data`` holds the wrenches."""
 
     body: ContinuumBody

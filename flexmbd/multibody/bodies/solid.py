@@ -96,7 +96,7 @@ class Solid:
 
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> Solid:
-        """What a closed surface of flat triangles encloses; see ``closed_surface.outward``.
+        """The solid inside a closed surface of flat triangles; see ``closed_surface.outward``.
 
         Args:
             points: (n, 3) m.

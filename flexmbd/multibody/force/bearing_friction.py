@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import OnJoint, Table, check_numbers
+from flexmbd.multibody.force.protocol import ElementTable, OnJoint, check_numbers
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.prismatic import Prismatic
 from flexmbd.multibody.joint.revolute import Revolute
@@ -49,8 +49,8 @@ class BearingFriction(OnJoint):
         if self.radius is not None:
             check_numbers(self.what, positive={"radius": self.radius})
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One of the bearings that are solved together."""
         table.coordinate(self.connection, 0)
         arm = 1.0 if self.radius is None else self.radius
-        table.bear(Bearing(self.connection, self.coefficient * arm, self.regularisation))
+        table.add_bearing(Bearing(self.connection, self.coefficient * arm, self.regularisation))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import BetweenFrames, Table, vector
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
 from flexmbd.multibody.kernels.base import kinds
 
 
@@ -37,7 +37,7 @@ class Bushing(BetweenFrames):
         self._matrix("stiffness")
         self._matrix("damping")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row."""
         data = table.numbers(np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")]))
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)

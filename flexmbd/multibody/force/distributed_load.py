@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
-from flexmbd.multibody.force.protocol import OffJoints, Table
+from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import kinds
 
@@ -47,7 +47,7 @@ class DistributedLoad(OffJoints):
             there = ", ".join(map(repr, names)) or "none; name loads in the reduction"
             raise SceneError(f"{self.what}: the record has no such load; it has: {there}")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """A wrench on the body frame, and forces on the modes."""
         loads = self.body.record.loads
         if loads is None:

@@ -11,7 +11,7 @@ import numpy as np
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import OffJoints, Table
+from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import kinds
 
@@ -61,7 +61,7 @@ class FrameForce(OffJoints):
         if not all(map(is_number, [c for c in (*self.force, *self.torque) if isinstance(c, (int, float))])):
             raise SceneError(f"{self.what}: a component is not a finite number")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row for all numbers, and one for each function of time."""
         g, ground = table.frame(self.frame), table.ground()
         components = [*self.force, *self.torque]

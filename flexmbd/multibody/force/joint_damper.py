@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
+from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 
@@ -28,7 +28,7 @@ class JointDamper(OnCoordinate):
         super().check()
         check_numbers(self.what, least={"damping": self.damping})
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row, a spring without stiffness."""
         x, v = table.coordinate(self.connection, self.coordinate)
         table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=table.numbers([0.0, 0.0, self.damping]))

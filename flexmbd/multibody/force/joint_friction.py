@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
+from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 
@@ -52,7 +52,7 @@ class JointFriction(OnCoordinate):
             if not self.static >= self.coulomb:
                 raise SceneError(f"{self.what}: static = {self.static} must not be below coulomb = {self.coulomb}")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row."""
         x, v = table.coordinate(self.connection, self.coordinate)
         static = self.coulomb if self.static is None else self.static

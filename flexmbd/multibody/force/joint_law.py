@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import OnCoordinate, Table
+from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate
 from flexmbd.multibody.functions.callback import Law
 from flexmbd.multibody.functions.time_function import Compiled, Signature
 from flexmbd.multibody.joint.connection import Connection
@@ -30,7 +30,7 @@ class JointLaw(OnCoordinate):
     coordinate: int = 0
 
     def check(self) -> None:
-        """Raise SceneError for a joint without that coordinate, or what is not a function of three arguments."""
+        """Raise SceneError for a joint without that coordinate, or unless the law is a function of three arguments."""
         super().check()
         if isinstance(self.law, Compiled):
             if self.law.signature is not Signature.LAW:
@@ -38,7 +38,7 @@ class JointLaw(OnCoordinate):
         elif not callable(self.law):
             raise SceneError(f"{self.what}: {type(self.law).__name__} is not a function of t, beta and its rate")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         x, v = table.coordinate(self.connection, self.coordinate)
         table.element(kinds.ON_FUNCTION, self.what, x=x, v=v, address=table.law(self.law, self.what))

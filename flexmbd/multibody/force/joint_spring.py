@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PPoly
 
-from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
+from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.functions.time_function import Table as Points
 from flexmbd.multibody.functions.time_function import spline
 from flexmbd.multibody.joint.connection import Connection
@@ -20,7 +20,7 @@ class JointSpring(OnCoordinate):
 
     Attributes:
         connection: a joint with coordinates that are numbers.
-        stiffness: N/m or N m/rad; or a ``Table`` of the resisting force (N or N m) over the deflection
+        stiffness: N/m or N m/rad; or a ``ElementTable`` of the resisting force (N or N m) over the deflection
             beta - rest, a cubic spline, which keeps its first and last force outside unless its ``beyond`` says
             otherwise.
         rest: coordinate at which it is slack (m or rad).
@@ -43,7 +43,7 @@ class JointSpring(OnCoordinate):
         else:
             check_numbers(self.what, least={"stiffness": self.stiffness})
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row: a straight law, or a characteristic with its potential."""
         x, v = table.coordinate(self.connection, self.coordinate)
         if not isinstance(self.stiffness, Points):
@@ -54,9 +54,9 @@ class JointSpring(OnCoordinate):
         potential = force.antiderivative()
         potential.c[-1] -= potential(0.0)
         head = np.array([self.rest, self.damping])
-        data = table.numbers(np.concatenate([head, _laid(force), _laid(potential)]))
+        data = table.numbers(np.concatenate([head, _coefficients(force), _coefficients(potential)]))
         table.element(kinds.ON_CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
 
 
-def _laid(poly: PPoly) -> np.ndarray:
+def _coefficients(poly: PPoly) -> np.ndarray:
     return np.concatenate([[float(len(poly.c))], poly.x, poly.c.T.ravel()])

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
-from flexmbd.multibody.force.protocol import OnCoordinate, Table, check_numbers
+from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 
@@ -53,7 +53,7 @@ class JointStop(OnCoordinate):
             raise SceneError(f"{self.what}: lower = {self.lower} must lie below upper = {self.upper}")
         check_numbers(self.what, positive={"transition": self._depth()})
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row for both limits."""
         x, v = table.coordinate(self.connection, self.coordinate)
         data = table.numbers([self.lower, self.upper, self.stiffness, self.damping, self._depth()])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import OffJoints, Table
+from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.kane.equations import Kinematics
-from flexmbd.multibody.kane.inertia import GivenBody, InertiaAndForces
+from flexmbd.multibody.kane.inertia import InertiaAndForces, UserBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +45,12 @@ class KaneBody(OffJoints):
         return f"KaneBody {self.name or getattr(self.function, '__name__', '')!r}"
 
     def check(self) -> None:
-        """Raise SceneError for no frames, or what is not a function."""
+        """Raise SceneError without frames, or unless it is a function."""
         if not self.frames:
             raise SceneError(f"{self.what}: give one frame of the machine at least")
         if not callable(self.function):
             raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of the machine's motion")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One of the bodies that are solved together."""
-        table.give_body(GivenBody(self.frames, self.function, self.what))
+        table.add_user_body(UserBody(self.frames, self.function, self.what))

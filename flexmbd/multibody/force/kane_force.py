@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import OnState, Table
+from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.kane.equations import Kinematics
@@ -38,18 +38,18 @@ class KaneForce(OnState):
         return f"KaneForce {self.name or getattr(self.function, '__name__', '')!r}"
 
     def check(self) -> None:
-        """Raise SceneError for what is not a function."""
+        """Raise SceneError unless it is a function."""
         if not callable(self.function):
             raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of the machine's motion")
 
-    def lay(self, table: Table) -> None:
-        """A function of the state that asks the user's with the motion of that state."""
+    def assemble(self, table: ElementTable) -> None:
+        """Add a function of the state that calls the user's with the motion of that state."""
         forces = _Forces(self.function)
         table.when_built(forces.build)
         breaks = self.function.breaks if isinstance(self.function, Piecewise) else ()
         address = table.state_function(Piecewise(forces, breaks), self.what)
         table.element(kinds.ON_STATE, self.what, address=address)
-        table.act_on_frames(forces)
+        table.add_wrench_source(forces)
 
 
 class _Forces:
@@ -67,5 +67,5 @@ class _Forces:
         return self._kinematics.generalised_forces(self.wrenches(t, x, v))
 
     def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> list[Contribution]:
-        """What the user's function gives."""
+        """The wrenches of the user's function."""
         return list(self._function(self._kinematics.move(t, x, v)))

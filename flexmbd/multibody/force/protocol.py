@@ -1,4 +1,4 @@
-"""What the machine asks of a force element, and what a force element may ask of the machine."""
+"""The interfaces of a force element, and of the table that it adds its rows to."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.bodies.continuum_body import LaidInterior
+from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
-from flexmbd.multibody.kane.inertia import GivenBody
+from flexmbd.multibody.kane.inertia import UserBody
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 
-class Table(Protocol):
-    """Where force elements lay themselves out (``plan.forces.ForceTable``)."""
+class ElementTable(Protocol):
+    """The table that force elements add their rows to (``plan.forces.ForceTable``)."""
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate.
@@ -57,17 +57,17 @@ class Table(Protocol):
     def drive(self, connection: Connection, function: TimeFunction, what: str) -> None:
         """Let a function of time act on a joint's only coordinate."""
 
-    def act_on_frames(self, source: WrenchSource) -> None:
-        """Let the joints' reactions know of what acts on frames by generalised forces."""
+    def add_wrench_source(self, source: WrenchSource) -> None:
+        """Add a source of wrenches on frames that the plan has as generalised forces alone, for reactions."""
 
-    def bear(self, bearing: Bearing) -> None:
+    def add_bearing(self, bearing: Bearing) -> None:
         """Add a joint whose friction follows its reaction."""
 
-    def give_body(self, body: GivenBody) -> None:
+    def add_user_body(self, body: UserBody) -> None:
         """Add a body that the user gives in Kane's form."""
 
-    def lay_interior(self, laid: LaidInterior) -> None:
-        """Add a body with history, whose wrenches are put where it is laid."""
+    def add_interior(self, laid: PlacedInterior) -> None:
+        """Add a body with history, with the places of its wrenches in ``Plan.data``."""
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
@@ -91,12 +91,12 @@ class Force(Protocol):
     def check(self) -> None:
         """Raise SceneError if the joints or frames cannot take this force."""
 
-    def lay(self, table: Table) -> None:
-        """Append what the kernels need of it."""
+    def assemble(self, table: ElementTable) -> None:
+        """Add its rows to the table."""
 
 
 class OnJoint:
-    """What forces on a joint share; a base for frozen dataclasses.
+    """Base of forces on a joint, for frozen dataclasses.
 
     Attributes:
         connection: the joint.
@@ -121,7 +121,7 @@ class OnJoint:
 
 
 class OnCoordinate(OnJoint):
-    """What forces on one coordinate of a joint share; a base for frozen dataclasses.
+    """Base of forces on one coordinate of a joint, for frozen dataclasses.
 
     Attributes:
         coordinate: which of its coordinates, from 0.
@@ -136,7 +136,7 @@ class OnCoordinate(OnJoint):
         return f"{type(self).__name__} on {which}joint {self.connection.name!r}"
 
     def check(self) -> None:
-        """Raise SceneError if the joint has no such coordinate that a number tells."""
+        """Raise SceneError unless the joint has this coordinate, as a single number."""
         joint = self.connection.joint
         count = len(joint.velocity_names)
         if len(joint.start) != count or count == 0:
@@ -148,7 +148,7 @@ class OnCoordinate(OnJoint):
 
 
 class DrivesJoint(OnJoint):
-    """What given forces on a joint's only coordinate share; a base for frozen dataclasses.
+    """Base of given forces on a joint's only coordinate, for frozen dataclasses.
 
     Attributes:
         value: N or N m, a function of time.
@@ -167,13 +167,13 @@ class DrivesJoint(OnJoint):
                 f"{self.connection.name!r} is a {type(self.connection.joint).__name__}"
             )
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """Let the function of time act on the joint's coordinate."""
         table.drive(self.connection, self.value, self.what)
 
 
 class OffJoints:
-    """What forces that act on no joint's coordinate share; a base for frozen dataclasses."""
+    """Base of forces that act on no joint's coordinate, for frozen dataclasses."""
 
     @property
     def connections(self) -> tuple[Connection, ...]:
@@ -182,7 +182,7 @@ class OffJoints:
 
 
 class OnState(OffJoints):
-    """What forces on the state, or on a body's modes, share; a base for frozen dataclasses."""
+    """Base of forces on the state, or on a body's modes, for frozen dataclasses."""
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -191,7 +191,7 @@ class OnState(OffJoints):
 
 
 class BetweenFrames(OffJoints):
-    """What elements between two frames share; a base for frozen dataclasses.
+    """Base of elements between two frames, for frozen dataclasses.
 
     Attributes:
         frame_F, frame_G: its ends.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import BetweenFrames, Table, check_numbers
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
 from flexmbd.multibody.kernels.base import kinds
 
 
@@ -32,7 +32,7 @@ class SpringDamper(BetweenFrames):
             self.what, least={"stiffness": self.stiffness, "length": self.length, "damping": self.damping}
         )
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row."""
         data = table.numbers([self.stiffness, self.length, self.damping])
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)

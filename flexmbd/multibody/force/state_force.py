@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import OnState, Table
+from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, Signature
 from flexmbd.multibody.kernels.base import kinds
@@ -15,8 +15,8 @@ from flexmbd.multibody.kernels.base import kinds
 class StateForce(OnState):
     """Generalised forces on all velocities of the machine.
 
-    Their work is force . v; ``CompiledScene.velocity_names``, ``index.joints`` and ``index.modes`` tell what lies
-    where.  Called at every evaluation of the equations, several times a step: compile what is slow.
+    Their work is force . v; ``CompiledScene.velocity_names``, ``index.joints`` and ``index.modes`` give the
+    places of coordinates.  Called at every evaluation of the equations, several times a step: compile what is slow.
 
     Attributes:
         function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out).
@@ -33,13 +33,13 @@ class StateForce(OnState):
         return f"StateForce {self.name or own!r}"
 
     def check(self) -> None:
-        """Raise SceneError for what is not a function of the state."""
+        """Raise SceneError unless it is a function of the state."""
         if isinstance(self.function, Compiled):
             if self.function.signature is not Signature.STATE:
                 raise SceneError(f"{self.what}: it must take four arguments, t, x, v and out")
         elif not callable(self.function):
             raise SceneError(f"{self.what}: {type(self.function).__name__} is not a function of t, x and v")
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         table.element(kinds.ON_STATE, self.what, address=table.state_function(self.function, self.what))

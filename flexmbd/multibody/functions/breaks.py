@@ -64,10 +64,10 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
             else:
                 parts = [(stretches(poly, rtol), 2)]
             for found, derivatives in parts:
-                jumps.append(found[_torn(poly, found, derivatives)])
+                jumps.append(found[_discontinuities(poly, found, derivatives)])
                 knots.append(found if h is None else _of_short_stretches(poly, found, 0.5 * h))
-    sharp = _apart(np.unique(np.concatenate(jumps)))
-    return Breaks(sharp, _apart(np.unique(np.concatenate([sharp, *knots]))))
+    sharp = _distinct(np.unique(np.concatenate(jumps)))
+    return Breaks(sharp, _distinct(np.unique(np.concatenate([sharp, *knots]))))
 
 
 def jumps_of_rate(row: TimeRow) -> FloatArray:
@@ -76,11 +76,11 @@ def jumps_of_rate(row: TimeRow) -> FloatArray:
         return np.zeros(0)
     poly = _polynomial(row)
     inside: FloatArray = poly.x[1:-1]
-    return inside[_torn(poly, inside, 2)]
+    return inside[_discontinuities(poly, inside, 2)]
 
 
-def _apart(instants: FloatArray) -> FloatArray:
-    """Ascending instants without those that rounding alone tells from the one before."""
+def _distinct(instants: FloatArray) -> FloatArray:
+    """Ascending instants without those that differ from the one before by rounding alone."""
     return instants[np.diff(instants, prepend=-np.inf) > 32.0 * np.spacing(np.abs(instants))]
 
 
@@ -97,7 +97,7 @@ def stretches(poly: PPoly, share: float) -> FloatArray:
         # no two neighbours at once: each is tried with what lies beside it
         begins = np.concatenate([[True], np.diff(soft) > 1])
         tried = soft[(soft - soft[begins][np.cumsum(begins) - 1]) % 2 == 0]
-        joined = _follows(samples, within, poly.x, bounds[tried - 1], bounds[tried + 1], limit)
+        joined = _is_followed(samples, within, poly.x, bounds[tried - 1], bounds[tried + 1], limit)
         settled[tried[~joined]] = True
         keep = np.ones(len(bounds), bool)
         keep[tried[joined]] = False
@@ -129,7 +129,7 @@ def _samples(poly: PPoly) -> tuple[FloatArray, FloatArray]:
     return values, inner
 
 
-def _follows(
+def _is_followed(
     samples: FloatArray, within: FloatArray, x: FloatArray, first: NDArray[np.int64], last: NDArray[np.int64],
     limit: float,
 ) -> BoolArray:  # fmt: skip
@@ -150,7 +150,7 @@ def _follows(
     return joined
 
 
-def _torn(poly: PPoly, instants: FloatArray, derivatives: int) -> BoolArray:
+def _discontinuities(poly: PPoly, instants: FloatArray, derivatives: int) -> BoolArray:
     """Where a derivative of an order below ``derivatives`` jumps, by more than the round-off of its terms."""
     inside = np.searchsorted(poly.x, instants)
     torn = np.zeros(len(instants), bool)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.fingerprint import fingerprint
-from flexmbd.multibody.functions.time_function import TimeRow, ask_python, checked
+from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.team import Alone, Team
 
@@ -44,7 +44,7 @@ class Callbacks:
     Attributes:
         flag: (1,) int64, not zero once a user's function has failed; the plan holds it too.
         error: what a Python callable raised.
-        codes: what tells the laws and forces apart that users wrote, compiled ones too (see ``fingerprint``).
+        codes: digests of users' laws and forces, compiled ones too (see ``fingerprint``).
     """
 
     def __init__(self, team: Team) -> None:
@@ -61,7 +61,7 @@ class Callbacks:
 
         def thunk(t: float, out: Any) -> None:
             answer = self._agreed(
-                lambda: np.array(ask_python(row, t, motion=motion)), 3, lambda: f"{what} at t = {t:g} s"
+                lambda: np.array(call_python(row, t, motion=motion)), 3, lambda: f"{what} at t = {t:g} s"
             )
             for k in range(3):
                 out[k] = answer[k]
@@ -102,13 +102,13 @@ class Callbacks:
         return frozenset(_address(thunk) for thunk in self._kept)
 
     def reset(self) -> None:
-        """Forget an error, and watch for those that nobody is there to catch."""
+        """Drop the error kept, and install the hook for exceptions that ctypes cannot pass on."""
         self.flag[0] = 0
         self.error = None
         self._lost = None
         _watch()
 
-    def lose(self, error: BaseException) -> None:
+    def keep_escaped(self, error: BaseException) -> None:
         """Take an exception that left a call outside of the user's function; other ranks learn it at the next call."""
         self._lost = error
         if isinstance(self._team, Alone):
@@ -118,7 +118,7 @@ class Callbacks:
     def failure(
         self, t: float, elements: Sequence[str], times: Sequence[str]
     ) -> tuple[str, BaseException] | None:
-        """What went wrong and the user's own error where ``flag`` is set, else None.
+        """The failure in words and the user's own error where ``flag`` is set, else None.
 
         ``t`` is the time (s) of the evaluation; the rest names the rows of ``Plan.elements`` and ``Plan.times``.
         """
@@ -164,22 +164,22 @@ class Callbacks:
 
 
 _calls: set[Any] = set()  # code of the functions that ctypes calls
-_before = sys.unraisablehook  # who gets what is none of ours
+_before = sys.unraisablehook  # the hook for exceptions of other code
 
 
 def _watch() -> None:
-    """See what ctypes cannot pass on; others that have put themselves there get what is theirs."""
+    """Install the hook for exceptions that ctypes cannot pass on; those of other code go to the former hook."""
     global _before
-    if sys.unraisablehook is not _fetch:
-        _before, sys.unraisablehook = sys.unraisablehook, _fetch
+    if sys.unraisablehook is not _assign_to_callbacks:
+        _before, sys.unraisablehook = sys.unraisablehook, _assign_to_callbacks
 
 
-def _fetch(unraisable: Any) -> None:
+def _assign_to_callbacks(unraisable: Any) -> None:
     """Give an exception that left one of our calls to its ``Callbacks``."""
     trace = unraisable.exc_traceback
     if trace is not None and trace.tb_frame.f_code in _calls:
-        trace.tb_frame.f_locals["self"].lose(unraisable.exc_value)
-    elif _before is not _fetch:
+        trace.tb_frame.f_locals["self"].keep_escaped(unraisable.exc_value)
+    elif _before is not _assign_to_callbacks:
         _before(unraisable)
 
 

@@ -1,4 +1,4 @@
-"""What tells a user's functions apart where their addresses do not: what they compute, and with what."""
+"""Digests of users' functions, by their code and the values that they use; addresses change between processes."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Table:
 
 
 class Signature(Enum):
-    """What a compiled function takes, by the number of its arguments."""
+    """Signatures of compiled functions, by the number of their arguments."""
 
     TIME = 1
     LAW = 3
@@ -138,14 +138,14 @@ class Piecewise:
         return self.function(*arguments)
 
 
-#: What may stand where a function of time is asked for.
+#: Types that serve as a function of time.
 TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types are unknown to it)
     float, Sine, Table, PPoly, Compiled, Motion, Piecewise, Callable[[float], Any]
 ]
 
 
 def checked_breaks(breaks: ArrayLike, what: str) -> FloatArray:
-    """Declared breaks (k,), ascending; SceneError where they are not finite instants."""
+    """Declared breaks (k,), ascending; SceneError unless they are finite instants."""
     try:
         values = np.asarray(breaks, dtype=np.float64)
     except (TypeError, ValueError) as reason:
@@ -222,7 +222,7 @@ class TimeRow:
         addresses: value, rate, acceleration of compiled functions, 0 where absent.
         call: the Python callable of TIME_PYTHON, else None.
         text: how ``explain`` calls it.
-        code: what tells a user's functions apart (see ``fingerprint``).
+        code: digest of a user's function (see ``fingerprint``).
         motion: whether it prescribes a motion.
         breaks: (k,) s, declared.
     """
@@ -381,7 +381,7 @@ def _piecewise(poly: PPoly, what: str) -> TimeRow:
 
 
 def checked(answer: Any, shape: tuple[int, ...]) -> FloatArray:
-    """What a user's function gave, as an array.
+    """The result of a user's function, as an array.
 
     Raises:
         SceneError: another shape than ``shape``, or not finite.
@@ -395,14 +395,14 @@ def checked(answer: Any, shape: tuple[int, ...]) -> FloatArray:
     return values
 
 
-def ask_python(row: TimeRow, t: float, *, motion: bool) -> tuple[float, float, float]:
+def call_python(row: TimeRow, t: float, *, motion: bool) -> tuple[float, float, float]:
     """Value, rate and acceleration that a Python function of time gives; (value, 0, 0) unless it is a motion.
 
     Raises:
         SceneError: wrong shape or not finite.
     """
     if row.call is None:
-        raise SceneError("it is no Python callable")
+        raise SceneError("it is not a Python callable")
     values = checked(row.call(t), (3,) if motion else ())
     if motion:
         return float(values[0]), float(values[1]), float(values[2])

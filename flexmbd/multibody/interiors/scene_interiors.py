@@ -1,4 +1,4 @@
-"""The interiors of a compiled scene: their frames in the plan, their wrenches on them, and what they leave."""
+"""The interiors of a compiled scene: their frames in the plan, their wrenches on them, and their records."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, LaidInterior, Memory
-from flexmbd.multibody.force.protocol import OffJoints, Table
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
+from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.sampling.interface_frames import (
@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class InteriorForce(OffJoints):
-    """What an interior exerts on its frames: forces in inertial axes whose numbers change with each step."""
+    """The wrenches of an interior on its frames: given forces in inertial axes, changed at each step."""
 
     body: ContinuumBody
 
@@ -45,7 +45,7 @@ class InteriorForce(OffJoints):
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""
 
-    def lay(self, table: Table) -> None:
+    def assemble(self, table: ElementTable) -> None:
         """One row a frame."""
         rows, places = [], []
         for frame in self.frames:
@@ -53,12 +53,12 @@ class InteriorForce(OffJoints):
             places.append(table.numbers(np.zeros(6)))
             what = f"interior of {self.body.name} on {frame.label}"
             table.element(kinds.BETWEEN_GIVEN_F, what, f=table.ground(), g=rows[-1], data=places[-1])
-        table.lay_interior(LaidInterior(self.body, tuple(rows), tuple(places)))
+        table.add_interior(PlacedInterior(self.body, tuple(rows), tuple(places)))
 
 
 @dataclass(frozen=True)
-class Row:
-    """What the interiors leave beside a row of the trajectory: wrenches (k, 6), and the energies of each body."""
+class InteriorRecord:
+    """The interiors' part of a row of the trajectory: wrenches (k, 6), and the energies (J) of each body."""
 
     wrenches: FloatArray
     energies: tuple[Mapping[str, float], ...]
@@ -66,34 +66,34 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Interiors:
-    """All interiors of a scene, whose k frames stand one after the other.
+    """All interiors of a scene, with k frames, body by body.
 
     Attributes:
-        laid: one a body.
-        team: who steps side by side; rank 0's wrenches count.
+        placed: one a body.
+        team: the processes that run the scene; rank 0's wrenches count.
         failure: why stepping stopped, if it did.
-        buffer: rows beside those of the integrator's record.
+        buffer: one record for each row of the integrator's record.
     """
 
-    laid: tuple[LaidInterior, ...]
+    placed: tuple[PlacedInterior, ...]
     team: Team
     failure: list[SceneError] = field(default_factory=list)
-    buffer: list[Row] = field(default_factory=list)
+    buffer: list[InteriorRecord] = field(default_factory=list)
 
     @property
     def bodies(self) -> tuple[ContinuumBody, ...]:
         """The bodies."""
-        return tuple(one.body for one in self.laid)
+        return tuple(one.body for one in self.placed)
 
     @cached_property
     def rows(self) -> NDArray[np.int64]:
         """(k,) rows of ``Plan.frames``."""
-        return np.array([row for one in self.laid for row in one.rows], np.int64)
+        return np.array([row for one in self.placed for row in one.rows], np.int64)
 
     @cached_property
     def places(self) -> NDArray[np.int64]:
         """(k, 6) where ``Plan.data`` holds the wrenches: force and moment in inertial axes."""
-        first = np.array([place for one in self.laid for place in one.places], np.int64)
+        first = np.array([place for one in self.placed for place in one.places], np.int64)
         return first[:, None] + np.arange(6)
 
     def motions(
@@ -107,7 +107,7 @@ class Interiors:
     def split_motions(self, out: FloatArray) -> tuple[FrameMotion, ...]:
         """Each body's part of motions (k, N_MOTION), as copies."""
         found, first = [], 0
-        for one in self.laid:
+        for one in self.placed:
             part = out[first : first + len(one.rows)]
             first += len(one.rows)
             linear = (part[:, o : o + 3].copy() for o in (M_V, M_W, M_A, M_ALPHA))
@@ -121,10 +121,10 @@ class Interiors:
         frame_twists(plan, work, self.rows, x, np.zeros(nv), np.zeros(nv), out)
         return out
 
-    def ask(
+    def evaluate(
         self, function: Callable[[int, ContinuumBody], Sequence[FloatArray]], *, doing: str
     ) -> list[list[FloatArray]]:
-        """What a function gives of each body's interior: finite arrays, rank 0's on all ranks.
+        """Results of a function for each body's interior: finite arrays, rank 0's on all ranks.
 
         Raises:
             SceneError: an interior failed; the message names its body, and the cause is its own error.
@@ -146,36 +146,38 @@ class Interiors:
             answers.append([self.team.agree(part) for part in answer])
         return answers
 
-    def put(self, plan: Plan, wrenches: FloatArray) -> None:
-        """Let wrenches (k, 6) act."""
+    def apply_wrenches(self, plan: Plan, wrenches: FloatArray) -> None:
+        """Write wrenches (k, 6) into the plan."""
         plan.data[self.places] = wrenches
 
-    def acting(self, plan: Plan) -> FloatArray:
-        """(k, 6) the wrenches that act."""
+    def applied_wrenches(self, plan: Plan) -> FloatArray:
+        """(k, 6) the wrenches in the plan."""
         return plan.data[self.places]
 
-    def row(self, plan: Plan) -> Row:
-        """What stands beside the machine's state now."""
-        return Row(self.acting(plan), tuple(dict(body.interior.energies()) for body in self.bodies))
+    def row(self, plan: Plan) -> InteriorRecord:
+        """The record at the machine's present state."""
+        energies = tuple(dict(body.interior.energies()) for body in self.bodies)
+        return InteriorRecord(self.applied_wrenches(plan), energies)
 
-    def snapshot(self, plan: Plan) -> Kept:
-        """Copies of all that the interiors remember."""
-        return Kept(self.acting(plan), tuple(dict(body.interior.snapshot()) for body in self.bodies))
+    def snapshot(self, plan: Plan) -> InteriorSnapshot:
+        """Copies of the interiors' states and wrenches."""
+        memories = tuple(dict(body.interior.snapshot()) for body in self.bodies)
+        return InteriorSnapshot(self.applied_wrenches(plan), memories)
 
-    def restore(self, plan: Plan, kept: Kept) -> None:
+    def restore(self, plan: Plan, kept: InteriorSnapshot) -> None:
         """Go back to a snapshot."""
-        self.put(plan, kept.wrenches)
+        self.apply_wrenches(plan, kept.wrenches)
         for body, memory in zip(self.bodies, kept.memories, strict=True):
             body.interior.restore(memory)
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """A snapshot of interiors: the wrenches (k, 6) that act, and what each remembers."""
+class InteriorSnapshot:
+    """A snapshot of interiors: the wrenches (k, 6) that act, and each one's state."""
 
     wrenches: FloatArray
     memories: tuple[Memory, ...]
 
 
 #: The snapshot of a scene that has no interiors.
-NOTHING_KEPT = Kept(np.zeros((0, 6)), ())
+NO_INTERIORS = InteriorSnapshot(np.zeros((0, 6)), ())

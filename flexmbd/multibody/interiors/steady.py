@@ -54,10 +54,10 @@ class InteriorModes:
 class SteadyInterior(Interior, Protocol):
     """An interior that finds its balance with frames that do not accelerate nor turn."""
 
-    def settle(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+    def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """A trial: in balance where the frames are, from the last state committed, no mass accelerating.
 
-        What it remembers of the last state is where its history goes on from, in one increment.
+        Its history goes on from the last state in one increment.
 
         Args:
             t: s, of the last state committed.

@@ -143,7 +143,7 @@ class Connection:
 
 
 def motion_name(connection: Connection) -> str:
-    """What a joint's prescribed motion is called."""
+    """The name of a joint's prescribed motion, in messages."""
     return f"motion of joint {connection.name!r}"
 
 

@@ -36,7 +36,7 @@ def _check(stiffness: float, damping: float) -> None:
 class Penalty:
     """Constraints yield: reaction = stiffness phi + damping d phi/dt, and no unknown.
 
-    What opens goes as reaction over stiffness.  Rows measured in rad take both numbers times the
+    The gap is the reaction over the stiffness.  Rows measured in rad take both numbers times the
     square of the machine's extent.  A row that holds velocities alone takes ``damping`` alone.
 
     Attributes:

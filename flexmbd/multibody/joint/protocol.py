@@ -1,4 +1,4 @@
-"""What the machine asks of a joint."""
+"""The interface of a joint: its steps as coordinates, its rows as constraints."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Joint(Protocol):
 
 
 class AlongAxis:
-    """What joints along or about one axis share; a base for frozen dataclasses.
+    """Base of joints along or about one axis, for frozen dataclasses.
 
     Attributes:
         axis: "x", "y", "z" or a vector (3,).
@@ -117,7 +117,7 @@ class AlongAxis:
 
 
 class ConstraintsAlone:
-    """What joints without coordinates share."""
+    """Base of joints without coordinates."""
 
     steps: ClassVar[tuple[Step, ...]] = ()
     start: ClassVar[tuple[float, ...]] = ()

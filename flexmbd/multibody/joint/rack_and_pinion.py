@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
-from flexmbd.multibody.joint.coupling import Term, single_coordinate
+from flexmbd.multibody.joint.coordinate_coupling import Term, single_coordinate
 
 if TYPE_CHECKING:
     from flexmbd.multibody.joint.connection import Connection

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kane.response import Response
+from flexmbd.multibody.kane.force_response import ForceResponse
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
 from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.kernels.reading.tree import joint_frame
@@ -54,7 +54,7 @@ class Bearings:
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_function(scene.plan, address), scene.extent)
+        self._response = ForceResponse(without_function(scene.plan, address), scene.extent)
         slots = [scene.index.joints[b.connection] for b in self._bearings]
         self._coordinate = np.array([s.v.start for s in slots])
         self._places = [_joint_place(scene, b.connection) for b in self._bearings]
@@ -66,7 +66,7 @@ class Bearings:
         Raises:
             SceneError: a joint locks by its own friction.
         """
-        answer = self._response.answer(t, x, v, self._units)
+        answer = self._response.evaluate(t, x, v, self._units)
         here = self._normal_forces(t, x, v, answer.a, answer.multipliers)
         # told by forces of the friction's own size, for beside it a unit of force may be round-off
         size = self._factor * np.linalg.norm(here, axis=1)

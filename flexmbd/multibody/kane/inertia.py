@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kane.equations import Kinematics
-from flexmbd.multibody.kane.response import Response
+from flexmbd.multibody.kane.force_response import ForceResponse
 from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.motion.machine import Contribution, Machine
 
@@ -26,7 +26,7 @@ InertiaAndForces = tuple[ArrayLike, ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
-class GivenBody:
+class UserBody:
     """A body by what it does at frames of the machine.
 
     Attributes:
@@ -43,14 +43,14 @@ class GivenBody:
 class KaneInertia:
     """The wrenches of all such bodies of a machine, as a function of its state; ``build`` comes first."""
 
-    def __init__(self, bodies: Sequence[GivenBody]) -> None:
+    def __init__(self, bodies: Sequence[UserBody]) -> None:
         self._bodies = tuple(bodies)
         self._frames = [frame for body in bodies for frame in body.frames]
 
     def build(self, scene: Machine, address: int) -> None:
         """Take the compiled scene, whose element at ``address`` this is."""
         self._scene = scene
-        self._response = Response(without_function(scene.plan, address), scene.extent)
+        self._response = ForceResponse(without_function(scene.plan, address), scene.extent)
         self._kinematics = Kinematics(scene)
 
     def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:
@@ -76,7 +76,7 @@ class KaneInertia:
             for frame in self._frames for unit in np.eye(6)
         ]  # fmt: skip
         partial = np.array(units)
-        answer = self._response.answer(t, x, v, partial)
+        answer = self._response.evaluate(t, x, v, partial)
         self._scene.refuse_failed(self._response.work)
         kinematics.move(t, x, v, answer.a)
         accelerations = np.concatenate(

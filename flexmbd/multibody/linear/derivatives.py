@@ -1,4 +1,4 @@
-"""What a machine's equations change with its state, analytically and one by one: for linearising."""
+"""Analytic derivatives of a machine's equations of motion and rows, for linearising."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def derive(plan: Plan, work: Work, x: FloatArray, v: FloatArray, multipliers: Fl
     return Derivatives(found[2], found[1], found[0], tw.jacobian.copy(), slopes[0])
 
 
-def turning(plan: Plan, v: FloatArray) -> FloatArray:
+def angular_rate_matrix(plan: Plan, v: FloatArray) -> FloatArray:
     """A (nv, nv) of d xi/dt = dv - A xi, for small changes xi and dv of configuration and velocities v (nv,).
 
     R exp(xi) has the angular velocity w + d xi/dt + w x xi in its own axes.

@@ -30,7 +30,7 @@ _SINGULAR = 1e-8  # of the largest pivot: below it a row says nothing that other
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """What small changes there are of a configuration: those of the machine, then those of interiors.
+    """The coordinates of small changes: those of the machine, then those of interiors.
 
     Attributes:
         names: (n,).
@@ -50,7 +50,7 @@ def own_coordinates(scene: CompiledScene) -> Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Prescribed:
-    """What inputs u (nu,) prescribe.
+    """Motions and rows that inputs u (nu,) prescribe.
 
     Attributes:
         motion: (3, nv, nu) value, velocity and acceleration of prescribed coordinates per unit of each input.

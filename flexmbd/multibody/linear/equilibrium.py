@@ -9,15 +9,15 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
-from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
+from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
+from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
+from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
 from flexmbd.multibody.linear.membrane_strains import MembraneStrains, membrane_strains
-from flexmbd.multibody.linear.settled import settle
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
@@ -55,7 +55,7 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class _Balance:
-    """What is lacking at a state: (nz,) forces, and what they are made of."""
+    """Unbalanced forces (nz,) at a state, and the quantities that they follow from."""
 
     x: FloatArray
     v: FloatArray
@@ -92,14 +92,14 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         size = _size(scene, step.along)
         if size <= _CONVERGED and (step.unstable == 0 or i == 0):
             if step.unstable == 0:
-                here, _ = _taken(machine, here, step.along, forces, searches=False)
+                here, _ = _take_step(machine, here, step.along, forces, searches=False)
             t, kept = float(work.time[-1, 0]), _committed(scene)
             return WorkingPoint(scene, t, here.x, here.v, here.multipliers, kept, step.unstable)
         if size <= _CONVERGED:
             along = step.softest * (_LEAVE / _size(scene, step.softest))
         else:
             along = step.along * min(1.0, _STEP / size)
-        here, forces = _taken(machine, here, along, forces, searches=step.unstable == 0)
+        here, forces = _take_step(machine, here, along, forces, searches=step.unstable == 0)
     worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
@@ -114,7 +114,7 @@ def _size(scene: CompiledScene, step: FloatArray) -> float:
     return float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
 
 
-def _taken(
+def _take_step(
     machine: _Machine, here: _Balance, step: FloatArray, forces: FloatArray, *, searches: bool
 ) -> tuple[_Balance, FloatArray]:
     """Where a step leads, and the membrane forces there by the step's linear equations.
@@ -147,10 +147,10 @@ def _taken(
     return there, then
 
 
-def _committed(scene: CompiledScene) -> Kept:
-    """What bodies with history remember where they stand in balance: their last trial."""
+def _committed(scene: CompiledScene) -> InteriorSnapshot:
+    """The memories of bodies with history in balance: those of their last trial."""
     if scene.interiors is None:
-        return NOTHING_KEPT
+        return NO_INTERIORS
     for body in scene.interiors.bodies:
         steady(body).commit()
     return scene.interiors.snapshot(scene.plan)
@@ -160,13 +160,13 @@ def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> 
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
     m, nv = len(scene.plan.rows), scene.nv
     v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
-    of_interiors = 0.0 if scene.interiors is None else settle(scene, scene.interiors, work, x, v)
+    of_interiors = 0.0 if scene.interiors is None else equilibrate_interiors(scene, scene.interiors, work, x, v)
     force = np.zeros(nv)
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
     scene.refuse_failed(work)
     nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
     of = derive(scene.plan, work, x, v, np.zeros(m))
-    by = eliminate(scene, own_coordinates(scene), of, turning(scene.plan, v), nothing)
+    by = eliminate(scene, own_coordinates(scene), of, angular_rate_matrix(scene.plan, v), nothing)
     free = scene.plan.free
     multipliers: FloatArray = np.zeros(m)
     if m:
@@ -190,7 +190,7 @@ def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Ste
 
     Args:
         scene: the machine.
-        here: what is lacking.
+        here: the unbalanced forces.
         more: (nv, nv) stiffness beside that of the state.
     """
     Vz = here.by.Vz

@@ -19,12 +19,12 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
-from flexmbd.multibody.linear.derivatives import Derivatives, derive, turning
+from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
-from flexmbd.multibody.linear.output import Output, Slopes, observe
+from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
+from flexmbd.multibody.linear.output_equations import Output, OutputDerivatives, output_derivatives
 from flexmbd.multibody.linear.ports import Ports
-from flexmbd.multibody.linear.round_off import RoundOff, cleaned, energies_at_play, round_off
-from flexmbd.multibody.linear.settled import Widening, widen
+from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
 from flexmbd.multibody.linear.working_point import WorkingPoint
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +52,7 @@ class LinearEquations:
     K: FloatArray
     F: FloatArray
     by: Elimination
-    outputs: tuple[Slopes, ...]
+    outputs: tuple[OutputDerivatives, ...]
     coordinates: Coordinates
 
 
@@ -65,25 +65,25 @@ def linearize(
         SceneError: the motion is not steady, the constraints are singular, or an output does not fit.
     """
     scene = point.scene
-    wider = widen(scene, work, point.x, point.v, modes=modes)
+    wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
     own = derive(scene.plan, work, point.x, point.v, point.multipliers)
-    of, ports = wider.derivatives(own), ports.widened(wider.added)
-    turn = np.pad(turning(scene.plan, point.v), (0, wider.added))
+    of, ports = wider.derivatives(own), ports.extended(wider.added)
+    turn = np.pad(angular_rate_matrix(scene.plan, point.v), (0, wider.added))
     by = eliminate(scene, wider.coordinates, of, turn, ports.given)
     energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
     rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
     _refuse_driven_unsteadily(point, work, rate)
     _refuse_unsteady(point, work, of, by, wider, energies)
-    slopes = tuple(observe(scene, point.x, point.v, output) for output in outputs)
+    slopes = tuple(output_derivatives(scene, point.x, point.v, output) for output in outputs)
     noise = round_off(of, by, wider.coordinates, energies, rate)
     if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
         _refuse_changing(point, work, own, rate, slopes, outputs)
-    by = replace(by, Ty=cleaned(by.Ty, noise.Ty))
+    by = replace(by, Ty=without_round_off(by.Ty, noise.Ty))
     M, C, K, F = _reduce(of, by, ports)
     if len(by.y) == len(by.z):
         C, K, F, by = _second_order(M, C, K, F, by, ports.given)
-    C, K = cleaned(C, noise.C), cleaned(K, noise.K)
-    slopes = tuple(slope.widened(wider.added) for slope in slopes)
+    C, K = without_round_off(C, noise.C), without_round_off(K, noise.K)
+    slopes = tuple(slope.extended(wider.added) for slope in slopes)
     return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
 
 
@@ -133,9 +133,9 @@ def _refuse_driven_unsteadily(point: WorkingPoint, work: Work, rate: float) -> N
 
 
 def _refuse_unsteady(
-    point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: Widening, energies: FloatArray
+    point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: InteriorEquations, energies: FloatArray
 ) -> None:
-    """Raise SceneError where accelerations are not zero; the message tells the largest residual."""
+    """Raise SceneError where accelerations are not zero; the message names the largest residual."""
     scene, none = point.scene, np.zeros(point.scene.nv)
     left, weight, held = np.zeros((3, scene.nv))
     residual(scene.plan, work, point.x, point.v, none, point.multipliers, left)
@@ -176,7 +176,7 @@ def _refuse_changing(
     work: Work,
     of: Derivatives,
     rate: float,
-    slopes: Sequence[Slopes],
+    slopes: Sequence[OutputDerivatives],
     outputs: Sequence[Output],
 ) -> None:
     """Raise SceneError where the equations change along the motion, for then they are not those of a steady one.
@@ -203,7 +203,7 @@ def _refuse_changing(
                     "along which the machine looks the same can be linearised"
                 )
         for slope, output in zip(slopes, outputs, strict=True):
-            there = observe(scene, x, point.v, output)
+            there = output_derivatives(scene, x, point.v, output)
             if np.abs((there.L - slope.L) * size).max() > _SAME * _largest(slope.L * size):
                 raise SceneError(
                     f"the output {slope.names[0]!r} changes along the steady motion, so that no constant matrix gives "

@@ -34,7 +34,7 @@ _ORDERS = ("", "rate of ", "acceleration of ")
 
 @dataclass(frozen=True, eq=False)
 class Ports:
-    """What the nu inputs do.
+    """Effects of the nu inputs.
 
     Attributes:
         names: (nu,).
@@ -50,7 +50,7 @@ class Ports:
     force: FloatArray
     given: Prescribed
 
-    def widened(self, added: int) -> Ports:
+    def extended(self, added: int) -> Ports:
         """The same of a machine with further coordinates, on which they do nothing."""
         motion = np.pad(self.given.motion, ((0, 0), (0, added), (0, 0)))
         force = np.pad(self.force, ((0, added), (0, 0)))
@@ -68,7 +68,7 @@ def refuse_followers(forces: Sequence[Force], inputs: Sequence[Input]) -> None:
             )
 
 
-def lay_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> Ports:
+def find_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> Ports:
     """Find what each input does at the working point.
 
     Args:
@@ -120,14 +120,14 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
     for scale in ([-1] if constant else []) + scales:
         acting = keep_forces(plan, on_joints == scale, elements.time == scale)
         unit = np.ones((len(scene.plan.times) + 1, 3))
-        column = _asked(without_loads(plan), point, unit) - _asked(acting, point, unit)
+        column = _required_forces(without_loads(plan), point, unit) - _required_forces(acting, point, unit)
         found.append((scene.time_names[scale] if several and scale >= 0 else what, column))
     if not any(column.any() for _, column in found):
         raise SceneError(f"{what} as an input does nothing: its size is zero, or it acts where nothing can move")
     return found
 
 
-def _asked(plan: Plan, point: WorkingPoint, times: FloatArray) -> FloatArray:
+def _required_forces(plan: Plan, point: WorkingPoint, times: FloatArray) -> FloatArray:
     """(nv,) the residual at the working point without reactions."""
     work = new_work(plan)
     work.time[:] = times
@@ -159,7 +159,8 @@ def _penalised(scene: CompiledScene, point: WorkingPoint, times: FloatArray, row
     step = 1e-3
     moved = times.copy()
     moved[row, order] += step
-    return np.asarray((_asked(scene.plan, point, times) - _asked(scene.plan, point, moved)) / step, dtype=np.float64)
+    change = _required_forces(scene.plan, point, times) - _required_forces(scene.plan, point, moved)
+    return np.asarray(change / step, dtype=np.float64)
 
 
 def _prescribed(scene: CompiledScene, motions: Sequence[tuple[int, int]], nu: int) -> Prescribed:
@@ -175,7 +176,7 @@ def _prescribed(scene: CompiledScene, motions: Sequence[tuple[int, int]], nu: in
     return Prescribed(motion, row, rate)
 
 
-def leave_out(scene: CompiledScene, forces: Sequence[Force]) -> CompiledScene:
+def without_inputs(scene: CompiledScene, forces: Sequence[Force]) -> CompiledScene:
     """The scene without force elements that are there as inputs alone."""
     rows = [scene.index.forces[force] for force in forces]
     kept = [k for k in range(len(scene.plan.forces)) if not any(k in row.forces for row in rows)]

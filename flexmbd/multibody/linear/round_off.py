@@ -1,4 +1,4 @@
-"""Round-off in linear equations: what is left of zeros in K, C and Ty, entry by entry.
+"""Round-off in linear equations: sizes below which entries of K, C and Ty are zeros.
 
 An entry is told from round-off by what it is the sum of, never by entries beside it, which are of other units: the
 stiffness of a slow coordinate is not lost beside that of a stiff spring.  What K sums are the forces at play on the
@@ -99,6 +99,6 @@ def round_off(
     return RoundOff(_ROUND_OFF * C, _ROUND_OFF * K, _ROUND_OFF * rate * np.outer(y, 1.0 / y))
 
 
-def cleaned(matrix: FloatArray, noise: FloatArray) -> FloatArray:
+def without_round_off(matrix: FloatArray, noise: FloatArray) -> FloatArray:
     """Round-off made zeros, so that what turns or rolls freely has eigenvalues that are zero."""
     return np.where(np.abs(matrix) > noise, matrix, 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.interiors.scene_interiors import NOTHING_KEPT, Kept
+from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.motion.instant import Instant
@@ -37,7 +37,7 @@ class WorkingPoint(Instant):
     x: FloatArray
     v: FloatArray
     multipliers: FloatArray
-    interiors: Kept = NOTHING_KEPT
+    interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
 
     @cached_property

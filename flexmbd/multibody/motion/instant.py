@@ -1,4 +1,4 @@
-"""A machine at one instant, asked by its frames, joints and bodies."""
+"""A machine at one instant: kinematics of its frames, coordinates of joints and bodies, reactions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Instant:
-    """What a machine does at one instant; vectors are in inertial axes.
+    """A machine at one instant; vectors are in inertial axes.
 
     All answers raise SceneError where a frame, joint or body is of another scene, and where a joint has no coordinates
     or a body no modes.  They are arrays of their own.
@@ -27,7 +27,7 @@ class Instant:
         scene: the compiled scene.
         t: time (s).
         x, v, a: (nx,), (nv,), (nv,) configuration, velocities and accelerations.
-        multipliers: (m,) reactions of the loops (N or N m); None where nobody has solved for them.
+        multipliers: (m,) reactions of the loops (N or N m); None where they are not solved for.
     """
 
     scene: Machine

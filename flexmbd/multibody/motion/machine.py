@@ -1,4 +1,4 @@
-"""What is asked of a compiled scene by those that ask how it moves and what acts in it."""
+"""The interface of a compiled scene for kinematics, reactions and Kane's equations."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Contribution = tuple[Frame, ArrayLike, ArrayLike]
 
 
 class WrenchSource(Protocol):
-    """What acts on frames by wrenches that only its generalised forces tell the equations of."""
+    """A source of wrenches on frames that enter the equations as generalised forces alone."""
 
     def wrenches(self, t: float, x: FloatArray, v: FloatArray) -> Iterable[Contribution]:
         """Force and torque on each frame that it acts on, at a time (s) and state x (nx,), v (nv,)."""
 
 
 class Machine(Protocol):
-    """What is asked of a compiled scene."""
+    """A compiled scene, as far as its motion and forces are concerned."""
 
     @property
     def plan(self) -> Plan:

@@ -17,8 +17,8 @@ from flexmbd.multibody.scene_index import IdentityMap
 FloatArray = NDArray[np.float64]
 
 
-class FrameMotion(NamedTuple):
-    """How a frame moves, in inertial axes.
+class FrameKinematics(NamedTuple):
+    """Kinematics of one frame, in inertial axes.
 
     Attributes:
         p: (3,) m, its origin.
@@ -51,7 +51,7 @@ class MovingFrames:
         self._state, self._stale = (x, v, a), True
         return self
 
-    def motion(self, frame: Frame) -> FrameMotion:
+    def motion(self, frame: Frame) -> FrameKinematics:
         """How a frame moves.
 
         Raises:
@@ -60,7 +60,7 @@ class MovingFrames:
         row = self.row(frame)
         p, R, *rates = frame_motion(*self.evaluated(), row)
         turn = np.reshape(R, (3, 3))
-        return FrameMotion(np.array(p), turn, *(turn @ rate for rate in rates))
+        return FrameKinematics(np.array(p), turn, *(turn @ rate for rate in rates))
 
     def row(self, frame: Frame) -> int:
         """The row of ``Plan.frames`` that stands for a frame here."""
@@ -77,7 +77,7 @@ class MovingFrames:
         return rows[place]
 
     def evaluated(self) -> tuple[Plan, Work]:
-        """The plan with all frames asked for so far, and scratch that holds the motion."""
+        """The plan with all frames used so far, and work arrays that hold the motion."""
         if self._stale:
             forward_kinematics(self._plan, self._work, *self._state)
             self._stale = False

@@ -68,7 +68,7 @@ def _given_wrenches(
 ) -> FloatArray:
     """(nt, 6) what ``scene.wrench_sources`` do to body ``root`` and all outboard of it, about a frame and in its axes.
 
-    The plan knows them as generalised forces, of which no joint can tell what it passes on.
+    The plan has them as generalised forces alone, which do not determine the joints' reactions.
     """
     carried = outboard(scene.plan, root)
     frames, rest = MovingFrames(scene), np.zeros(scene.nv)

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 
 def refuse_different(scene: CompiledScene, x: FloatArray, v: FloatArray, team: Team) -> None:
-    """Compare scenes and what is given at the start with rank 0's.  Collective.
+    """Compare scenes and the given start (x, v) with rank 0's.  Collective.
 
     Functions may differ: rank 0's count.
 

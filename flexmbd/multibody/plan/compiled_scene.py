@@ -17,16 +17,16 @@ from flexmbd.multibody.functions.callback import Callbacks
 from flexmbd.multibody.functions.time_function import TimeRow, as_row
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.joint.connection import Connection, motion_name
-from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.motion.machine import WrenchSource
-from flexmbd.multibody.plan.forces import lay_forces
+from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering
-from flexmbd.multibody.plan.rows import lay_penalties, lay_rows
+from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
+from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
-from flexmbd.multibody.plan.turning import decide_turning, turning_axes
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -37,12 +37,12 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class SceneParts:
-    """What a scene is compiled of, in the order of the arguments of ``build``."""
+    """The parts that a scene is compiled of, in the order of the arguments of ``build``."""
 
     topology: Topology
     ground: Body
     forces: tuple[Force, ...]
-    couplings: tuple[Coupling, ...]
+    couplings: tuple[CoordinateCoupling, ...]
     gravity: FloatArray
     team: Team
 
@@ -85,7 +85,7 @@ class CompiledScene:
     index: SceneIndex
     velocity_names: tuple[str, ...]
     row_names: tuple[str, ...]
-    row_owners: tuple[Connection | Coupling, ...]
+    row_owners: tuple[Connection | CoordinateCoupling, ...]
     start: FloatArray
     time_rows: tuple[TimeRow, ...]
     time_names: tuple[str, ...]
@@ -131,7 +131,7 @@ class CompiledScene:
             raise SceneError(message) from error
 
     def failure(self, work: Work) -> tuple[str, BaseException] | None:
-        """What a user's function did wrong in an evaluation, and its error; None if nothing."""
+        """The failure of a user's function in an evaluation, in words, and its error; None if there was none."""
         return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
 
     def digest(self, *, functions: bool = True) -> str:
@@ -142,9 +142,9 @@ class CompiledScene:
         """
         plan = self.plan
         if self.interiors is not None:
-            plan = plan._replace(data=plan.data.copy(), rigid=_coarse(plan.rigid), frames=_coarse(plan.frames))
+            plan = plan._replace(data=plan.data.copy(), rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
             # the wrenches that act come and go
-            self.interiors.put(plan, np.zeros((len(self.interiors.rows), 6)))
+            self.interiors.apply_wrenches(plan, np.zeros((len(self.interiors.rows), 6)))
         places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
         digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
@@ -197,7 +197,7 @@ class CompiledScene:
         )
 
 
-#: What a scene keeps when it is pickled; all else follows from its parts.
+#: The attributes that a scene keeps when it is pickled; the others follow from its parts.
 _NUMBERS = (
     "plan", "velocity_names", "row_names", "row_owners", "start", "time_names", "element_names", "extent", "group_of",
     "group_kind", "group_full", "group_floor", "redundant", "breaks",
@@ -236,7 +236,7 @@ def _compiled_anew(
     return replace(whole, plan=plan, index=replace(whole.index, substitutes=substitutes), time_rows=rows, **numbers)
 
 
-def _coarse(table: FloatArray) -> FloatArray:
+def _rounded(table: FloatArray) -> FloatArray:
     """A table (n, m) rounded to some eight digits of the largest number in each column."""
     largest = abs(table).max(axis=0, initial=0.0)
     # a column of round-off alone has no digits, and what is nearly a power of two no edge
@@ -249,7 +249,7 @@ def build(
     topology: Topology,
     ground: Body,
     forces: Sequence[Force],
-    couplings: Sequence[Coupling],
+    couplings: Sequence[CoordinateCoupling],
     gravity: FloatArray,
     team: Team,
 ) -> CompiledScene:
@@ -264,10 +264,10 @@ def build(
     b = Numbering(ground, extent_of(reach), Callbacks(team))
     for branch in topology.branches:
         b.add_branch(branch)
-    rows = lay_rows(b, topology, couplings)
+    rows = assemble_rows(b, topology, couplings)
     driven = _driven(b, topology)
-    table = lay_forces(b, ground, forces)
-    lay_penalties(b, rows, table)
+    table = assemble_forces(b, ground, forces)
+    assemble_penalties(b, rows, table)
     driven_v = {row[at.DRIVEN_V] for row in driven}
     free = [k for k in range(len(b.names)) if k not in driven_v]
     times, time_data = _time_table(b.times)
@@ -275,7 +275,7 @@ def build(
     frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
     rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
     axes = turning_axes(tree, frames, frame_of)
-    tree[:, at.ROTATION] = decide_turning(tree, axes, rigid)
+    tree[:, at.ROTATION] = classify_rotations(tree, axes, rigid)
     plan = Plan(
         tree=tree,
         frames=frames,
@@ -320,7 +320,7 @@ def build(
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
         sources=Sources(tuple(b.markers), reach, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
     )
-    table.tell_built(scene)
+    table.call_hooks(scene)
     return scene
 
 

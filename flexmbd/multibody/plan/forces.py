@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.bodies.continuum_body import LaidInterior
+from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.time_function import Compiled, Piecewise, TimeFunction, as_row, checked_breaks
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
-from flexmbd.multibody.kane.inertia import GivenBody, KaneInertia
+from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
@@ -25,18 +25,18 @@ from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
-#: Count of an element ON_STATE that is not a user's force, so that no drive.
+#: Count of an element ON_STATE that is not a user's force, and therefore not a drive.
 NO_DRIVE = 1
 
 
 @dataclass(frozen=True)
 class ForceSpan:
-    """What a force element laid out beside its rows.
+    """Parameters that a force element has entered beside its rows.
 
     Attributes:
         data: places in ``Plan.data``.
         times: rows of ``Plan.times``.
-        frames: rows of ``Plan.frames`` that it asked for, in order.
+        frames: rows of ``Plan.frames`` that it uses, in order.
     """
 
     data: range
@@ -45,7 +45,7 @@ class ForceSpan:
 
 
 class ForceTable:
-    """Growing rows of ``Plan.forces`` and ``Plan.elements``; what force elements lay themselves out in.
+    """Growing rows of ``Plan.forces`` and ``Plan.elements``, to which force elements add theirs.
 
     Attributes:
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
@@ -60,22 +60,22 @@ class ForceTable:
         self.elements: list[list[int]] = []
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
-        self.interiors: list[LaidInterior] = []
+        self.interiors: list[PlacedInterior] = []
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
-        self._given_bodies: list[GivenBody] = []
+        self._given_bodies: list[UserBody] = []
         self._frames: IdentityMap[Frame, int] = IdentityMap()
         self._origin: int | None = None
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
-    def lay(self, force: Force) -> None:
-        """Let a force element lay itself out, and keep where it has."""
+    def assemble(self, force: Force) -> None:
+        """Let a force element add its rows, and keep their places."""
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
         self._asked = []
-        force.lay(self)
+        force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
         self.spans[force] = ForceSpan(data, times, tuple(self._asked))
 
@@ -151,8 +151,8 @@ class ForceTable:
         """Whether functions of the state keep the compiled scene, so that no variant can take its place."""
         return bool(self._waiting)
 
-    def tell_built(self, scene: Machine) -> None:
-        """Hand the compiled scene to those that wait for it."""
+    def call_hooks(self, scene: Machine) -> None:
+        """Call the hooks of ``when_built`` with the compiled scene."""
         for hook in self._waiting:
             hook(scene)
 
@@ -169,32 +169,32 @@ class ForceTable:
         time = self.time(function, what)
         self.element(kinds.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
-    def act_on_frames(self, source: WrenchSource) -> None:
-        """Let the joints' reactions know of what acts on frames by generalised forces."""
+    def add_wrench_source(self, source: WrenchSource) -> None:
+        """Add a source of wrenches on frames that the plan has as generalised forces alone, for reactions."""
         self.wrench_sources.append(source)
 
-    def bear(self, bearing: Bearing) -> None:
+    def add_bearing(self, bearing: Bearing) -> None:
         """Add a joint whose friction follows its reaction; all are solved together."""
         self._bearings.append(bearing)
 
-    def give_body(self, body: GivenBody) -> None:
+    def add_user_body(self, body: UserBody) -> None:
         """Add a body that the user gives in Kane's form; all are solved together."""
         self._given_bodies.append(body)
 
-    def lay_interior(self, laid: LaidInterior) -> None:
-        """Add a body with history, whose wrenches are put where it is laid."""
+    def add_interior(self, laid: PlacedInterior) -> None:
+        """Add a body with history, with the places of its wrenches in ``Plan.data``."""
         self.interiors.append(laid)
 
     def finish(self) -> None:
-        """Append what is solved together.
+        """Append the elements of friction and of users' bodies, which are solved together.
 
         Raises:
-            SceneError: friction that follows reactions, beside forces that no reaction tells of.
+            SceneError: friction that follows reactions, together with forces whose effect on reactions is unknown.
         """
         if self._given_bodies:
             inertia = KaneInertia(self._given_bodies)
             self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
-            self.act_on_frames(inertia)
+            self.add_wrench_source(inertia)
         if self._bearings:
             unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == kinds.ON_STATE]
             what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
@@ -232,12 +232,12 @@ def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64
                 )
 
 
-def lay_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:
-    """Let every force element lay itself out, in the order in which they were added."""
+def assemble_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:
+    """Let every force element add its rows, in the order in which they were added to the scene."""
     table = ForceTable(numbering, ground)
     for force in forces:
         first, first_element = len(table.forces), len(table.elements)
-        table.lay(force)
+        table.assemble(force)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
         numbering.index.forces[force] = rows
     table.finish()

@@ -93,7 +93,7 @@ class Numbering:
             if after is None:
                 g = self.add_frame(branch.outer, row, joint.turn @ turns[k])
             else:
-                g = self.lay_frame(row, np.zeros(3), turns[k])
+                g = self.add_body_frame(row, np.zeros(3), turns[k])
             step = joint.steps[k]
             pitch = self.add_data(np.array([step.pitch])) if step.kind == kinds.SCREW else 0
             ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
@@ -101,7 +101,7 @@ class Numbering:
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
             if after is not None:
-                f = self.lay_frame(row, np.zeros(3), turns[after])
+                f = self.add_body_frame(row, np.zeros(3), turns[after])
         self.index.bodies[body] = inner_row
         if connection is not None:
             self.index.joints[connection] = slots
@@ -145,7 +145,7 @@ class Numbering:
         return self.callbacks.of_law(law, what)
 
     def add_compiled(self, function: Compiled) -> int:
-        """Address of a compiled law or force, which the scene is told from others by."""
+        """Address of a compiled law or force, which enters the scene's digest."""
         self.callbacks.codes.append(function.code)
         return function.address
 
@@ -170,11 +170,11 @@ class Numbering:
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
         modes = -1 if frame.modes is None else self.add_modal(frame.modes)
-        laid = self.lay_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
+        laid = self.add_body_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
         self.markers[laid] = Marker(frame, turn)
         return laid
 
-    def lay_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
+    def add_body_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
         """Append a frame of the body in ``row``; return its row."""
         self.frames.append(np.concatenate([p, R.ravel()]))
         self.frame_of.append((row, modes))

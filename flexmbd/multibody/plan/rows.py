@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.time_function import as_row
 from flexmbd.multibody.joint.connection import Connection, motion_name
-from flexmbd.multibody.joint.coupling import Coupling
+from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.protocol import Row
 from flexmbd.multibody.kernels.base import kinds
@@ -40,10 +40,10 @@ class ScaledRow:
     name: str
 
     def numbers(self, extent: float) -> FloatArray:
-        """What stands there in a machine of this extent (m)."""
+        """The parameters in ``Plan.data`` for a machine of this extent (m)."""
         if isinstance(self.choice, AugmentedLagrangian):
-            return _hold(extent, self.row, self.choice, self.name)
-        return _yield(extent, self.row, self.choice, self.name)
+            return _augmented_parameters(extent, self.row, self.choice, self.name)
+        return _penalty_parameters(extent, self.row, self.choice, self.name)
 
 
 @dataclass
@@ -52,7 +52,7 @@ class RowTable:
 
     table: list[list[int]]
     names: list[str]
-    owners: list[Connection | Coupling]
+    owners: list[Connection | CoordinateCoupling]
     penalties: list[list[int]]
     penalised: list[tuple[Row, Penalty, str]]
     scaled: list[ScaledRow]
@@ -66,7 +66,7 @@ _COORDINATE = {
 }
 
 
-def lay_rows(b: Numbering, topology: Topology, couplings: Sequence[Coupling]) -> RowTable:
+def assemble_rows(b: Numbering, topology: Topology, couplings: Sequence[CoordinateCoupling]) -> RowTable:
     """Lay out the rows of all joints held by constraints, and of the couplings.
 
     Raises:
@@ -108,7 +108,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
         line = [f, g, row.kind, row.index, data, row.level, time, 0]
         name = f"{closure.name}: {row.name}"
         if isinstance(closure.enforce, AugmentedLagrangian):
-            line[at.ROW_ENFORCEMENT] = b.add_data(_hold(b.extent, row, closure.enforce, name))
+            line[at.ROW_ENFORCEMENT] = b.add_data(_augmented_parameters(b.extent, row, closure.enforce, name))
             rows.scaled.append(ScaledRow(line[at.ROW_ENFORCEMENT], row, closure.enforce, name))
         if isinstance(closure.enforce, Penalty):
             rows.penalties.append(line)
@@ -119,7 +119,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
             rows.owners.append(closure)
 
 
-def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
+def _penalty_parameters(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
     """(2,) stiffness and damping of a row, in its own unit."""
     scale = extent**2 if row.kind in kinds.ROWS_IN_RAD else 1.0
     if row.level == kinds.LEVEL_POSITION:
@@ -129,16 +129,16 @@ def _yield(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name:
     return np.array([0.0, choice.damping * scale])
 
 
-def _hold(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
+def _augmented_parameters(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:
     """(N_ENFORCEMENT,) parameters of the augmented Lagrangian that enforces a row."""
     size = 1.0 if row.kind in kinds.ROWS_IN_RAD else extent
-    return np.array([*_yield(extent, row, choice, name), choice.tol * size, choice.tol])
+    return np.array([*_penalty_parameters(extent, row, choice, name), choice.tol * size, choice.tol])
 
 
-def lay_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
+def assemble_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
     """Append the elements that stand for penalised rows."""
     for k, (line, (row, choice, name)) in enumerate(zip(rows.penalties, rows.penalised, strict=True)):
-        data = b.add_data(_yield(b.extent, row, choice, name))
+        data = b.add_data(_penalty_parameters(b.extent, row, choice, name))
         rows.scaled.append(ScaledRow(data, row, choice, name))
         f, g = line[at.ROW_F], line[at.ROW_G]
         table.element(kinds.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)

@@ -28,7 +28,7 @@ class Sources:
         markers: of each row of ``Plan.frames``; None of those that no marker gives.
         reach: (m) of all bodies and of the frames of all joints, what the machine's extent is the largest of.
         scaled: numbers that the extent scales.
-        forces: what each force element laid out.
+        forces: rows and parameters of each force element.
         axes: about which each link turns (see ``turning``).
         is_awaited: whether functions of the state keep the compiled scene.
     """

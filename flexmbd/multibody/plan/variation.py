@@ -26,8 +26,8 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
+from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
 from flexmbd.multibody.plan.sources import body_reach, extent_of, frame_reach
-from flexmbd.multibody.plan.turning import how_turning, turning_axes
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
 
 FloatArray = NDArray[np.float64]
@@ -200,14 +200,14 @@ class _Variation:
         return full, floor
 
     def _write_force(self, force: Force) -> None:
-        """Let a force element lay itself out anew, where it did before."""
+        """Let a force element enter its rows anew, in their former places."""
         span, rows = self._scene.sources.forces[force], self._scene.index.forces[force]
         now = self._index.now(force)
         if isinstance(now, DistributedLoad):
             now = replace(now, body=self._index.now(now.body))
         now.check()
         table = _Replay(self._scene, self._index, span.data.start, span.times.start, span.frames)
-        now.lay(table)
+        now.assemble(table)
         what = ", ".join(dict.fromkeys(self._scene.element_names[k] for k in rows.elements)) or type(force).__name__
         if not table.fits(self._plan, rows, span.data.stop, span.times.stop):
             raise SceneError(
@@ -246,7 +246,7 @@ def _hangs_on(force: object, body: FlexibleBody) -> bool:
 
 
 class _Replay(ForceTable):
-    """What one force element lays out, from where it began in the scene."""
+    """Rows and parameters of one force element, from its first places in the scene."""
 
     def __init__(
         self, scene: CompiledScene, index: SceneIndex, first_number: int, first_time: int, frames: tuple[int, ...]
@@ -287,7 +287,7 @@ class _Replay(ForceTable):
         return self._first_time + len(self._numbers.times) - 1
 
     def fits(self, plan: Plan, rows: ForceRows, end: int, last_time: int) -> bool:
-        """Whether it laid itself out as before but for its numbers."""
+        """Whether its rows are those of before but for its numbers."""
         elements = plan.elements[rows.elements.start : rows.elements.stop].tolist()
         forces = plan.forces[rows.forces.start : rows.forces.stop].tolist()
         laid = (self.forces, self.elements, self._numbers.data_size, self._first_time + len(self._numbers.times))

@@ -1,4 +1,4 @@
-"""What is read off a solution: reactions, what was computed and skipped, how far stretch went.
+"""Readings of a solution: energies, the text of ``explain``, the watch on stretches.
 
 Entered by trajectories and the system.
 """

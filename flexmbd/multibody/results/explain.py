@@ -23,7 +23,7 @@ _KINDS = {
     kinds.TIME_PYTHON: "Python, called at each new time",
 }
 
-#: What bodies do without, by how their frames may turn.
+#: Terms that are left out, by how the bodies' frames may rotate.
 _UNNEEDED_RIGID = {
     kinds.NONROTATING: "gyroscopic terms of {} (no joint turns the frame)",
     kinds.BALANCED_ROTATION: "gyroscopic terms of {} (turning about one principal axis)",
@@ -34,7 +34,7 @@ _SHOWN = 4
 
 
 def explain(start: Start) -> str:
-    """Say which joints went to coordinates and which to multipliers, and what is skipped."""
+    """A text: which joints are carried by coordinates, which by multipliers, and which terms are left out."""
     scene = start.scene
     plan = scene.plan
     bodies = len(scene.topology.branches)
@@ -199,7 +199,7 @@ def _skipped(start: Start) -> list[str]:
 
 
 def _unneeded_gyroscopics(start: Start) -> list[str]:
-    """What the joints on the way to a body spare it of the terms that come of its turning."""
+    """Bodies without gyroscopic terms, by the joints between them and the ground."""
     scene = start.scene
     bodies = [branch.outer.body for branch in scene.topology.branches]
     groups: dict[str, list[str]] = {}

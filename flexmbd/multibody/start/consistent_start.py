@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
-from flexmbd.multibody.interiors.scene_interiors import Kept
+from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
@@ -21,13 +21,13 @@ from flexmbd.multibody.plan.scene_matrices import (
     mass_factor,
     row_sizes,
 )
-from flexmbd.multibody.start.design_position import led_from_design
-from flexmbd.multibody.start.given_coordinates import Given, coordinates_given
-from flexmbd.multibody.start.independent_rows import Choice, independent_rows, look
+from flexmbd.multibody.start.design_position import assemble_from_design
+from flexmbd.multibody.start.given_coordinates import GivenCoordinates, coordinates_given
+from flexmbd.multibody.start.independent_rows import RowChoice, decompose_rows, independent_rows
 from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
-from flexmbd.multibody.start.report import Strain, tell_moved, tell_strain
+from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -53,7 +53,7 @@ class Start:
 
     scene: CompiledScene
     unreduced: CompiledScene
-    choice: Choice
+    choice: RowChoice
     x: FloatArray
     v: FloatArray
     a: FloatArray
@@ -71,7 +71,7 @@ def consistent_start(
     *,
     held_x: Mask,
     held_v: Mask,
-    memories: Kept | None = None,
+    memories: InteriorSnapshot | None = None,
 ) -> Start:
     """Project a user's start onto the loops and solve for accelerations and reactions.
 
@@ -100,7 +100,7 @@ def consistent_start(
         place_flying(scene, work, x, v)
     given = coordinates_given(scene)
     scene = _set_couplings(scene, work, x, held_x, given)
-    led = x if given.positions or memories is not None else led_from_design(scene, work, x, held_x)
+    led = x if given.positions or memories is not None else assemble_from_design(scene, work, x, held_x)
     closing = close_loops(scene, work, led, held_x, given)
     refuse_turned_over(scene, work, closing.x)
     choice = independent_rows(scene, work, closing.x)
@@ -123,9 +123,9 @@ def consistent_start(
         velocity,
         a,
         multipliers,
-        tell_moved(scene, work, x, closed, v, velocity, held=held_x),
+        moved_coordinates(scene, work, x, closed, v, velocity, held=held_x),
         float(np.abs(phi).max(initial=0.0)),
-        tell_strain(reduced, work, closed, velocity, closing.change + after.change, left_open=closing.left_open),
+        closing_strain(reduced, work, closed, velocity, closing.change + after.change, left_open=closing.left_open),
     )
 
 
@@ -136,13 +136,13 @@ def _velocities(
     x: FloatArray,
     v: FloatArray,
     held: Mask,
-    given: Given,
+    given: GivenCoordinates,
 ) -> FloatArray:
     """Velocities that keep the loops closed, in the next instant too.
 
     In a singular position rows lose their hold on velocities, and hold their squares instead.
     """
-    place = look(reduced, work, x)
+    place = decompose_rows(reduced, work, x)
     if place.rank == len(reduced.plan.rows):
         velocity = match_velocities(scene, work, x, v, held, given)
         return match_velocities(reduced, work, x, velocity, held, given)
@@ -169,7 +169,7 @@ def _velocities(
 
 
 def _set_couplings(
-    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given
+    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: GivenCoordinates
 ) -> CompiledScene:
     """Give the couplings the sums that they have where all other constraints are fulfilled."""
     coupling = coupling_rows(scene.plan)

@@ -30,7 +30,7 @@ _STRIDE = 0.1  # rad, or shares of the machine's extent, that set joints are tri
 _ASTRAY = 0.1  # of what a stride moves: by how much more the loops may turn it aside from where the rates lead
 
 
-def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> FloatArray:
+def assemble_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask) -> FloatArray:
     """The configuration (nx,) to which the set joints lead from the design position; x where there is no such way.
 
     Args:
@@ -58,11 +58,11 @@ def led_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: Mask)
     if left > (_BENT if scene.index.modes else CLOSED):
         return x
     # what rigid motions cannot close in the drawing, they cannot elsewhere
-    reached = _follow(scene, work, assembly, way, led, bound=2.0 * max(CLOSED, left))
+    reached = _advance_set_joints(scene, work, assembly, way, led, bound=2.0 * max(CLOSED, left))
     return x if reached is None else _joined(scene, reached, x, led)
 
 
-def _follow(
+def _advance_set_joints(
     scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led: Mask, *, bound: float
 ) -> FloatArray | None:
     """Where the other joints are once the set ones have gone their way (nv,) from x (nx,); None: it is barred.

@@ -26,7 +26,7 @@ _SAME = 1e-9  # of a coordinate's size or rate: how far a prescribed joint may b
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenCoordinates:
     """Joints held by constraints whose coordinates or velocities the user gave, each as a row a coordinate.
 
     Attributes:
@@ -71,14 +71,14 @@ class Given:
         return _sizes(scene, self.velocities)
 
 
-#: What a machine has where nobody gave such joints anything.
-NOTHING_GIVEN = Given((), ())
+#: No coordinates or velocities were given to such joints.
+NOTHING_GIVEN = GivenCoordinates((), ())
 
 
-def coordinates_given(scene: CompiledScene) -> Given:
-    """What the user gave the scene's joints held by constraints."""
+def coordinates_given(scene: CompiledScene) -> GivenCoordinates:
+    """Coordinates and velocities given to the scene's joints held by constraints."""
     held = [c for c in scene.topology.closures if c.joint.steps]
-    return Given(
+    return GivenCoordinates(
         tuple(c for c in held if c.position is not None), tuple(c for c in held if c.velocity is not None)
     )
 
@@ -139,7 +139,7 @@ def _relative(
 
 
 def _measure(joint: Joint, R: FloatArray) -> FloatArray:
-    """(k, 6) what tells the velocities of a joint whose constraints hold, from (rate, spin) in F's axes.
+    """(k, 6) matrix that gives the velocities of a joint whose constraints hold from (rate, spin) in F's axes.
 
     ``R`` is R_FG.  Of several steps the last turns about an axis fixed in G, those before it about axes fixed in F.
     """

@@ -1,4 +1,4 @@
-"""What a user gives a machine to start with: initial coordinates and velocities of joints and bodies."""
+"""The start that a user gives: initial coordinates and velocities of joints and bodies."""
 
 from __future__ import annotations
 

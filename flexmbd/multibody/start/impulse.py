@@ -22,7 +22,7 @@ from flexmbd.multibody.plan.scene_matrices import (
 FloatArray = NDArray[np.float64]
 
 
-def refuse_leaps(scene: CompiledScene, work: Work, x: FloatArray, *, rtol: float) -> None:
+def refuse_position_jumps(scene: CompiledScene, work: Work, x: FloatArray, *, rtol: float) -> None:
     """Refuse prescribed motions whose values jump: no impulse takes a machine from one place to another.
 
     Args:

@@ -1,4 +1,4 @@
-"""Which constraint rows hold anything that the others do not, found where the mechanism is regular.
+"""Independent constraint rows, found where the mechanism is regular.
 
 Of rows C = U S V^T, per full size of coordinates and rows, a choice of as many as the rank holds as firmly as the
 smallest singular value of its part of U says: 1 where the others add nothing, 0 where it alone has lost its rank.
@@ -24,7 +24,7 @@ from flexmbd.multibody.start.loop_closing import CLOSED, close_loops
 
 FloatArray = NDArray[np.float64]
 
-_BLUR = 10.0  # slopes are off by this many times what is open, at most
+_BLUR = 10.0  # the slopes' error over the gaps, at most
 _ROUND_OFF = 1e-12  # and by this share at least
 _CLEAR = 1e3  # singular values that are not round-off stand this far above it
 _BESIDE = 0.05  # of each coordinate's size: where regular positions are looked for, first
@@ -33,15 +33,15 @@ _TRIALS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """The rows' slopes at a configuration with closed loops, all in shares of the machine's size.
+class RowDecomposition:
+    """Singular value decomposition of the rows' slopes at a configuration with closed loops, over the machine's size.
 
     Attributes:
         slopes: (m, free) of the rows, per full size of each free coordinate.
         holds: (m,) which rows hold positions; the others, of rolling, hold velocities alone.
         left: (m, m) left singular vectors.
         sigma: (m,) singular values over the largest, falling; 0 beyond the free coordinates.
-        blur: what of them is not known, for the loops are closed to some tolerance.
+        blur: error of ``sigma``, for the loops are closed to some tolerance.
     """
 
     slopes: FloatArray
@@ -57,15 +57,15 @@ class Place:
 
     @property
     def is_clear(self) -> bool:
-        """Whether what counts for the rank stands well above what does not."""
+        """Whether the singular values of the rank are well above the others."""
         return self.rank == 0 or self.sigma[self.rank - 1] > _CLEAR * self.blur
 
     def independent(self) -> list[int]:
         """``rank`` rows that carry all others, the best-conditioned that pivoting finds."""
         return self._pivoted(self.slopes, self.rank, self.blur * float(np.linalg.norm(self.slopes, 2)))
 
-    def firmest(self, rank: int) -> list[int]:
-        """``rank`` rows that hold firmly together, as pivoting finds them."""
+    def best_conditioned(self, rank: int) -> list[int]:
+        """``rank`` well-conditioned rows, as pivoting finds them."""
         known = self.blur / max(float(self.sigma[rank - 1]), self.blur) if rank else 1.0
         return self._pivoted(self.left[:, :rank], rank, known)
 
@@ -83,13 +83,13 @@ class Place:
         more, _ = _first_pivots(rest, rank - len(first))
         return sorted(int(k) for k in (*held[first], *rolling[more]))
 
-    def firmness(self, rows: Sequence[int]) -> float:
+    def conditioning(self, rows: Sequence[int]) -> float:
         """How firmly these rows hold what all rows hold together, from 0 to 1."""
         part = self.left[list(rows), : len(rows)]
         return float(np.linalg.svd(part, compute_uv=False).min(initial=1.0))
 
-    def carries(self, other: Place) -> bool:
-        """Whether rows add to each other here as they do at another place, to what is known of both."""
+    def carries(self, other: RowDecomposition) -> bool:
+        """Whether the rows are as independent here as at another configuration, within the error of both."""
         if self.rank != other.rank or self.rank == 0:
             return self.rank == other.rank
         kept, there = self.left[:, : self.rank], other.left[:, : self.rank]
@@ -105,14 +105,14 @@ def _first_pivots(rows: FloatArray, count: int) -> tuple[NDArray[np.int64], Floa
     return order[:count], base[:, :count]
 
 
-class Choice(NamedTuple):
+class RowChoice(NamedTuple):
     """Independent rows, and whether they are so at every position at which all rows together are."""
 
     rows: list[int]
     for_good: bool
 
 
-def firmer_rows(
+def better_rows(
     scene: CompiledScene, work: Work, x: FloatArray, kept: Sequence[int], *, worth: float
 ) -> list[int] | None:
     """As many rows as are ``kept`` that hold more than ``worth`` times as firmly at x (nx,); None if these do not.
@@ -124,12 +124,12 @@ def firmer_rows(
         kept: (m,) rows.
         worth: the least gain that counts.
     """
-    place = look(scene, work, x)
-    others = place.firmest(len(kept))
-    return others if place.firmness(others) > worth * place.firmness(kept) else None
+    place = decompose_rows(scene, work, x)
+    others = place.best_conditioned(len(kept))
+    return others if place.conditioning(others) > worth * place.conditioning(kept) else None
 
 
-def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
+def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowDecomposition:
     """The slopes of the scene's rows at x (nx,), with closed loops."""
     free, m = scene.plan.free, len(scene.plan.rows)
     rows = row_sizes(scene)
@@ -142,10 +142,10 @@ def look(scene: CompiledScene, work: Work, x: FloatArray) -> Place:
     blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
     holds = constraint_rows(scene.plan).holds_position
-    return Place(slopes, holds, left, sigma, blur / min(largest, 1.0))
+    return RowDecomposition(slopes, holds, left, sigma, blur / min(largest, 1.0))
 
 
-def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:
+def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoice:
     """Rows that hold anything new: as many as are independent at regular positions, and those that are so best.
 
     Redundancy is a property of the mechanism, not of one position: at singular ones fewer rows are independent, and
@@ -159,28 +159,28 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> Choice:
     """
     m = len(scene.plan.rows)
     if m == 0 or len(scene.plan.free) == 0:
-        return Choice([], True)  # what motions drive altogether needs no row, nor can one hold it
-    here = look(scene, work, x)
+        return RowChoice([], True)  # what motions drive altogether needs no row, nor can one hold it
+    here = decompose_rows(scene, work, x)
     places = [here]
     if not (here.is_clear and here.rank == m):
-        places += _beside(scene, work, x)
+        places += _regular_positions(scene, work, x)
     clear = [place for place in places if place.is_clear]
     if not clear:
-        return Choice(min(places, key=lambda place: place.blur).independent(), False)
+        return RowChoice(min(places, key=lambda place: place.blur).independent(), False)
     best = max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1]))
     # what is so at two places taken at random is no matter of the position
     regular = [place for place in clear if place.rank == best.rank]
-    return Choice(best.independent(), best.rank == m or (len(regular) > 1 and all(map(best.carries, regular))))
+    return RowChoice(best.independent(), best.rank == m or (len(regular) > 1 and all(map(best.carries, regular))))
 
 
-def _beside(scene: CompiledScene, work: Work, x: FloatArray) -> list[Place]:
+def _regular_positions(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowDecomposition]:
     """Regular positions on the loops near x."""
     generator = np.random.default_rng(0)
     size = np.zeros(scene.nv)
     size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
     for slots in scene.index.modes.values():
         size[slots.v] = 0.0
-    found: list[Place] = []
+    found: list[RowDecomposition] = []
     for trial in range(_TRIALS):
         near = np.empty_like(x)
         retract(scene.plan, x, (1 + trial) * _BESIDE * size * generator.uniform(-1.0, 1.0, scene.nv), near)
@@ -188,7 +188,7 @@ def _beside(scene: CompiledScene, work: Work, x: FloatArray) -> list[Place]:
             closing = close_loops(scene, work, near, np.zeros(scene.nv, bool))
         except AssemblyError:
             continue
-        place = look(scene, work, closing.x)
+        place = decompose_rows(scene, work, closing.x)
         if closing.left_open <= CLOSED and place.is_clear:
             found.append(place)
         if len(found) == _PLACES:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion
-from flexmbd.multibody.interiors.scene_interiors import Interiors, Kept
+from flexmbd.multibody.interiors.scene_interiors import Interiors, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import SteadyInterior, steady
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -30,7 +30,7 @@ def begin_interiors(
     v: FloatArray,
     accelerations: Accelerations,
     *,
-    kept: Kept | None = None,
+    kept: InteriorSnapshot | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Place the interiors and solve for accelerations (nv,) and multipliers (m,) in balance with them.
 
@@ -55,12 +55,12 @@ def begin_interiors(
                 return (body.interior.begin(t, motions[k], plan.gravity.copy()),)
             return (steady(body).resume(t, motions[k]),)
 
-        answers = interiors.ask(first, doing=f"to begin at t = {t:g} s")
+        answers = interiors.evaluate(first, doing=f"to begin at t = {t:g} s")
         return np.concatenate([wrenches.reshape(-1, 6) for (wrenches,) in answers])
 
     def answer(wrenches: FloatArray) -> FloatArray:
         """The wrenches that accelerations under given ones lead to."""
-        interiors.put(plan, wrenches)
+        interiors.apply_wrenches(plan, wrenches)
         return begin(accelerations(scene, work, x, v)[0])
 
     acting = begin(np.zeros(scene.nv))
@@ -70,9 +70,9 @@ def begin_interiors(
         slopes = [(answer(unit.reshape(-1, 6)) - rest).ravel() for unit in np.eye(rest.size)]
         balance = np.eye(rest.size) - np.array(slopes).T
         found = np.asarray(np.linalg.solve(balance, rest.ravel()), dtype=np.float64).reshape(-1, 6)
-    interiors.put(plan, found)
+    interiors.apply_wrenches(plan, found)
     a, multipliers = accelerations(scene, work, x, v)
-    interiors.put(plan, begin(a))
+    interiors.apply_wrenches(plan, begin(a))
     return a, multipliers
 
 

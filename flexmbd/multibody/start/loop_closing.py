@@ -25,7 +25,7 @@ from flexmbd.multibody.plan.scene_matrices import (
     modal_stiffness,
     row_sizes,
 )
-from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, Given, coordinate_names
+from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinate_names
 from flexmbd.multibody.start.least_change import least_change
 from flexmbd.multibody.start.loop_gaps import loop_gaps, loop_slopes
 
@@ -38,8 +38,8 @@ CLOSED = 1e-7
 _ROUND_OFF = 1e-14
 _ITERATIONS = 50
 _WORTH = 0.5  # a more intrusive stage must close more than this share of what the others leave open
-_STILL = 1e-6  # of what is open: smaller steps than this close no more of it
-_ASIDE = 0.2  # how far (of each coordinate's size) it is tried from beside the wanted configuration
+_STILL = 1e-6  # of the gap: smaller steps than this do not reduce it
+_GUESS_SIZE = 0.2  # how far (of each coordinate's size) it is tried from beside the wanted configuration
 _TRIALS = 5  # how often
 SAME_RATE = 1e-13  #: of the machine's rates: round-off
 
@@ -95,7 +95,7 @@ def _stages(scene: CompiledScene, held: Mask, modal_cost: FloatArray) -> list[_S
 
 
 def close_loops(
-    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: Given = NOTHING_GIVEN
+    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: GivenCoordinates = NOTHING_GIVEN
 ) -> Closing:
     """Close the loops, each stage from where the one before it ended, until they are closed to round-off.
 
@@ -123,7 +123,7 @@ def close_loops(
         if given.positions and stage.deforms and _largest(gap) > CLOSED and _closes_rigidly(scene, work, x, held):
             break  # bodies are not bent to meet what was given
         left_open = _largest(gap) if stage.deforms and best.left_open == 0.0 else best.left_open
-        for aside in _moves_aside(scene, stage, given):
+        for aside in _first_guesses(scene, stage, given):
             near = np.empty_like(x)
             retract(scene.plan, best.x, aside, near)
             trial, change, left = _gauss_newton(scene, work, near, best.change + aside, stage, given)
@@ -161,7 +161,7 @@ def _largest(gap: FloatArray) -> float:
     return float(np.abs(gap).max(initial=0.0))
 
 
-def _moves_aside(scene: CompiledScene, stage: _Stage, given: Given) -> list[FloatArray]:
+def _first_guesses(scene: CompiledScene, stage: _Stage, given: GivenCoordinates) -> list[FloatArray]:
     """Where to begin, against the configuration at hand: there; and near it if given coordinates must be reached.
 
     For a mechanism at a dead centre, as one stretched out in a line, knows no way from there.
@@ -170,7 +170,7 @@ def _moves_aside(scene: CompiledScene, stage: _Stage, given: Given) -> list[Floa
     if given.positions and not stage.deforms:
         generator = np.random.default_rng(0)
         size = np.where(stage.movable, coordinate_sizes(scene), 0.0)
-        moves += [_ASIDE * size * generator.uniform(-1.0, 1.0, scene.nv) for _ in range(_TRIALS)]
+        moves += [_GUESS_SIZE * size * generator.uniform(-1.0, 1.0, scene.nv) for _ in range(_TRIALS)]
     return moves
 
 
@@ -183,15 +183,15 @@ def _refuse(what: str, names: list[str], gaps: FloatArray, unit: str) -> None:
     )
 
 
-def _gaps(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
-    """What is open, in shares of the machine's size: all rows, then the given coordinates."""
+def _gaps(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordinates) -> FloatArray:
+    """Gaps over the machine's size: of all rows, then of the given coordinates."""
     gaps = loop_gaps(scene, work, x)
     if not given.positions:
         return gaps
     return np.concatenate([gaps, given.position_gaps(scene, work, x) / given.position_sizes(scene)])
 
 
-def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> FloatArray:
+def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordinates) -> FloatArray:
     """Rates of ``_gaps`` per unit of each velocity."""
     slopes = loop_slopes(scene, work, x)
     if not given.positions:
@@ -200,7 +200,7 @@ def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: Given) -> Fl
 
 
 def _gauss_newton(
-    scene: CompiledScene, work: Work, x: FloatArray, change: FloatArray, stage: _Stage, given: Given
+    scene: CompiledScene, work: Work, x: FloatArray, change: FloatArray, stage: _Stage, given: GivenCoordinates
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move a stage's coordinates until the loops close no further: configuration, whole change, what stays open."""
     size = coordinate_sizes(scene)
@@ -221,7 +221,7 @@ def _gauss_newton(
 
 
 def match_velocities(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, held: Mask, given: Given = NOTHING_GIVEN
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, held: Mask, given: GivenCoordinates = NOTHING_GIVEN
 ) -> FloatArray:
     """The velocity (nv,) nearest to v that keeps the loops closed; arguments as of ``close_loops``.
 

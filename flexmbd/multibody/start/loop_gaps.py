@@ -27,7 +27,7 @@ _ALIGNING = (2, 5)
 
 
 def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
-    """(m,) what is open at configuration x (nx,), in shares of the machine's extent, or rad."""
+    """(m,) gaps at configuration x (nx,), over the machine's extent, or rad."""
     gaps = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / row_sizes(scene)
     for rows, _, angles, _ in _far_turned(scene, work):
         gaps[rows] = angles
@@ -49,7 +49,7 @@ def _far_turned(
 ) -> Iterator[tuple[NDArray[np.int64], tuple[int, int], FloatArray, FloatArray]]:
     """Of each pair of frames turned by more than a right angle against each other, as ``forward_kinematics`` left them.
 
-    Its rows (k,), frames F and G, what is open (k,) (rad) and (k, 3) its rates per unit of G's angular velocity
+    Its rows (k,), frames F and G, gaps (k,) (rad) and (k, 3) their rates per unit of G's angular velocity
     against F in F's axes.
     """
     table = constraint_rows(scene.plan)

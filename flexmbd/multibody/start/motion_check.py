@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 _PLACES = (0.3819660, 0.6180340, 0.8541020)  # shares of the simulated time; no round numbers, where functions may bend
 _STEPS = tuple(10.0**-k for k in range(3, 8))  # shares of it, for difference quotients
-_SETTLED = 1e-3  # by which two quotients of steps a tenth apart may differ
+_CONVERGED = 1e-3  # by which two quotients of steps a tenth apart may differ
 _FALSE = 1e-2  # by which a derivative must then differ to be a false one
 _ROUND_OFF = 1e-14
 
@@ -23,7 +23,7 @@ _ROUND_OFF = 1e-14
 def refuse_false_rates(scene: CompiledScene, t_start: float, t_end: float) -> None:
     """Compare what users' functions give as rate and acceleration with difference quotients.  Collective.
 
-    A quotient counts where it settles as the step shrinks: what is too fast, or bends there, is not judged.
+    A quotient counts where it converges as the step shrinks: functions that are too fast or bend there pass.
 
     Raises:
         SceneError: a rate or an acceleration of a prescribed motion is another than that of its values.
@@ -51,7 +51,7 @@ def refuse_false_rates(scene: CompiledScene, t_start: float, t_end: float) -> No
             for order, what in ((0, "rate"), (1, "acceleration")):
                 values = [(up[k, order], down[k, order]) for up, down in around]
                 told = here[k, order + 1]
-                quotient = _settled(values, steps, size=abs(told))
+                quotient = _converged_quotient(values, steps, size=abs(told))
                 if quotient is not None and abs(quotient - told) > _FALSE * max(abs(quotient), abs(told)):
                     raise SceneError(
                         f"{scene.time_names[row]}: at t = {t:.6g} s it gives {told:.6g} as its {what}, but its "
@@ -64,7 +64,7 @@ def _connections(scene: CompiledScene) -> list[Connection]:
     return [*branches, *scene.topology.closures]
 
 
-def _settled(values: list[tuple[float, float]], steps: list[float], *, size: float) -> float | None:
+def _converged_quotient(values: list[tuple[float, float]], steps: list[float], *, size: float) -> float | None:
     """The difference quotient where it stops changing as the step shrinks, and is not round-off; None if nowhere.
 
     ``size`` is that of the derivative it is compared with.
@@ -75,7 +75,7 @@ def _settled(values: list[tuple[float, float]], steps: list[float], *, size: flo
         if not np.isfinite(quotient):
             return None
         noise = _ROUND_OFF * max(abs(up), abs(down)) / step
-        small = _SETTLED * max(size, abs(quotient))
+        small = _CONVERGED * max(size, abs(quotient))
         if before is not None and abs(quotient - before) <= small and noise < small:
             return quotient
         before = quotient

@@ -15,7 +15,7 @@ from flexmbd.multibody.plan.scene_matrices import (
     mass_factor,
     row_sizes,
 )
-from flexmbd.multibody.start.independent_rows import look
+from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.loop_closing import CLOSED
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +26,7 @@ def minimum_norm_multipliers(
 ) -> FloatArray:
     """Spread the reactions of rows over all rows.
 
-    Rigid bodies do not tell how redundant joints share their load.  Of all shares with the same
+    The loads of redundant joints between rigid bodies are indeterminate.  Of all shares with the same
     effect on the machine, C^T nu, the smallest is taken, in the norm of forces and of moments over
     the machine's extent (closed loops by singular values: Zienkiewicz, Taylor & Fox, section 8.5).
 
@@ -44,7 +44,7 @@ def minimum_norm_multipliers(
     spread = np.zeros_like(multipliers)
     for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
         # multipliers by their rows' sizes are all of one unit; what lies in the rows' own space is all that acts
-        found = look(scene, work, place)
+        found = decompose_rows(scene, work, place)
         round_off = max(found.slopes.shape) * np.finfo(float).eps
         own = found.left[:, : min(independent, int(np.sum(found.sigma > round_off)))]
         spread[k] = own @ (own.T @ (reaction * rows)) / rows
@@ -93,7 +93,7 @@ def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a regular configuration with closed loops.
     """
-    place = look(full, work, x)
+    place = decompose_rows(full, work, x)
     driven = np.setdiff1d(np.arange(full.nv), full.plan.free)
     slopes = constraint_jacobian(full, work, x)[:, driven] * coordinate_sizes(full)[driven] / row_sizes(full)[:, None]
     left_open = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)

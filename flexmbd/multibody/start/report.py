@@ -1,4 +1,4 @@
-"""What is told of a consistent start: coordinates that moved, and bodies that were bent to close the loops."""
+"""Report of a consistent start: coordinates that moved, and bodies that were deformed to close the loops."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _SMALL = 1e-3
 
 @dataclass(frozen=True)
 class Strain:
-    """What closing the loops bent.
+    """Deformation by which the loops were closed.
 
     Attributes:
         energy: J, elastic, of the deformations that closed the loops: they are all in this instant's ``energy``.
-        left_open: m, what rigid motions left open.
+        left_open: m, the gap that rigid motions leave.
         machine: J, the machine's energy at the start: kinetic, and what its loads would do along each joint
             coordinate's full size (1 rad, or the machine's extent).
         bodies: whose modes moved.
@@ -43,7 +43,7 @@ class Strain:
 
     @property
     def warning(self) -> str | None:
-        """What a user must know: rigid motions cannot close the loops, and bodies are bent by more than a little."""
+        """The warning that only a considerable deformation of bodies closes the loops; None without."""
         if self.energy <= _SMALL * self.machine or not self.bodies:
             return None
         return (
@@ -53,10 +53,10 @@ class Strain:
         )
 
 
-def tell_strain(
+def closing_strain(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, change: FloatArray, *, left_open: float
 ) -> Strain:
-    """What closing the loops bent, of the change (nv,) of coordinates; ``left_open`` as of ``Closing``."""
+    """The deformation of the change (nv,) of coordinates that closed the loops; ``left_open`` as of ``Closing``."""
     share = 0.5 * modal_stiffness(scene) * change**2
     energy = float(share.sum())
     if left_open <= CLOSED:
@@ -73,7 +73,7 @@ def tell_strain(
     return Strain(energy, left_open * scene.extent, kinetic + float(work_of_loads.sum()), bent)
 
 
-def tell_moved(
+def moved_coordinates(
     scene: CompiledScene,
     work: Work,
     x: FloatArray,

@@ -1,4 +1,4 @@
-"""Bodies with history in equilibria and linear equations: interiors in balance with their frames, and what they add.
+"""Bodies with history in equilibria and linear equations: interiors in balance with their frames.
 
 An interior answers small motions xi = T d of its frames, d those of the machine's coordinates, by wrenches; at rest
 these change by - (mass xi'' + damping xi' + stiffness xi) and by what its own coordinates do to them.
@@ -26,21 +26,23 @@ FloatArray = NDArray[np.float64]
 _SAME = 1e-9  # of the largest speed: by how much frames that move straight on together may differ
 
 
-def settle(scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray, v: FloatArray) -> FloatArray:
-    """Let all interiors try to be in balance where the frames are, and their wrenches act.
+def equilibrate_interiors(
+    scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray, v: FloatArray
+) -> FloatArray:
+    """Make all interiors' trials equilibria at the frames' places, and apply their wrenches.
 
     Returns:
-        (nv, nv) what they add to the machine's stiffness.
+        (nv, nv) their stiffness, in the machine's coordinates.
 
     Raises:
         SceneError: one finds no balance, or its frames turn or part.
     """
     plan, t = scene.plan, float(work.time[-1, 0])
-    motions = standing(scene, interiors, work, x, v)
-    answers = interiors.ask(
-        lambda k, body: steady(body).settle(t, motions[k]), doing="to find its balance where its frames are"
+    motions = steady_motions(scene, interiors, work, x, v)
+    answers = interiors.evaluate(
+        lambda k, body: steady(body).equilibrate(t, motions[k]), doing="to find its balance where its frames are"
     )
-    interiors.put(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
+    interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
     stiffness, twists = np.zeros((scene.nv, scene.nv)), interiors.twists(plan, work, x)
     first = 0
     for _, slopes in answers:
@@ -50,7 +52,7 @@ def settle(scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray
     return stiffness
 
 
-def standing(
+def steady_motions(
     scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray, v: FloatArray
 ) -> tuple[FrameMotion, ...]:
     """Motions of each body's frames, which stand or move straight on together.
@@ -73,8 +75,8 @@ def standing(
 
 
 @dataclass(frozen=True, eq=False)
-class Widening:
-    """What interiors add to a machine's linear equations.
+class InteriorEquations:
+    """The interiors' part of a machine's linear equations.
 
     Attributes:
         parts: of each the equations, and how many rows of them are its frames'.
@@ -111,31 +113,32 @@ class Widening:
         return np.concatenate([np.zeros(0), *(part.lacking[frames:] for part, frames in self.parts)])
 
 
-def widen(
+def linearize_interiors(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, *, modes: InteriorModes
-) -> Widening:
-    """Ask the interiors for their linear equations where they stand, and let their wrenches act.
+) -> InteriorEquations:
+    """Linear equations of the interiors at their present states; applies their wrenches.
 
     Raises:
         SceneError: one has none, or its frames turn or part.
     """
     own = own_coordinates(scene)
     if scene.interiors is None:
-        return Widening((), np.zeros((0, scene.nv)), own)
+        return InteriorEquations((), np.zeros((0, scene.nv)), own)
     interiors, plan = scene.interiors, scene.plan
-    motions = standing(scene, interiors, work, x, v)
+    motions = steady_motions(scene, interiors, work, x, v)
 
     def ask(k: int, body: ContinuumBody) -> Sequence[FloatArray]:
         found = steady(body).linear(motions[k], modes)
         return found.mass, found.damping, found.stiffness, found.lacking
 
-    found = [LinearInterior(*answer) for answer in interiors.ask(ask, doing="to be linearised")]
-    parts = tuple((part, 6 * len(one.rows)) for part, one in zip(found, interiors.laid, strict=True))
-    interiors.put(plan, np.concatenate([-part.lacking[:frames] for part, frames in parts]).reshape(-1, 6))
+    found = [LinearInterior(*answer) for answer in interiors.evaluate(ask, doing="to be linearised")]
+    parts = tuple((part, 6 * len(one.rows)) for part, one in zip(found, interiors.placed, strict=True))
+    interiors.apply_wrenches(plan, np.concatenate([-part.lacking[:frames] for part, frames in parts]).reshape(-1, 6))
     names, sizes = list(own.names), [own.size]
     for body, (part, frames) in zip(interiors.bodies, parts, strict=True):
         count = len(part.lacking) - frames
         names += [f"{body.name}.q[{k}]" for k in range(count)]
         sizes.append(np.full(count, scene.extent * np.sqrt(body.mass)))
     free = np.concatenate([own.free, np.arange(scene.nv, len(names))])
-    return Widening(parts, interiors.twists(plan, work, x), Coordinates(tuple(names), free, np.concatenate(sizes)))
+    coordinates = Coordinates(tuple(names), free, np.concatenate(sizes))
+    return InteriorEquations(parts, interiors.twists(plan, work, x), coordinates)

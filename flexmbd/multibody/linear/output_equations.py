@@ -1,4 +1,4 @@
-"""Outputs of a linearised machine: what is observed, in its own units."""
+"""Outputs of a linearised machine and their derivatives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 
 FloatArray = NDArray[np.float64]
 
-#: What may be observed: a frame's origin (m, inertial axes), a joint's coordinates, a body's modal coordinates.
+#: Objects of outputs: a frame's origin (m, inertial axes), a joint's coordinates, a body's modal coordinates.
 Observed: TypeAlias = Frame | Connection | FlexibleBody | PseudoRigidBody
 
 
@@ -62,8 +62,8 @@ ORDERS = {Position: 0, Rotation: 0, Velocity: 1, Acceleration: 2}
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
-    """What an output is made of: L xi, or L dv + G xi and its rate.
+class OutputDerivatives:
+    """Derivatives of an output: it is L xi, or L dv + G xi, or the rate of that.
 
     Attributes:
         names: (k,).
@@ -76,12 +76,12 @@ class Slopes:
     L: FloatArray
     G: FloatArray
 
-    def widened(self, added: int) -> Slopes:
-        """The same of a machine with further coordinates, which it does not see."""
+    def extended(self, added: int) -> OutputDerivatives:
+        """The same for a machine with further coordinates, on which it does not depend."""
         return replace(self, L=np.pad(self.L, ((0, 0), (0, added))), G=np.pad(self.G, ((0, 0), (0, added))))
 
 
-def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) -> Slopes:
+def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) -> OutputDerivatives:
     """Derivatives of an output at configuration x (nx,) and velocities v (nv,).
 
     Raises:
@@ -96,7 +96,7 @@ def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) 
     kind = type(output).__name__.lower()
     if isinstance(of, Frame):
         L, G = _frame_slopes(scene, x, v, of, turns=isinstance(output, Rotation))
-        return Slopes(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
+        return OutputDerivatives(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
     if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody | PseudoRigidBody):
         raise SceneError(f"an output {type(output).__name__} of {of!r}: there is none; give a frame")
     slots = (scene.index.joints.get(of) if isinstance(of, Connection) else scene.index.modes.get(of))
@@ -106,7 +106,8 @@ def observe(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) 
             "another scene; give the positions of frames"
         )
     L = np.eye(scene.nv)[slots.v]
-    return Slopes(tuple(f"{kind} of {name}" for name in scene.velocity_names[slots.v]), order, L, np.zeros_like(L))
+    names = tuple(f"{kind} of {name}" for name in scene.velocity_names[slots.v])
+    return OutputDerivatives(names, order, L, np.zeros_like(L))
 
 
 def _frame_slopes(

@@ -27,7 +27,7 @@ class Term:
 
 
 @runtime_checkable
-class Coupling(Protocol):
+class CoordinateCoupling(Protocol):
     """The sum of ``terms`` keeps the value that it has at the start."""
 
     @property
@@ -36,14 +36,14 @@ class Coupling(Protocol):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """What is summed."""
+        """The terms of the sum."""
 
 
 def single_coordinate(connection: Connection, *, angular: bool, what: str) -> int:
     """Index of the only angle, or the only displacement, among a joint's coordinates.
 
     Raises:
-        SceneError: the joint has none, or several; ``what`` names who asks.
+        SceneError: the joint has none, or several; ``what`` names the coupling.
     """
     joint = connection.joint
     found = [k for k, turns in enumerate(joint.angular) if turns == angular]

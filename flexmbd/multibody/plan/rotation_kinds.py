@@ -23,7 +23,7 @@ _HINGES = (kinds.REVOLUTE, kinds.SCREW)
 _SLIDES = (kinds.FIXED, kinds.PRISMATIC)
 
 
-def decide_turning(tree: IntArray, axes: Sequence[FloatArray | None], rigid: FloatArray) -> IntArray:
+def classify_rotations(tree: IntArray, axes: Sequence[FloatArray | None], rigid: FloatArray) -> IntArray:
     """(bodies,) ``kinds.NONROTATING`` to ``FREE_ROTATION`` of each row of ``tree``; ``axes`` by ``turning_axes``."""
     return np.array([how_turning(row, axes[i], rigid[i]) for i, row in enumerate(tree)], np.int64)
 

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 _RANK = 1e-12  # redundant rows: singular values below this share of the largest are round-off
 
 
-class Answer(NamedTuple):
+class UnitResponses(NamedTuple):
     """Accelerations and multipliers: those of the machine as it is, and what each of k forces adds per unit.
 
     Attributes:
@@ -35,7 +35,7 @@ class Answer(NamedTuple):
     multiplier_slopes: FloatArray
 
 
-class Response:
+class ForceResponse:
     """The equations of motion of a plan at a state, solved: M a + C^T nu = f, with C a as the loops want it.
 
     Of loops with redundant rows the smallest multipliers are taken, in the norm of forces and of moments over the
@@ -49,7 +49,7 @@ class Response:
         self._articulated = new_articulated_work(plan)
         self._nv = len(plan.free) + len(plan.driven)
 
-    def answer(self, t: float, x: FloatArray, v: FloatArray, forces: FloatArray) -> Answer:
+    def evaluate(self, t: float, x: FloatArray, v: FloatArray, forces: FloatArray) -> UnitResponses:
         """The answer at time t (s), x (nx,), v (nv,); ``forces`` (k, nv): generalised forces of unit size."""
         plan, m = self.plan, len(self.plan.rows)
         evaluate_times(plan, t, self.work.time)
@@ -57,7 +57,7 @@ class Response:
         forward_dynamics(plan, self.work, self._articulated, x, v, a, np.zeros(m))
         solve_mass(plan, self.work, self._articulated, np.ascontiguousarray(forces), slopes)
         if m == 0:
-            return Answer(a, np.zeros(0), slopes, np.zeros((len(forces), 0)))
+            return UnitResponses(a, np.zeros(0), slopes, np.zeros((len(forces), 0)))
         jacobian, yielding = np.zeros((m, self._nv)), np.zeros((m, self._nv))
         constraint_matrix(plan, self.work, x, np.zeros(self._nv), np.zeros(self._nv), np.zeros((4, m)), jacobian)
         solve_mass(plan, self.work, self._articulated, jacobian, yielding)
@@ -68,6 +68,6 @@ class Response:
         sizes = self._sizes
         alike = sizes[:, None] * (jacobian @ yielding.T) * sizes
         multipliers = (sizes[:, None] * np.linalg.lstsq(alike, (opening * sizes).T, rcond=_RANK)[0]).T
-        return Answer(
+        return UnitResponses(
             a - multipliers[0] @ yielding, multipliers[0], slopes - multipliers[1:] @ yielding, multipliers[1:]
         )
