@@ -110,7 +110,7 @@ WRONG = {
     "truth as mass": (lambda _: fm.RigidBody(True, (1, 1, 1)), "mass must be positive, got True"),
     "truth as motion": (lambda p: p[2].prescribe(True), "bool is not a function of time"),
     "truth as torque": (
-        lambda p: (p[0].add_force(fm.force.JointTorque(p[2], np.bool_(1))), p[0].start()), "no function of time"
+        lambda p: (p[0].add_force(fm.force.JointTorque(p[2], np.bool_(1))), p[0].start()), "not a function of time"
     ),
     "truth as stiffness": (lambda p: p[0].add_force(fm.force.JointSpring(p[2], True)), "stiffness = True is not a fin"),
     "truth in a table": (lambda p: p[2].prescribe(fm.Table([0, 1], [0.0, True])), "a table needs numbers t and y"),
