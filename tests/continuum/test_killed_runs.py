@@ -84,7 +84,7 @@ def test_bad_input(tmp_path):
     one = ExplicitRun(bar(hencky_plasticity, MPI.COMM_SELF), planes=[wall])
     with pytest.raises(SceneError, match="every 0"):
         RegularCheckpoints(file, 0.0)
-    with pytest.raises(RecordError, match="no checkpoint that can be read"):
+    with pytest.raises(RecordError, match="not a checkpoint that can be read"):
         one.simulate(0.01, restart=file)
     account = one.simulate(0.01, checkpoints=RegularCheckpoints(file, 0.01))
     assert list(tmp_path.iterdir()) == [file]
@@ -100,7 +100,7 @@ def test_bad_input(tmp_path):
     assert load_body(body, tmp_path / "body.npz") == 0.5
     with pytest.raises(SceneError, match="of another body"):
         load_body(bar(hencky_plasticity, MPI.COMM_SELF, yield_stress=2e4), tmp_path / "body.npz")
-    with pytest.raises(RecordError, match="no checkpoint of a body that runs by itself"):
+    with pytest.raises(RecordError, match="not a checkpoint of a body that runs by itself"):
         one.simulate(0.03, restart=tmp_path / "body.npz")
     np.savez(tmp_path / "other.npz", version=5)
     with pytest.raises(RecordError, match="not a checkpoint of a machine"):

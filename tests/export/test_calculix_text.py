@@ -156,7 +156,7 @@ def test_user_elements(tmp_path, style):
         ("rod.sti", "none.sti", "cannot read"),
         ("stiffness=stiff", "stiffness=other", "OTHER"),
         ("1,2,1,1,", "1,2,1,", "is not `node"),
-        ("1,2,1,1,", "1,2,1,x,", "no whole number"),
+        ("1,2,1,1,", "1,2,1,x,", "not a whole number"),
         ("*MATRIX ASSEMBLE", "*Matrix Assemble\n*MATRIX ASSEMBLE", "assembles 2 matrices"),
         ("mass=MASS", "mass_=MASS", "no mass matrix"),
     ],

@@ -96,12 +96,12 @@ def test_positions_and_names_from_the_grids(tmp_path):
     ("old", "new", "match"),
     [
         ("GRID,7,,0.0", "GRID,7,4,0.0", "coordinate systems of its own"),
-        ("GRID,7,,0.0", "GRID,7,,nan", "no finite number"),
+        ("GRID,7,,0.0", "GRID,7,,nan", "not a finite number"),
         ("GRID,7,,0.0,0.0,0.0\n", "", "not the square|of no interface|no matrix entries"),
         (f"{'DMIG':8}{'MX':8}{0:8}{1:8}", f"{'DMIG':8}{'MX':8}{0:8}{9:8}", "form 9"),
         ("MX", "XX", "begins with M"),
         ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,7,1,,\n*,7,8,", "component 8 of GRID 7"),
-        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "no whole number"),
+        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "not a whole number"),
     ],
 )
 def test_decks_that_do_not_fit(tmp_path, old, new, match):

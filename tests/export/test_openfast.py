@@ -108,7 +108,7 @@ def written(tmp_path, *changes):
     [
         ("!Dimension: 8", "!Dimension: 9", "not of 9 rows"),
         ("!Dimension: 8", "!Dimension: 99999", "99999 rows"),
-        ("!Dimension: 8", "!Dimension: x", "no whole number"),
+        ("!Dimension: 8", "!Dimension: x", "not a whole number"),
         ("!Dimension: 8", "", "0 rows"),
         ("!Mass", "!Mess", "0 matrices '!mass'"),
         ("E+0", "E+0x", "could not convert"),

@@ -104,12 +104,12 @@ def saved(tmp_path, **changes):
         ({"P": None}, "does not say which interfaces"),
         ({"K": np.full((8, 8), np.nan)}, "not finite"),
         ({"K": np.ones((7, 8))}, "not the square matrices"),
-        ({"K": np.ones((8, 8)) * 1j}, "no full real matrix"),
+        ({"K": np.ones((8, 8)) * 1j}, "not a full real matrix"),
         ({"K": scipy.sparse.eye(8).tocsc()}, r"full\(K\)"),
         ({"P": np.zeros((2, 3))}, "not the square matrices"),
         ({"P": np.zeros((1, 2))}, "a position is three"),
         ({"quaternions": np.zeros((1, 4))}, "unit quaternion"),
-        ({"K": {"a": 1}}, "no full real matrix"),
+        ({"K": {"a": 1}}, "not a full real matrix"),
     ],
 )
 def test_files_that_do_not_fit(tmp_path, changes, match):

@@ -150,7 +150,7 @@ def test_refused(tmp_path, machine):
         fm.export.vtkhdf(bare, tmp_path / "x.vtkhdf")
     with pytest.raises(ExportError, match="nothing was changed there"):
         fm.export.vtkhdf(run, tmp_path / "nowhere" / "x.vtkhdf")
-    with pytest.raises(ExportError, match="no regular file"):
+    with pytest.raises(ExportError, match="not a regular file"):
         fm.export.vtkhdf_modes(soft_bar(), tmp_path)
     assert list(tmp_path.iterdir()) == []
 

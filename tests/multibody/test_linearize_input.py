@@ -104,8 +104,8 @@ def test_bad_inputs(port, word):
 @pytest.mark.parametrize(
     ("output", "word"),
     [
-        (lambda scene, joints: "angle", "no output"),
-        (lambda scene, joints: joints[0], "no output"),
+        (lambda scene, joints: "angle", "not an output"),
+        (lambda scene, joints: joints[0], "not an output"),
         (lambda scene, joints: fm.output.Position(pendulum()[2]), "no coordinates"),
         (lambda scene, joints: fm.output.Position(pendulum()[1].frame()), "no body of this scene"),
         (lambda scene, joints: fm.output.Rotation(joints[0]), "give a frame"),

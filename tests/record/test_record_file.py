@@ -75,7 +75,7 @@ def test_of_a_foreign_file_the_head_alone_is_read(tmp_path):
     with pytest.raises(RecordError, match="is not a flexmbd record"):
         read_tree(tmp_path / "a.h5")
     os.mkfifo(tmp_path / "b.h5")
-    with pytest.raises(RecordError, match="no regular file"):
+    with pytest.raises(RecordError, match="not a regular file"):
         read_tree(tmp_path / "b.h5")
 
 
@@ -150,7 +150,7 @@ def test_missing_file(tmp_path):
     [
         ("nowhere/a.h5", "No such file"),
         ("file/a.h5", "Not a directory"),
-        ("folder", "no regular file"),
+        ("folder", "not a regular file"),
         ("n" * 300 + ".h5", "File name too long"),
         ("/proc/a.h5", "No such file|not permitted|Permission denied"),
     ],

@@ -74,10 +74,10 @@ def test_a_checkpoint_belongs_to_its_scene_and_method(tmp_path):
         scene.simulate(0.4, restart=kept)
     with pytest.raises(SceneError, match="checkpoints at 2 s lie outside"):
         scene.simulate(1.0, checkpoints=[2.0])
-    with pytest.raises(RecordError, match="no checkpoint that can be read"):
+    with pytest.raises(RecordError, match="not a checkpoint that can be read"):
         fm.Checkpoint.load(tmp_path / "missing.npz")
     (tmp_path / "other.npz").write_bytes(b"something else")
-    with pytest.raises(RecordError, match="no checkpoint that can be read"):
+    with pytest.raises(RecordError, match="not a checkpoint that can be read"):
         fm.Checkpoint.load(tmp_path / "other.npz")
 
 
