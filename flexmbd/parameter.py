@@ -3,16 +3,16 @@
 A public name: users enter here.
 """
 
-from flexmbd.multibody.parameter.bodies import Axes as Axes
-from flexmbd.multibody.parameter.bodies import CentreOfMass as CentreOfMass
-from flexmbd.multibody.parameter.bodies import Inertia as Inertia
-from flexmbd.multibody.parameter.bodies import Mass as Mass
-from flexmbd.multibody.parameter.bodies import Place as Place
-from flexmbd.multibody.parameter.bodies import Record as Record
-from flexmbd.multibody.parameter.forces import OfForce as OfForce
-from flexmbd.multibody.parameter.joints import ModalPosition as ModalPosition
-from flexmbd.multibody.parameter.joints import ModalVelocity as ModalVelocity
-from flexmbd.multibody.parameter.joints import Position as Position
-from flexmbd.multibody.parameter.joints import PrescribedMotion as PrescribedMotion
-from flexmbd.multibody.parameter.joints import Velocity as Velocity
+from flexmbd.multibody.parameter.body_parameters import BodyRecord as BodyRecord
+from flexmbd.multibody.parameter.body_parameters import CentreOfMass as CentreOfMass
+from flexmbd.multibody.parameter.body_parameters import FrameAxes as FrameAxes
+from flexmbd.multibody.parameter.body_parameters import FrameOrigin as FrameOrigin
+from flexmbd.multibody.parameter.body_parameters import Inertia as Inertia
+from flexmbd.multibody.parameter.body_parameters import Mass as Mass
+from flexmbd.multibody.parameter.force_parameters import OfForce as OfForce
+from flexmbd.multibody.parameter.joint_parameters import InitialPosition as InitialPosition
+from flexmbd.multibody.parameter.joint_parameters import InitialVelocity as InitialVelocity
+from flexmbd.multibody.parameter.joint_parameters import ModalPosition as ModalPosition
+from flexmbd.multibody.parameter.joint_parameters import ModalVelocity as ModalVelocity
+from flexmbd.multibody.parameter.joint_parameters import PrescribedMotion as PrescribedMotion
 from flexmbd.multibody.parameter.protocol import Parameter as Parameter

@@ -107,7 +107,7 @@ def _outcomes(
 
 def _bar(shown: bool, total: int) -> AbstractContextManager[Any]:
     if not shown:
-        return nullcontext(_Silent())
+        return nullcontext(_SilentBar())
     try:
         from tqdm import tqdm  # only where a bar is asked for
     except ImportError as reason:
@@ -115,7 +115,7 @@ def _bar(shown: bool, total: int) -> AbstractContextManager[Any]:
     return tqdm(total=total, unit=" variants")  # type: ignore[no-any-return]
 
 
-class _Silent:
+class _SilentBar:
     """A progress bar that shows nothing."""
 
     def update(self, amount: int) -> None:

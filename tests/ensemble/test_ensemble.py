@@ -175,7 +175,7 @@ def test_machines_that_call_python_take_turns():
         return 0.0
 
     scene.add_force(fm.force.JointLaw(hinge, law))
-    machine = scene.compile(parameters={"w": fm.parameter.Velocity(hinge)})
+    machine = scene.compile(parameters={"w": fm.parameter.InitialVelocity(hinge)})
     rates = np.linspace(0.15, 3.95, 39)
     with machine.ensemble({"w": rates}, {"end": lambda run: run.beta(hinge)[-1]}, t_end=0.5, workers=4) as found:
         np.testing.assert_array_equal(found.done, rates < 2.0)

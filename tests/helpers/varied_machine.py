@@ -33,9 +33,9 @@ def double_pendulum() -> tuple[fm.CompiledMachine, dict[str, Any]]:
     machine = scene.compile(
         parameters={
             "mass": fm.parameter.Mass(arms[1]),
-            "length": fm.parameter.Place(pin),
+            "length": fm.parameter.FrameOrigin(pin),
             "k": fm.parameter.OfForce(spring, "stiffness"),
-            "rate": fm.parameter.Velocity(elbow),
+            "rate": fm.parameter.InitialVelocity(elbow),
         }
     )
     outputs = {

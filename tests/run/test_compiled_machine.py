@@ -73,15 +73,15 @@ def build(**values: Any) -> Built:
     stop = scene.add_force(fm.force.JointStop(hinge, -2.0, given["stop"], 100.0))
     parameters = {
         "mass": vary.Mass(arm), "inertia": vary.Inertia(arm), "com": vary.CentreOfMass(arm),
-        "place": vary.Place(place), "axes": vary.Axes(place), "stiffness": vary.OfForce(spring, "stiffness"),
+        "place": vary.FrameOrigin(place), "axes": vary.FrameAxes(place), "stiffness": vary.OfForce(spring, "stiffness"),
         "rest": vary.OfForce(spring, "rest"), "damping": vary.OfForce(spring, "damping"),
         "length": vary.OfForce(strut, "length"), "pull": vary.OfForce(strut, "stiffness"),
         "bush": vary.OfForce(bush, "stiffness"), "force": vary.OfForce(push, "force"),
         "torque": vary.OfForce(torque, "value"), "load": vary.OfForce(load, "value"),
         "table": vary.OfForce(curve, "force"), "friction": vary.OfForce(friction, "coulomb"),
-        "stop": vary.OfForce(stop, "upper"), "angle": vary.Position(hinge), "spin": vary.Velocity(hinge),
+        "stop": vary.OfForce(stop, "upper"), "angle": vary.InitialPosition(hinge), "spin": vary.InitialVelocity(hinge),
         "q": vary.ModalPosition(tail), "q_rate": vary.ModalVelocity(tail), "drive": vary.PrescribedMotion(slide),
-        "record": vary.Record(tail),
+        "record": vary.BodyRecord(tail),
     }  # fmt: skip
     return Built(scene, parameters, (place, tip, arm.frame()), swing)
 
@@ -220,10 +220,10 @@ def test_parameters_that_no_machine_has():
         ({"m": "mass"}, r"fm\.parameter\.Mass"),
         ({"m": vary.Mass(fm.RigidBody(1.0, (1.0, 1.0, 1.0), name="stray"))}, "'stray' is not in this scene"),
         ({"k": vary.OfForce(spring, "stifness")}, "it has stiffness, rest, damping, coordinate"),
-        ({"p": vary.Place(built.asked[1])}, "interface of a flexible body"),
-        ({"p": vary.Place(built.parameters["mass"].body.frame((1.0, 0.0, 0.0)))}, "no joint and no force"),
+        ({"p": vary.FrameOrigin(built.asked[1])}, "interface of a flexible body"),
+        ({"p": vary.FrameOrigin(built.parameters["mass"].body.frame((1.0, 0.0, 0.0)))}, "no joint and no force"),
         ({"d": vary.PrescribedMotion(hinge)}, "has no prescribed motion"),
-        ({"a": vary.Position(built.joint)}, "is not set"),
+        ({"a": vary.InitialPosition(built.joint)}, "is not set"),
     ]
     for parameters, fault in cases:
         with pytest.raises(SceneError, match=fault):
@@ -243,7 +243,7 @@ def test_loops_and_starts_of_joints_held_by_constraints():
         last = scene.connect(turn, tip, rods[2].frame((0.4, 0.0, 0.0)), way=fm.Way.CONSTRAINTS)
         first = scene.connect(turn, scene.ground.frame((0.6, 0.0, 0.0)), rods[2].frame(), name="last")
         first.position = angle
-        return scene, {"length": vary.Place(tip), "angle": vary.Position(first)}, last
+        return scene, {"length": vary.FrameOrigin(tip), "angle": vary.InitialPosition(first)}, last
 
     scene, parameters, _ = four_bar()
     machine = scene.compile(parameters=parameters)

@@ -34,7 +34,7 @@ class _OfJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Position(_OfJoint):
+class InitialPosition(_OfJoint):
     """The initial coordinates of a joint (rad or m), which must be set in the scene."""
 
     joint: Connection
@@ -53,7 +53,7 @@ class Position(_OfJoint):
 
 
 @dataclass(frozen=True, eq=False)
-class Velocity(_OfJoint):
+class InitialVelocity(_OfJoint):
     """The initial velocities of a joint (rad/s or m/s), which must be set in the scene."""
 
     joint: Connection

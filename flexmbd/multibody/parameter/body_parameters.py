@@ -65,14 +65,14 @@ class CentreOfMass(_OfRigidBody):
 
 
 @dataclass(frozen=True, eq=False)
-class Record(_OfRigidBody):
+class BodyRecord(_OfRigidBody):
     """The record of a flexible body: another one with as many modes and the same interfaces."""
 
     body: FlexibleBody  # type: ignore[assignment]
 
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError unless the scene has this flexible body."""
-        refuse_other(self.body, FlexibleBody, "the body of a parameter Record", wanted="a FlexibleBody")
+        refuse_other(self.body, FlexibleBody, "the body of a BodyRecord", wanted="a FlexibleBody")
         _refuse_foreign(self.body, scene)
 
     def changed(self, now: FlexibleBody, value: ReducedBody) -> FlexibleBody:
@@ -110,7 +110,7 @@ class _OfFrame:
         if self.frame.body.reduced() is not None:
             raise SceneError(
                 f"{what}: {self.frame.label} is an interface of a flexible body, whose place the record says; vary the "
-                "record, fm.parameter.Record(body)"
+                "record, fm.parameter.BodyRecord(body)"
             )
         if self.frame not in scene.sources.rows_of:
             raise SceneError(
@@ -120,7 +120,7 @@ class _OfFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Place(_OfFrame):
+class FrameOrigin(_OfFrame):
     """The place p (3,), m, of a marker in its body: of the very frame that a joint or a force was given."""
 
     frame: Frame
@@ -134,7 +134,7 @@ class Place(_OfFrame):
 
 
 @dataclass(frozen=True, eq=False)
-class Axes(_OfFrame):
+class FrameAxes(_OfFrame):
     """The axes R (3, 3) of a marker, a rotation to its body's: of the very frame that a joint or a force was given."""
 
     frame: Frame
