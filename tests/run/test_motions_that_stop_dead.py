@@ -98,7 +98,7 @@ def test_loops_take_part():
 @pytest.mark.parametrize("way", fm.Way)
 def test_a_motion_that_leaps_is_refused(way):
     scene, _, _ = cart_and_bob(PPoly([[0.0, 0.1]], [0.0, STOP, 9.0]), way=way)
-    with pytest.raises(fm.SimulationError, match=r"slide.* leaps by .*1\.000e-01 .* at t = 0\.4 s") as caught:
+    with pytest.raises(fm.SimulationError, match=r"slide.* jumps by .*1\.000e-01 .* at t = 0\.4 s") as caught:
         scene.simulate(2 * STOP)
     assert caught.value.trajectory.t[-1] == STOP
 

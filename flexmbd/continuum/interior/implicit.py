@@ -141,7 +141,7 @@ class ImplicitContinuum:
         return self._start_accelerations(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
-        """See `SteadyInterior.settle`. Collective."""
+        """See `SteadyInterior.equilibrate`. Collective."""
         self._check_rigid_interface()
         body, bonds = self.body, self._bonds
         pose, still = bonds.pose(motion), np.zeros_like(self._current_state().x)

@@ -148,8 +148,8 @@ def _split(J: FloatArray, names: Sequence[str]) -> tuple[IntArray, IntArray]:
     if rank < m:
         redundant = ", ".join(repr(names[k]) for k in order[rank:])
         raise SceneError(
-            f"the constraints are singular here: {redundant} hold(s) nothing that the others do not, so that linear "
-            "equations do not tell how the loops go on; linearise about another configuration"
+            f"the constraints are singular here: {redundant} depend(s) on the others, so that linear equations "
+            "cannot describe the motion of the loops; linearise about another configuration"
         )
     _, _, order = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     return np.setdiff1d(np.arange(n), order[:m]), order[:m].astype(np.int64)

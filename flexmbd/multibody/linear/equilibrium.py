@@ -104,8 +104,8 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
         f"no equilibrium found in {_ITERATIONS} steps: at {name!r} a force of {-here.lacking[worst]:.6g} (N, N m, or "
-        "modal) stays unbalanced; nothing holds it there, or start nearer to the equilibrium, as from one under a part "
-        "of the load (about=)"
+        "modal) stays unbalanced; check that something carries this load, or start nearer to the equilibrium, as from "
+        "one under a part of the load (about=)"
     )
 
 

@@ -200,7 +200,7 @@ def _refuse_changing(
             for k in np.flatnonzero(np.abs((new - old) * size).max(axis=1, initial=0.0) > _SAME * scale):
                 raise SceneError(
                     f"the motion is not steady: along it the constraint {scene.row_names[k]!r} changes; only motions "
-                    "along which the machine looks the same can be linearised"
+                    "along which the machine's equations stay the same can be linearised"
                 )
         for slope, output in zip(slopes, outputs, strict=True):
             there = output_derivatives(scene, x, point.v, output)
@@ -217,8 +217,8 @@ def _refuse_changed(point: WorkingPoint, name: str, change: FloatArray) -> None:
         k = point.scene.plan.free[np.unravel_index(int(change.argmax()), change.shape)[1]]
         raise SceneError(
             f"the motion is not steady: along it the {name} of {point.scene.velocity_names[k]!r} changes by "
-            f"{change.max():.3g} of the forces that the motion itself asks for; only motions along which the machine "
-            "looks the same can be linearised"
+            f"{change.max():.3g} of the forces of the motion itself; only motions along which the machine's equations "
+            "stay the same can be linearised"
         )
 
 

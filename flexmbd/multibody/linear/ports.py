@@ -63,8 +63,8 @@ def refuse_followers(forces: Sequence[Force], inputs: Sequence[Input]) -> None:
         if isinstance(force, KaneBody | BearingFriction) and inputs:
             raise SceneError(
                 f"{getattr(force, 'what', type(force).__name__)} follows the machine's accelerations, and so the "
-                "inputs, which V and W do not hold; linearise without inputs and disturbances, which gives what the "
-                "machine does by itself, or give a RigidBody or a JointFriction in its place"
+                "inputs, which V and W cannot express; linearise without inputs and disturbances, or give a RigidBody "
+                "or a JointFriction in its place"
             )
 
 

@@ -221,7 +221,9 @@ def _compiled_anew(
     """A scene of these parts with the numbers that it had and the addresses that its functions have now."""
     whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team)
     if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
-        raise SceneError("the scene has changed since it was compiled; copy or pickle what is compiled before that")
+        raise SceneError(
+            "the scene has changed since it was compiled; copy or pickle the compiled scene before it is changed"
+        )
     now = {0: 0, **dict(zip(addresses, whole.addresses, strict=True))}
     plan = numbers.pop("plan")
     times, elements = plan.times.copy(), plan.elements.copy()

@@ -200,7 +200,7 @@ class ForceTable:
             what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
             if unknown:
                 raise SceneError(
-                    f"{what}: nothing tells what {unknown[0]} does to the joints' reactions; give it as a FrameForce "
+                    f"{what}: the effect of {unknown[0]} on the joints' reactions is unknown; give it as a FrameForce "
                     "or a JointLaw, or take JointFriction of a given size"
                 )
             self._solve_together(Bearings(self._bearings), what)

@@ -93,8 +93,8 @@ def mass_factor(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
         _, vectors = np.linalg.eigh(mass)
         name = scene.velocity_names[free[int(np.argmax(np.abs(vectors[:, 0])))]]
         raise AssemblyError(
-            f"moving {name!r} moves no mass, so no force tells its acceleration; give the body an inertia, "
-            "or fix what does not turn"
+            f"moving {name!r} moves no mass, so that no force determines its acceleration; give the body an "
+            "inertia, or fix the joint"
         ) from reason
     return lower
 

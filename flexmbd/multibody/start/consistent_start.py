@@ -162,8 +162,8 @@ def _velocities(
     if np.abs(lost).max(initial=0.0) > max(_LEADS_ON * rate**2, round_off):
         worst = reduced.row_names[int(np.argmax(np.abs(place.left[:, place.rank :] @ lost)))]
         raise SceneError(
-            f"the velocities set lead out of the loops at once: {worst} would open with the square of time; {where}, "
-            "or set the velocities of all joints as one of the ways has them"
+            f"the velocities set lead out of the loops at once: no accelerations keep {worst} closed; {where}, or set "
+            "the velocities of all joints to those of one of the motions that leave this position"
         )
     return velocity
 

@@ -45,8 +45,8 @@ def refuse_position_jumps(scene: CompiledScene, work: Work, x: FloatArray, *, rt
         worst = int(np.argmax(shares))
         names = [*(scene.velocity_names[k] for k in slots), *scene.row_names]
         raise SceneError(
-            f"the motion prescribed of {names[worst]!r} leaps by {leaps[worst]:.3e} (m or rad) at "
-            f"t = {work.time[-1, 0]:.6g} s; a motion's values must go on without a gap, its rate alone may jump"
+            f"the motion prescribed of {names[worst]!r} jumps by {leaps[worst]:.3e} (m or rad) at "
+            f"t = {work.time[-1, 0]:.6g} s; a motion's values must be continuous, its rate alone may jump"
         )
 
 
