@@ -167,7 +167,7 @@ class ExplicitSprings(Springs):
 class ImplicitSprings(Springs):
     """By generalized-alpha, solved by Newton; bonded points may have mass."""
 
-    names = (*Springs.names, "auxiliary", "h", "a_before")
+    names = (*Springs.names, "auxiliary", "h")
 
     def begin(self, t, motion, gravity):
         answer = super().begin(t, motion, gravity)
@@ -175,7 +175,7 @@ class ImplicitSprings(Springs):
         return answer
 
     def _start_scheme(self):
-        self.auxiliary, self.a_before, self.h = self.a.copy(), self.a.copy(), 0.0
+        self.auxiliary, self.h = self.a.copy(), 0.0
         self.trials = 0
         self._trial = None
 
@@ -185,7 +185,7 @@ class ImplicitSprings(Springs):
         per_x, _ = scheme.slopes(h)
         auxiliary = self.auxiliary
         if self.h:
-            auxiliary = scheme.carry(auxiliary, h, float(self.h), self.a, self.a_before)
+            auxiliary = scheme.carry(auxiliary, h, float(self.h), self.a)
         x, v, a = self.x.copy(), self.v.copy(), self.a.copy()
         x[:n], v[:n], a[:n], r = self.bonded(motion)
         masses = np.repeat(self.masses, 3)
@@ -209,7 +209,7 @@ class ImplicitSprings(Springs):
         rigid, tangent = self.carried(r, push)
         tangent -= rigid.T @ stiffness @ rigid
         whole = np.concatenate([np.zeros_like(auxiliary[:n]), last])
-        self._trial = (t_end, x, v, a, slip, slipped, whole, self.a, h)
+        self._trial = (t_end, x, v, a, slip, slipped, whole, h)
         return self.wrench(force, a, r), tangent
 
     def matrix(self, N, slope, length, d):
@@ -247,7 +247,7 @@ class ImplicitSprings(Springs):
             raise ConvergenceError("the springs find no balance")
         stiffness = K[: 3 * n, : 3 * n] - K[: 3 * n, 3 * n :] @ np.linalg.solve(inner, K[3 * n :, : 3 * n])
         rigid, tangent = self.carried(r, force[:n] + self.masses[:n, None] * self.g)
-        self._trial = (t, x, v, still, slip, slipped, still, still, 0.0)
+        self._trial = (t, x, v, still, slip, slipped, still, 0.0)
         return self.wrench(force, still, r), tangent - rigid.T @ stiffness @ rigid
 
     def resume(self, t, motion):
@@ -282,7 +282,7 @@ class ImplicitSprings(Springs):
         return LinearInterior(onto.T @ (masses[:, None] * onto), 0.0 * stiffness, stiffness, lacking)
 
     def commit(self):
-        (self.t, self.x, self.v, self.a, self.slip, self.slipped, self.auxiliary, self.a_before, self.h) = self._trial
+        (self.t, self.x, self.v, self.a, self.slip, self.slipped, self.auxiliary, self.h) = self._trial
         self._trial = None
 
     def revert(self):

@@ -51,7 +51,6 @@ class _NodalState:
         x, v, a: m, m/s, m/s^2.
         auxiliary: m/s^2, of the scheme.
         h: s, of the step before; zero at the start.
-        a_before: m/s^2, at its begin.
     """
 
     t: float
@@ -60,7 +59,6 @@ class _NodalState:
     a: FloatArray
     auxiliary: FloatArray
     h: float
-    a_before: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ class ImplicitContinuum:
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
-        self._state = _NodalState(t, x, v, v, v, 0.0, v)
+        self._state = _NodalState(t, x, v, v, v, 0.0)
         return self._start_accelerations(motion, np.zeros(body.n_owned))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
@@ -157,7 +155,7 @@ class ImplicitContinuum:
         solution = self._solve(guess, motion, forces, body.tangent)
         x: FloatArray = self._positions(solution.increment, pose)
         v = still + motion.v[0]
-        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0, still), solution.increment)
+        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment)
         response = self._frames.condense(
             lambda: body.tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
@@ -193,7 +191,7 @@ class ImplicitContinuum:
         now, body, bonds = self._current_state(), self.body, self._bonds
         auxiliary = now.auxiliary
         if now.h > 0.0:
-            auxiliary = scheme.carry(auxiliary, h, now.h, now.a, now.a_before)
+            auxiliary = scheme.carry(auxiliary, h, now.h, now.a)
         pose = bonds.pose(motion)
         a_bonds = bonds.accelerations(motion)[~bonds.averaged]
         per_x, _ = scheme.slopes(h)
@@ -202,7 +200,7 @@ class ImplicitContinuum:
             x = self._positions(increment, pose)
             a: FloatArray = (1.0 / per_x) * (x - self._predictor(now, auxiliary, h, scheme))
             a[self._bonded] = a_bonds
-            return _NodalState(t_end, x, now.v, a, auxiliary, h, now.a)
+            return _NodalState(t_end, x, now.v, a, auxiliary, h)
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment)
@@ -373,7 +371,7 @@ class ImplicitContinuum:
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
         a = np.asarray(a + vector.array.reshape(-1, 3))
-        self._state = replace(now, a=a, auxiliary=a.copy(), a_before=a.copy())
+        self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a - self._gravity)
         return bonds.wrenches(nodal_forces, bonds.arms(motion))
 
@@ -385,4 +383,4 @@ class ImplicitContinuum:
         self._M.setDiagonal(diagonal)
 
 
-_NODAL = ("x", "v", "a", "auxiliary", "a_before")
+_NODAL = ("x", "v", "a", "auxiliary")

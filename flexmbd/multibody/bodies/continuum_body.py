@@ -135,16 +135,14 @@ class Scheme:
         move: FloatArray = h * v + h * h * ((0.5 - self.beta) * auxiliary + self.beta * last)
         return move, v + h * ((1.0 - self.gamma) * auxiliary + self.gamma * last), last
 
-    def carry(
-        self, auxiliary: FloatArray, h: float, h_before: float, a: FloatArray, a_before: FloatArray
-    ) -> FloatArray:
-        """The auxiliary acceleration for a step h after one of ``h_before`` (s) from ``a_before`` to ``a``.
+    def carry(self, auxiliary: FloatArray, h: float, h_before: float, a: FloatArray) -> FloatArray:
+        """The auxiliary acceleration for a step h after one of ``h_before`` (s) that led to ``a``.
 
-        A new step moves the instant that it belongs to; a step that begins anew has none of before.
+        It lies a share of the step beside the true one; a step that begins anew has none of before.
         """
         if h == h_before or self.anew:
             return auxiliary
-        return auxiliary + self.delay * (h - h_before) / h_before * (a - a_before)
+        return np.asarray(a + h / h_before * (auxiliary - a), dtype=np.float64)
 
 
 class Interior(Protocol):
