@@ -158,13 +158,27 @@ def test_fixed_steps_keep_their_order_across_a_jump(method, order, offset):
     assert orders[-1] > order - 0.25
 
 
+def held_back(method):
+    """The share of the impulse of true accelerations 0, 1, 0 that generalized-alpha gives after the last of them.
+
+    By its recursion (Chung & Hulbert 1993, eq. 8 to 10), where later accelerations vanish.
+    """
+    alpha_m, alpha_f, _, gamma = method.coefficients()
+    auxiliary, speed = [0.0], 0.0
+    for before, now in ((0.0, 1.0), (1.0, 0.0)):
+        auxiliary.append(((1.0 - alpha_f) * now + alpha_f * before - alpha_m * auxiliary[-1]) / (1.0 - alpha_m))
+        speed += (1.0 - gamma) * auxiliary[-2] + gamma * auxiliary[-1]
+    return 1.0 - speed
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("how", ["rtol", "h"])
 @pytest.mark.parametrize("monotone", [True, False])
 def test_a_short_pulse_of_data_is_not_stepped_over(method, how, monotone):
     """0.1 ms in a table of 3 s: its impulse of 0.5 N s sets the mass going.
 
-    Generalized-alpha takes a pulse for a vibration, and so less exactly than what drifts.
+    Generalized-alpha takes a pulse for a vibration, and so less exactly than what drifts; of two fixed steps up to the
+    peak and down it still holds a part back, where the next step begins anew.
     """
     given = {"h": 0.05} if how == "h" else {"rtol": 1e-8 if method == "alpha" else 1e-5}
     width, begin = 1e-4, 1.2345
@@ -180,7 +194,8 @@ def test_a_short_pulse_of_data_is_not_stepped_over(method, how, monotone):
         quad(lambda s: pieces(s) * np.sin(OMEGA * (END - s)), a, b, epsabs=1e-12)[0]
         for a, b in pairwise(t)
     ) / (MASS * OMEGA)
-    assert abs(run.beta(slide)[-1] - moment) < 0.02 * abs(moment)
+    bound = 0.01 + held_back(METHODS[method]) if (method, how) == ("alpha", "h") else 0.02
+    assert abs(run.beta(slide)[-1] - moment) < bound * abs(moment)
 
 
 @pytest.mark.parametrize("method", ["radau", "alpha", "energy", "5", "8"])
