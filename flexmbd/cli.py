@@ -8,14 +8,13 @@ a subcommand that is not collective runs there alone.
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
-from flexmbd.command import check, convert, doctor, export, inspect, plot, reduce, simulate
 from flexmbd.command.terminal import Parser, is_root, print_warning
 from flexmbd.errors import FlexmbdError
 
@@ -26,30 +25,33 @@ _BROKEN_PIPE = 141  # as a shell has it for a program that SIGPIPE ended
 
 @dataclass(frozen=True)
 class Subcommand:
-    """One word after `flexmbd`.
+    """One word after `flexmbd`; its module in `flexmbd.command` loads when it is asked for.
 
     Attributes:
-        name: the word.
+        name: the word, and the name of the module, whose `describe` gives the parser its arguments and sets `run`,
+            which takes them and returns the exit code.
         help: one line of `flexmbd --help`.
-        describe: gives the parser its arguments, and sets `run`, which takes them and returns the exit code.
         collective: whether all ranks run it, or rank 0 alone.
     """
 
     name: str
     help: str
-    describe: Callable[[argparse.ArgumentParser], None]
     collective: bool = False
+
+    def describe(self, parser: argparse.ArgumentParser) -> None:
+        """Load the subcommand, and give a parser its arguments."""
+        importlib.import_module(f"flexmbd.command.{self.name}").describe(parser)
 
 
 SUBCOMMANDS = (
-    Subcommand("check", "run the contract of a form file on small meshes", check.describe, collective=True),
-    Subcommand("reduce", "reduce a STEP file or a mesh to a record", reduce.describe, collective=True),
-    Subcommand("inspect", "print a record as a readable sheet", inspect.describe),
-    Subcommand("export", "write a record for another program", export.describe),
-    Subcommand("convert", "turn a file of a reduced body into another", convert.describe),
-    Subcommand("simulate", "simulate a scene from a TOML file", simulate.describe),
-    Subcommand("plot", "draw results over time, or a record's frequencies", plot.describe),
-    Subcommand("doctor", "say what is installed, and what to do about what is broken", doctor.describe),
+    Subcommand("check", "run the contract of a form file on small meshes", collective=True),
+    Subcommand("reduce", "reduce a STEP file or a mesh to a record", collective=True),
+    Subcommand("inspect", "print a record as a readable summary"),
+    Subcommand("export", "write a record for another program"),
+    Subcommand("convert", "turn a file of a reduced body into another"),
+    Subcommand("simulate", "simulate a scene from a TOML file"),
+    Subcommand("plot", "draw results over time, or a record's frequencies"),
+    Subcommand("doctor", "say what is installed, and what to do about what is broken"),
 )
 
 _EPILOG = """\
@@ -71,7 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # what the terminal has no letters for, as in names of files
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        chosen = _parser().parse_args(arguments)
+        words = sys.argv[1:] if arguments is None else list(arguments)
+        chosen = _parser(words).parse_args(words)
         if not chosen.collective and not is_root():
             return 0
         run: Callable[[argparse.Namespace], int] = chosen.run
@@ -89,27 +92,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _BROKEN_PIPE
 
 
-def _parser() -> Parser:
+def _parser(words: Sequence[str]) -> Parser:
+    """The parser of these words, with the arguments of the one subcommand that they name."""
     parser = Parser(
         prog="flexmbd",
         description="From a UFL form to a body that moves in a machine.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"flexmbd {_version()}")
-    words = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
+    parser.add_argument("--version", action=_Version)
+    subcommands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
+    named = next((word for word in words if not word.startswith("-")), None)
     for one in SUBCOMMANDS:
-        under = words.add_parser(one.name, help=one.help, formatter_class=argparse.RawDescriptionHelpFormatter)
+        under = subcommands.add_parser(one.name, help=one.help, formatter_class=argparse.RawDescriptionHelpFormatter)
         under.set_defaults(collective=one.collective, refuse=under.error)
-        one.describe(under)
+        if one.name == named:
+            one.describe(under)
     return parser
 
 
-def _version() -> str:
-    try:
-        return version("flexmbd")
-    except PackageNotFoundError:  # run from a folder, not installed
-        return "(not installed)"
+class _Version(argparse.Action):
+    """Prints the installed version, which it looks up when asked."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            found = version("flexmbd")
+        except PackageNotFoundError:  # run from a folder, not installed
+            found = "(not installed)"
+        parser.exit(message=f"flexmbd {found}\n")
 
 
 def _forget_stdout() -> None:

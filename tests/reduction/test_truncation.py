@@ -15,7 +15,7 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Truncation, craig_bampton, guyan, truncation_errors
-from flexmbd.reduction.modes import truncation
+from flexmbd.reduction.modes import mode_count, truncation
 
 # Relative errors of a beam's first frequencies by its number n of fixed-interface modes, Craig-Bampton against the
 # unreduced beam, of Hermite elements after Euler and Bernoulli.
@@ -265,7 +265,7 @@ def test_what_cannot_be_is_refused_on_all_ranks(arguments, message):
     ],
 )
 def test_more_modes_than_one_may_want(monkeypatch, arguments, message):
-    monkeypatch.setattr(truncation, "MOST", 40)
+    monkeypatch.setattr(mode_count, "MOST", 40)
     model = square_bar(MPI.COMM_WORLD, Interface("x_min"), Interface("x_max"))
     with pytest.raises(ReductionError, match=message):
         craig_bampton(model, modes=Truncation(**arguments), frame="x_min", geometric_stiffness=False)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import os
+import pickle
+import re
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -35,17 +37,17 @@ def cache_folder() -> Path:
 
 
 @cache
-def _source_stamp(path: Path) -> str:
+def _source_stamp(path: str) -> str:
     """Digest of a source and of all kernel sources that it imports, which numba would not look at."""
     digest = hashlib.sha256()
     for source in sorted(_kernel_sources(path)):
-        digest.update(source.read_bytes())
+        digest.update(_digest(source))
     return digest.hexdigest()
 
 
-def _kernel_sources(path: Path) -> set[Path]:
+def _kernel_sources(path: str) -> set[str]:
     """``path`` and the kernel sources that it imports, directly or not."""
-    found: set[Path] = set()
+    found: set[str] = set()
     waiting = [path]
     while waiting:
         source = waiting.pop()
@@ -55,17 +57,32 @@ def _kernel_sources(path: Path) -> set[Path]:
     return found
 
 
+# Statements that import, by their text: to parse all kernels would be half of the time that flexmbd takes to load.
+_FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n]*)", re.MULTILINE)
+_IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
+_KERNEL_MODULES = tuple(f"flexmbd.{folder.replace('/', '.')}." for folder in _KERNEL_FOLDERS)
+
+
 @cache
-def _imported(source: Path) -> tuple[Path, ...]:
-    modules: list[str] = []
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            modules += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.Import):
-            modules += [alias.name for alias in node.names]
-    paths = [_PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in modules]
-    folders = {_PACKAGE / folder for folder in _KERNEL_FOLDERS}
-    return tuple(path for path in paths if folders.intersection(path.parents) and path.is_file())
+def _imported(source: str) -> tuple[str, ...]:
+    """Files of the kernels' modules that a source imports."""
+    text = _text(source).decode("utf-8")
+    modules = [name.split()[0] for names in _IMPORT.findall(text) for name in names.split(",") if name.strip()]
+    for module, names in _FROM.findall(text):
+        modules += [module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))]
+    found = {name for name in modules if name.startswith(_KERNEL_MODULES)}
+    paths = (os.path.join(_PACKAGE.parent, *name.split(".")) + ".py" for name in sorted(found))
+    return tuple(path for path in paths if os.path.isfile(path))
+
+
+@cache
+def _text(source: str) -> bytes:
+    return Path(source).read_bytes()
+
+
+@cache
+def _digest(source: str) -> bytes:
+    return hashlib.sha256(_text(source)).digest()
 
 
 class _KernelCacheLocator(caching._CacheLocator):
@@ -73,12 +90,14 @@ class _KernelCacheLocator(caching._CacheLocator):
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
-        self._stamp = _source_stamp(Path(py_file).resolve())
+        source = _resolved(py_file)
+        self._stamp = _source_stamp(source)
         # a folder for these very sources, wherever they lie: numba cannot even read what others left under its names
-        self._path = _version_folder(self._stamp) / Path(py_file).resolve().parent.relative_to(_PACKAGE)
+        inside = os.path.relpath(os.path.dirname(source), _PACKAGE)
+        self._path = os.path.join(cache_folder(), _version_name(self._stamp), inside)
 
     def get_cache_path(self) -> str:
-        return str(self._path)
+        return self._path
 
     def get_source_stamp(self) -> str:
         return self._stamp
@@ -90,14 +109,27 @@ class _KernelCacheLocator(caching._CacheLocator):
     def from_function(
         cls, py_func: Callable[..., Any], py_file: str
     ) -> _KernelCacheLocator | None:
-        if _PACKAGE not in Path(py_file).resolve().parents:
+        if not _resolved(py_file).startswith(f"{_PACKAGE}{os.sep}"):
             return None
         locator = cls(py_func, py_file)
-        try:
-            locator.ensure_cache_path()
-        except OSError:
-            return None  # numba's own choices follow: beside the source, then user-wide
-        return locator
+        # numba's own choices follow where it cannot be written to: beside the source, then user-wide
+        return locator if _is_writable(locator.get_cache_path()) else None
+
+
+@cache
+def _resolved(path: str) -> str:
+    return os.path.realpath(path)
+
+
+@cache
+def _is_writable(folder: str) -> bool:
+    """Whether files can be made in a folder, which is made where it is not there."""
+    try:
+        os.makedirs(folder, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
@@ -140,7 +172,11 @@ def _all_sources() -> str:
 
 
 def _version_folder(stamp: str) -> Path:
-    return cache_folder() / f"flexmbd-{stamp[:16]}"
+    return cache_folder() / _version_name(stamp)
+
+
+def _version_name(stamp: str) -> str:
+    return f"flexmbd-{stamp[:16]}"
 
 
 _announced: set[str] = set()
@@ -184,23 +220,56 @@ def pickled_function(function: Callable[..., Any]) -> bytes:
 
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
-    """``function`` compiled by numba with the options of all kernels, and ``options``.
-
-    What the cache holds for argument types that have since moved to another module counts as not there.
-    """
+    """``function`` compiled by numba with the options of all kernels, and ``options``."""
     dispatcher = njit(cache=True, **_OPTIONS, **options)(function)
     store = dispatcher._cache
-    load = store.load_overload
+    stamp, base = store._impl.locator.get_source_stamp(), store._impl.filename_base
+    store._cache_file = _CheckedFiles(store.cache_path, base, stamp)
+    return dispatcher
 
-    def load_known(signature: Any, context: Any) -> Any:
+
+class _CheckedFiles(caching.IndexDataCacheFile):
+    """A kernel's entries in the cache: an index by types of arguments, and a file of machine code for each.
+
+    Each file begins with a digest of what follows, of its name, of the sources and of numba's version.  A file that is
+    cut short, damaged or another one's has the wrong digest and counts as absent, so that it is compiled anew and
+    written over; numba itself would stop at some, and run the others.
+    """
+
+    def _digest(self, name: str, content: bytes) -> bytes:
+        head = "\0".join((self._version, self._source_stamp, name, ""))
+        return hashlib.sha256(head.encode() + content).digest()
+
+    def _read(self, name: str) -> Any:
+        """What a file holds; None where it is absent."""
         try:
-            return load(signature, context)
-        except (ImportError, AttributeError):
-            store.flush()
+            content = Path(self._cache_path, name).read_bytes()
+        except OSError:
+            return None
+        size = hashlib.sha256().digest_size
+        if content[:size] != self._digest(name, content[size:]):
+            return None
+        try:
+            return pickle.loads(content[size:])
+        except (ImportError, AttributeError):  # types of arguments that have since moved to another module
             return None
 
-    store.load_overload = load_known
-    return dispatcher
+    def _write(self, name: str, value: Any) -> None:
+        content = self._dump(value)
+        with self._open_for_write(os.path.join(self._cache_path, name)) as file:
+            file.write(self._digest(name, content) + content)
+
+    def _load_index(self) -> dict[Any, str]:
+        return self._read(self._index_name) or {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_name, overloads)
+
+    def _load_data(self, name: str) -> Any:
+        return self._read(name)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(name, data)
 
 
 def _closed(dispatcher: Any) -> Any:

@@ -1,0 +1,133 @@
+"""Kernels in the cache: an entry that is damaged, cut short or another one's counts as absent and is written anew."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexmbd.multibody.kernels.base import compiling
+
+PACKAGE = Path(compiling.__file__).parents[3]
+
+# Two quaternions' product and one's exponential, whether their machine code came from the cache, and where it lies.
+CALLS = """
+import json
+from flexmbd.multibody.kernels.algebra import so3
+
+product = so3.quaternion_product((0.6, 0.8, 0.0, 0.0), (0.6, 0.0, 0.8, 0.0))
+turn = so3.quaternion_exp((0.2, 0.0, 0.0))
+hits = [sum(one.stats.cache_hits.values()) for one in (so3.quaternion_product, so3.quaternion_exp)]
+print(json.dumps([product, turn, hits, so3.quaternion_product._cache.cache_path]))
+"""
+
+
+def call(cache: Path) -> tuple[list[int], Path]:
+    """What two kernels give in a fresh process, asserted; how often each was found in the cache, and its folder."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    done = subprocess.run([sys.executable, "-c", CALLS], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    product, turn, hits, folder = json.loads(done.stdout)
+    np.testing.assert_allclose(product, [0.36, 0.48, 0.48, 0.64], rtol=1e-15)
+    np.testing.assert_allclose(turn, [np.cos(0.1), np.sin(0.1), 0.0, 0.0], rtol=1e-15)
+    return hits, Path(folder)
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that holds both kernels."""
+    cache = tmp_path_factory.mktemp("kernels")
+    assert call(cache)[0] == [0, 0]
+    assert call(cache)[0] == [1, 1]
+    return cache
+
+
+def cut(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def empty(path: Path) -> None:
+    os.truncate(path, 0)
+
+
+def flip(path: Path) -> None:
+    """One bit of what it holds, as a bad disk would: pickles and machine code with it may load."""
+    content = bytearray(path.read_bytes())
+    content[2 * len(content) // 3] ^= 1
+    path.write_bytes(content)
+
+
+def scribble(path: Path) -> None:
+    path.write_bytes(np.random.default_rng(1).bytes(path.stat().st_size))
+
+
+def exchange(path: Path) -> None:
+    """The file of the other kernel in its place."""
+    other = path.with_name(path.name.replace("quaternion_product", "quaternion_exp"))
+    (donor,) = other.parent.glob(f"so3.quaternion_exp-*{''.join(other.suffixes[-2:])}")
+    shutil.copyfile(donor, path)
+
+
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("damage", [cut, empty, flip, scribble, exchange, os.unlink])
+def test_a_damaged_entry_is_compiled_and_written_anew(
+    filled: Path, tmp_path: Path, damage: Callable[[Path], None], kind: str
+) -> None:
+    cache = tmp_path / "kernels"
+    shutil.copytree(filled, cache)
+    (entry,) = cache.rglob(f"so3.quaternion_product{kind}")
+    damage(entry)
+    assert call(cache)[0] == [0, 1]  # the other kernel's entry is found
+    assert call(cache)[0] == [1, 1]
+
+
+def test_entries_of_other_sources_are_not_taken(filled: Path, tmp_path: Path) -> None:
+    """All of a version's folder under the name of another one, as a copied cache may have it."""
+    cache = tmp_path / "kernels"
+    shutil.copytree(filled, cache)
+    shutil.copytree(PACKAGE, tmp_path / "flexmbd", symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    changed = tmp_path / "flexmbd" / "multibody" / "kernels" / "algebra" / "so3.py"
+    changed.write_text(changed.read_text() + "\n# changed\n")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+
+    def hits() -> tuple[list[int], Path]:
+        done = subprocess.run(
+            [sys.executable, "-c", CALLS], capture_output=True, text=True, check=True, cwd=tmp_path, env=environment
+        )
+        found = json.loads(done.stdout)
+        return found[2], Path(found[3])
+
+    _, here = call(cache)
+    there = cache / "probe"
+    shutil.rmtree(cache)
+    assert hits()[0] == [0, 0]
+    _, there = hits()
+    shutil.rmtree(there)
+    shutil.copytree(filled / here.relative_to(cache), there)
+    assert hits()[0] == [0, 0]
+    assert hits()[0] == [1, 1]
+
+
+SOURCES = sorted((PACKAGE / "multibody" / "kernels").rglob("*.py")) + sorted((PACKAGE / "integrate").rglob("*.py"))
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_are_read_from_the_text_as_python_reads_them(source: Path) -> None:
+    modules: set[str] = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            modules |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+    folders = ("flexmbd.multibody.kernels.", "flexmbd.integrate.")
+    names = {name for name in modules if name.startswith(folders)}
+    paths = {PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in names}
+    assert {Path(path) for path in compiling._imported(str(source))} == {path for path in paths if path.is_file()}
