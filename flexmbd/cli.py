@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from flexmbd.command.terminal import Parser, is_root, print_warning
+from flexmbd.command.terminal import Parser, is_root, print_line, print_warning
 from flexmbd.errors import FlexmbdError
 
 _FAULT = 2
@@ -125,7 +125,8 @@ class _Version(argparse.Action):
             found = version("flexmbd")
         except PackageNotFoundError:  # run from a folder, not installed
             found = "(not installed)"
-        parser.exit(message=f"flexmbd {found}\n")
+        print_line(f"flexmbd {found}")
+        parser.exit()
 
 
 def _forget_stdout() -> None:

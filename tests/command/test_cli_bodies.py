@@ -135,8 +135,8 @@ def test_unknown_formats_are_answered_by_the_list(record, capsys):
     [
         ("nowhere.h5", None, "No such file"),
         ("nowhere.npz", None, "No such file"),
-        ("folder.h5", "folder", "no regular file"),
-        ("folder.npz", "folder", "no regular file"),
+        ("folder.h5", "folder", "not a regular file"),
+        ("folder.npz", "folder", "not a regular file"),
         ("schlecht.h5", b"\x89HDF\r\n\x1a\n" + bytes(600), "is not a flexmbd record"),
         ("cut.h5", "cut", "truncated"),
         ("cut.npz", b"PK\x03\x04", "be read"),

@@ -23,8 +23,8 @@ STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0, "yield_stress": 2.5e8}
 @pytest.mark.parametrize(
     ("law", "values", "message"),
     [
-        (TabulatedHardening, ((0.0, 0.1, 0.05), (1.0, 2.0, 3.0)), "no function: plastic strain 0.05 follows 0.1"),
-        (TabulatedHardening, ((0.0, 0.1, 0.1), (1.0, 2.0, 3.0)), "no function: plastic strain 0.1 follows 0.1"),
+        (TabulatedHardening, ((0.0, 0.1, 0.05), (1.0, 2.0, 3.0)), "not a function: plastic strain 0.05 follows 0.1"),
+        (TabulatedHardening, ((0.0, 0.1, 0.1), (1.0, 2.0, 3.0)), "not a function: plastic strain 0.1 follows 0.1"),
         (TabulatedHardening, ((0.0, 0.1, 0.2), (1.0, 3.0, 2.0)), "falls from 3.0 to 2.0 Pa at plastic strain 0.2"),
         (TabulatedHardening, ((0.1, 0.2), (1.0, 2.0)), "must begin at plastic strain 0, not at 0.1"),
         (TabulatedHardening, ((0.0,), (1.0,)), "two points or more"),

@@ -202,7 +202,7 @@ def test_bodies_that_are_none():
     ball = scene.add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3)), name="ball")
     with pytest.raises(SceneError, match="one frame"):
         scene.add_force(fm.force.KaneBody([], lambda m: None))  # type: ignore[return-value]
-    with pytest.raises(SceneError, match="no function"):
+    with pytest.raises(SceneError, match="not a function"):
         scene.add_force(fm.force.KaneBody([ball.frame()], 3.0))
     other = fm.System().add(fm.RigidBody(0.5, (1e-3, 1e-3, 1e-3)), name="other")
     with pytest.raises(SceneError, match="not in this scene"):
