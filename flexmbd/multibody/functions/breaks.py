@@ -66,6 +66,8 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
             for found, derivatives in parts:
                 jumps.append(found[_discontinuities(poly, found, derivatives)])
                 knots.append(found if h is None else _of_short_stretches(poly, found, 0.5 * h))
+    if not any(map(len, jumps)) and not any(map(len, knots)):
+        return Breaks(np.zeros(0), np.zeros(0))
     sharp = _distinct(np.unique(np.concatenate(jumps)))
     return Breaks(sharp, _distinct(np.unique(np.concatenate([sharp, *knots]))))
 

@@ -187,6 +187,8 @@ class CompiledScene:
     def keep_rows(self, kept: Sequence[int] | IntArray) -> CompiledScene:
         """Return the scene with only these constraint rows; the others are redundant."""
         chosen = sorted(kept)
+        if len(chosen) == len(self.row_names):
+            return self
         left = [k for k in range(len(self.row_names)) if k not in set(chosen)]
         return replace(
             self,

@@ -23,8 +23,6 @@ FloatArray = NDArray[np.float64]
 #: Deformations below this share of the machine's extent are resolved no more finely than it.
 _MODAL_SHARE = 1e-3
 
-_UPPER = np.triu_indices(3)
-
 
 @dataclass(frozen=True, eq=False)
 class Marker:
@@ -42,7 +40,8 @@ class Marker:
 def rigid_row(body: Body) -> list[float]:
     """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2)."""
     first, second = body.moments()
-    return [body.mass, *first, *second[_UPPER]]
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = (map(float, row) for row in second)
+    return [body.mass, *map(float, first), xx, xy, xz, yy, yz, zz]
 
 
 def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:

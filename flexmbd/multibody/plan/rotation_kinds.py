@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +76,8 @@ def _rotation(frame: FloatArray) -> FloatArray:
 
 def _is_balanced(rigid: FloatArray, axis: FloatArray) -> bool:
     """Whether w x (J w) about the body's origin vanishes for w along ``axis``."""
-    second = np.zeros((3, 3))
-    second[np.triu_indices(3)] = rigid[at.SECOND_MOMENT :]
-    second += np.triu(second, 1).T
+    xx, xy, xz, yy, yz, zz = map(float, rigid[at.SECOND_MOMENT :])
+    x, y, z = map(float, axis)
     # J = trace(S) - S with the second moment S, so that n x (J n) = -n x (S n)
-    return bool(np.linalg.norm(np.cross(axis, second @ axis)) <= _ROUND_OFF * np.trace(second))
+    u, v, w = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+    return hypot(y * w - z * v, z * u - x * w, x * v - y * u) <= _ROUND_OFF * (xx + yy + zz)

@@ -57,11 +57,10 @@ def row_sizes(scene: CompiledScene) -> FloatArray:
 def modal_stiffness(scene: CompiledScene) -> FloatArray:
     """(nv,) stiffness of each modal coordinate (1/s^2); 0 of others."""
     stiffness = np.zeros(scene.nv)
-    for branch in scene.topology.branches:
-        body = branch.outer.body
+    for body, slots in scene.index.modes.items():
         record = scene.index.now(body).reduced()
         if record is not None:
-            stiffness[scene.index.modes[body].v] = record.stiffness
+            stiffness[slots.v] = record.stiffness
     return stiffness
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.plan.forces import ForceSpan
-from flexmbd.multibody.plan.numbering import Marker
+from flexmbd.multibody.plan.numbering import Marker, rigid_row
 from flexmbd.multibody.plan.rows import ScaledRow
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.topology import Topology
@@ -49,6 +50,17 @@ class Sources:
                 found.setdefault(marker.frame, []).append(row)
         return found
 
+    def extent_with(self, moved: IdentityMap[object, float]) -> float:
+        """The machine's size (m) where some bodies and frames have another reach (m)."""
+        still = (far for thing, far in self.reach if thing not in moved)
+        known = [far for thing, far in moved.items() if thing in self._reaching]
+        return max([*still, *known], default=0.0) or 1.0
+
+    @cached_property
+    def _reaching(self) -> IdentityMap[Body | Frame, None]:
+        """What the extent is asked of: frames of forces alone are not."""
+        return IdentityMap((thing, None) for thing, _ in self.reach)
+
     def frames_of(self, body: Body) -> list[Frame]:
         """The interface frames of a body among the markers."""
         return [frame for frame in self.rows_of if frame.body is body and frame.interface is not None]
@@ -56,13 +68,18 @@ class Sources:
 
 def frame_reach(frame: Frame) -> float:
     """How far (m) a frame lies from its body's origin."""
-    return float(np.linalg.norm(frame.p_BF_B))
+    return hypot(*map(float, frame.p_BF_B))
 
 
 def body_reach(body: Body) -> float:
     """How far (m) a body's mass lies from its origin: its centre's distance, or its radius of gyration."""
-    first, second = body.moments()
-    return max(float(np.linalg.norm(first)) / body.mass, float(np.sqrt(np.trace(second) / body.mass)))
+    return row_reach(rigid_row(body))
+
+
+def row_reach(rigid: Sequence[float]) -> float:
+    """As ``body_reach``, of the body's row of ``Plan.rigid``."""
+    mass, x, y, z, xx, _, _, yy, _, zz = rigid
+    return max(hypot(x, y, z) / mass, sqrt((xx + yy + zz) / mass))
 
 
 def reaches(topology: Topology) -> tuple[tuple[Body | Frame, float], ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, RigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Callbacks
@@ -27,7 +27,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
-from flexmbd.multibody.plan.sources import body_reach, extent_of, frame_reach
+from flexmbd.multibody.plan.sources import frame_reach, row_reach
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
 
 FloatArray = NDArray[np.float64]
@@ -112,10 +112,10 @@ class _Variation:
                     bodies.append(thing)
                     frames += self._scene.sources.frames_of(thing)
                     forces += [f for f in self._scene.sources.forces if _hangs_on(f, thing)]
-            elif isinstance(thing, Force):
-                forces.append(thing)
+            elif isinstance(thing, RigidBody):
+                bodies.append(thing)
             elif not isinstance(thing, Connection):
-                bodies.append(thing)  # type: ignore[arg-type]
+                forces.append(thing)  # type: ignore[arg-type]
         return bodies, frames, list(IdentityMap((force, None) for force in forces))
 
     def _array(self, name: str) -> NDArray[Any]:
@@ -175,11 +175,10 @@ class _Variation:
     def _write_extent(self, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:
         moved = IdentityMap[object, float]()
         for body in bodies:
-            moved[body] = body_reach(self._index.now(body))
+            moved[body] = row_reach(self._now("rigid")[self._index.bodies[body]].tolist())
         for frame in frames:
             moved[frame] = frame_reach(self._index.frame_now(frame))
-        reach = tuple((thing, moved.get(thing, far)) for thing, far in self._scene.sources.reach)
-        self._extent = extent_of(reach)
+        self._extent = self._scene.sources.extent_with(moved)
         if self._extent == self._scene.extent:
             return
         for scaled in self._scene.sources.scaled:

@@ -114,7 +114,7 @@ def consistent_start(
     else:
         machine = reduced, reduced.interiors, work, closed, velocity
         a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
-    phi = constraint_values(scene, work, closed, velocity)[0]
+    phi = constraint_values(scene, work, closed, velocity)[0] if len(scene.plan.rows) else np.zeros(0)
     return Start(
         reduced,
         scene,
@@ -142,8 +142,8 @@ def _velocities(
 
     In a singular position rows lose their hold on velocities, and hold their squares instead.
     """
-    place = decompose_rows(reduced, work, x)
-    if place.rank == len(reduced.plan.rows):
+    place = decompose_rows(reduced, work, x) if len(reduced.plan.rows) else None
+    if place is None or place.rank == len(reduced.plan.rows):
         velocity = match_velocities(scene, work, x, v, held, given)
         return match_velocities(reduced, work, x, velocity, held, given)
     where = (

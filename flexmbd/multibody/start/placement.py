@@ -148,6 +148,8 @@ def _state_by_joint(
 
 def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
     """Raise AssemblyError where a loop closed with its axes opposed instead of aligned."""
+    if not scene.topology.closures:
+        return
     forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for connection in scene.topology.closures:
         rows = connection.joint.rows

@@ -87,6 +87,8 @@ def moved_coordinates(
 
     Changes of velocities count beside the machine's own rate as well: at rest all of them are round-off.
     """
+    if np.array_equal(x, x_new) and np.array_equal(v, v_new):
+        return ()
     old, new = coordinate_values(scene, x), coordinate_values(scene, x_new)
     size = coordinate_sizes(scene)
     enough = np.where(held, _SET, CLOSED) * size

@@ -9,6 +9,7 @@ through its own differential (Zienkiewicz, Taylor & Fox, eq. 8.26-8.29).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +39,16 @@ EXPONENTIAL, CAYLEY, QUATERNION = range(3)
 def coordinate_slots(plan: Plan) -> tuple[IntArray, IntArray]:
     """(k, 2) offsets in x and in v of coordinates that add, and of quaternions with their spins (body axes)."""
     found = []
-    for row in plan.tree:
+    rows: Any = plan.tree.tolist()
+    for row in rows:
         if row[at.JOINT] == kinds.SPHERICAL:
             found.append((row[at.JOINT_X], row[at.JOINT_V]))
         elif row[at.JOINT] == kinds.FREE:
             found.append((row[at.JOINT_X] + 3, row[at.JOINT_V] + 3))
-    quaternions = np.array(found, np.int64).reshape(-1, 2)
     nv = len(plan.free) + len(plan.driven)
+    quaternions = np.array(found, np.int64).reshape(-1, 2)
+    if not found:
+        return np.repeat(np.arange(nv)[:, None], 2, axis=1), quaternions
     in_x = np.setdiff1d(np.arange(nv + len(found)), (quaternions[:, :1] + np.arange(4)).ravel())
     in_v = np.setdiff1d(np.arange(nv), (quaternions[:, 1:] + np.arange(3)).ravel())
     return np.stack([in_x, in_v], axis=1).astype(np.int64), quaternions

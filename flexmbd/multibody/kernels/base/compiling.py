@@ -137,9 +137,12 @@ caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
 
 def announce_compilation(purpose: str) -> bool:
     """Tell on stderr, once, that kernels for a purpose are about to be compiled; False if they are cached."""
-    if purpose in _announced or _marker(purpose).exists():
+    if purpose in _announced:
         return False
     _announced.add(purpose)
+    if _marker(purpose).exists():
+        _marked.add(purpose)
+        return False
     sys.stderr.write(
         f"flexmbd: compiling the kernels of {purpose}, once for this machine (half a minute to two; kept in "
         f"{cache_folder()})\n"
@@ -149,6 +152,9 @@ def announce_compilation(purpose: str) -> bool:
 
 def mark_compiled(purpose: str) -> None:
     """Note that the kernels for a purpose, as they stand, are in the cache."""
+    if purpose in _marked:
+        return
+    _marked.add(purpose)
     marker = _marker(purpose)
     if not marker.exists():
         try:
@@ -179,7 +185,8 @@ def _version_name(stamp: str) -> str:
     return f"flexmbd-{stamp[:16]}"
 
 
-_announced: set[str] = set()
+_announced: set[str] = set()  # purposes that this process has asked about
+_marked: set[str] = set()  # and those noted
 
 
 def kernel(function: F) -> F:

@@ -6,7 +6,7 @@ and a shift along z; a flexible body stays in its body frame B, for its modes ar
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +71,8 @@ I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
 
 
 _IDENTITY = np.eye(3)
+_UPPER = np.triu_indices(3)
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of a tensor's entries among six
 
 
 class ArticulatedWork(NamedTuple):
@@ -134,20 +136,21 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     flex, interface_frames = _flexible_bodies(plan)
     flex_of = {int(row[F_BODY]): k for k, row in enumerate(flex)}
     slot_of = {f: k for k, f in enumerate(interface_frames)}
-    driven = set(plan.driven[:, at.DRIVEN_V])
-    apart = {int(tree[at.PARENT]) for i, tree in enumerate(plan.tree) if tree[at.PARENT] != i - 1}
+    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
+    rows: Any = plan.tree.tolist()
+    apart = {tree[at.PARENT] for i, tree in enumerate(rows) if tree[at.PARENT] != i - 1}
     multi_dof = 0
-    for i, tree in enumerate(plan.tree):
-        kind = int(tree[at.JOINT])
-        _place_body(plan, i, constants[i], axes[i], flex_of)
-        slot = slot_of.get(int(tree[at.FRAME_PARENT]), -1)
+    _place_bodies(plan, constants, axes)
+    level = (axes[:, X_R : X_R + 9].reshape(-1, 3, 3) == _IDENTITY).all(axis=(1, 2)).tolist()
+    for i, tree in enumerate(rows):
+        kind = tree[at.JOINT]
+        slot = slot_of.get(tree[at.FRAME_PARENT], -1)
         subspace = _motion_subspace(kind, plan.data[tree[at.JOINT_DATA]])
         if subspace is not None:
             constants[i, C_TURN : C_TURN + 2] = subspace
-            level = bool((axes[i, X_R : X_R + 9].reshape(3, 3) == _IDENTITY).all())
             subspace_row = -1
-            form = ALIGNED if level and slot < 0 else TURNED
-            freedoms = 0 if kind == kinds.FIXED or int(tree[at.JOINT_V]) in driven else 1
+            form = ALIGNED if level[i] and slot < 0 else TURNED
+            freedoms = 0 if kind == kinds.FIXED or tree[at.JOINT_V] in driven else 1
             if form == ALIGNED and kind == kinds.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
                 form = PLAIN
         else:
@@ -266,47 +269,56 @@ def _skew_vector(moments: FloatArray) -> FloatArray:
     return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
 
 
-def _place_body(plan: Plan, i: int, constant: FloatArray, axes: FloatArray, flex_of: dict[int, int]) -> None:
-    """Fill the constants of body i: F in the parent's frame of reference, mass integrals, G in the body."""
-    tree, rigid = plan.tree[i], plan.rigid[i]
-    p, R = _frame(plan, int(tree[at.FRAME_PARENT]))
-    parent = int(tree[at.PARENT])
-    if parent >= 0 and parent not in flex_of:
-        p_G, R_G = _frame(plan, int(plan.tree[parent, at.FRAME_CHILD]))
-        p, R = R_G.T @ (p - p_G), _cleaned(R_G.T @ R)
-    own_p, own_R = _frame(plan, int(tree[at.FRAME_CHILD]))
-    if i in flex_of:
-        mass, first, second = _integrals(rigid)
-        tensor = second.trace() * _IDENTITY - second
-    else:
-        mass, first, tensor = body_about_joint(plan, i)
-    constant[:C_TURN] = [*p, mass, *first, *tensor[0], *tensor[1, 1:], tensor[2, 2]]
-    axes[:9], axes[9:12], axes[12:] = R.ravel(), own_p, own_R.ravel()
+def _place_bodies(plan: Plan, constants: FloatArray, axes: FloatArray) -> None:
+    """Fill the constants of all bodies: F in the parent's frame of reference, mass integrals, G in the body."""
+    parents, flexible = plan.tree[:, at.PARENT], plan.tree[:, at.FLEX] >= 0
+    p, R = _frames(plan, plan.tree[:, at.FRAME_PARENT])
+    own_p, own_R = _frames(plan, plan.tree[:, at.FRAME_CHILD])
+    carried = np.flatnonzero((parents >= 0) & ~flexible[parents])
+    carriers = parents[carried]
+    back = own_R[carriers].transpose(0, 2, 1)
+    p[carried] = _turned(back, p[carried] - own_p[carriers])
+    turned = back @ R[carried]
+    turned[np.abs(turned - _IDENTITY).max(axis=(1, 2), initial=0.0) < 1e-15] = _IDENTITY  # it is, but for rounding
+    R[carried] = turned
+    mass, first, tensor = _about_joints(plan.rigid[: len(plan.tree)], own_p, own_R, ~flexible)
+    constants[:, :3], constants[:, 3], constants[:, 4:7] = p, mass, first
+    constants[:, 7:C_TURN] = tensor[:, _UPPER[0], _UPPER[1]]
+    axes[:, :9], axes[:, 9:12], axes[:, 12:] = R.reshape(-1, 9), own_p, own_R.reshape(-1, 9)
 
 
 def body_about_joint(plan: Plan, i: int) -> tuple[float, FloatArray, FloatArray]:
     """Mass, first moment (3,) and inertia tensor (3, 3) of rigid body i about its inboard joint's G, in G's axes."""
-    mass, first, second = _integrals(plan.rigid[i])
-    p, R = _frame(plan, int(plan.tree[i, at.FRAME_CHILD]))
-    cross = first[:, None] * p
-    second = second - cross - cross.T + mass * p[:, None] * p
-    second = R.T @ second @ R
-    return mass, R.T @ (first - mass * p), second.trace() * _IDENTITY - second
+    p, R = _frames(plan, plan.tree[i : i + 1, at.FRAME_CHILD])
+    mass, first, tensor = _about_joints(plan.rigid[i : i + 1], p, R, np.ones(1, bool))
+    return float(mass[0]), first[0], tensor[0]
 
 
-def _integrals(rigid: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Mass, first and second moments about the body's origin of a row of Plan.rigid."""
-    xx, xy, xz, yy, yz, zz = rigid[at.SECOND_MOMENT :]
-    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return float(rigid[at.MASS]), rigid[at.FIRST_MOMENT : at.SECOND_MOMENT], second
+def _about_joints(
+    rigid: FloatArray, p: FloatArray, R: FloatArray, moved: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Masses (k,), first moments (k, 3) and inertia tensors (k, 3, 3) of rows of Plan.rigid.
+
+    Where ``moved`` they are about G, at p (k, 3) with axes R (k, 3, 3) in the body, and in its axes; else as given.
+    """
+    mass, first = rigid[:, at.MASS], rigid[:, at.FIRST_MOMENT : at.SECOND_MOMENT]
+    second = rigid[:, at.SECOND_MOMENT :][:, _SYMMETRIC]
+    arm = np.where(moved[:, None], p, 0.0)
+    turn = np.where(moved[:, None, None], R, _IDENTITY)
+    back = turn.transpose(0, 2, 1)
+    cross = first[:, :, None] * arm[:, None, :]
+    second = second - cross - cross.transpose(0, 2, 1) + mass[:, None, None] * (arm[:, :, None] * arm[:, None, :])
+    second = back @ second @ turn
+    traces = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2]
+    return mass, _turned(back, first - mass[:, None] * arm), traces[:, None, None] * _IDENTITY - second
 
 
-def _frame(plan: Plan, f: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position and axes of a frame in its undeformed body."""
-    row = plan.frames[f]
-    return row[:3].copy(), row[3:12].reshape(3, 3).copy()
+def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Vectors (k, 3) turned by R (k, 3, 3)."""
+    return (R @ vectors[:, :, None])[:, :, 0]
 
 
-def _cleaned(R: FloatArray) -> FloatArray:
-    """The identity where R is it but for rounding."""
-    return _IDENTITY if np.abs(R - _IDENTITY).max() < 1e-15 else R
+def _frames(plan: Plan, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (k, 3) and axes (k, 3, 3) of frames in their undeformed bodies."""
+    found = plan.frames[rows]
+    return found[:, :3].copy(), found[:, 3:].reshape(-1, 3, 3).copy()

@@ -8,7 +8,7 @@ bodies.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,11 +54,12 @@ def new_row_paths(plan: Plan) -> RowPaths:
     """Find the paths of the rows of ``plan``."""
     paths = [_path(plan, row) for row in plan.rows]
     rows_of = [[r for r, path in enumerate(paths) if b in path] for b in range(len(plan.tree))]
-    driven = set(plan.driven[:, at.DRIVEN_V])
+    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     freedoms = {kinds.FIXED: 0, kinds.SPHERICAL: 3, kinds.FREE: 6}
     slots = np.zeros((len(plan.tree), 5), np.int64)
-    for i, tree in enumerate(plan.tree):
-        count = freedoms.get(int(tree[at.JOINT]), 1)
+    rows: Any = plan.tree.tolist()
+    for i, tree in enumerate(rows):
+        count = freedoms.get(tree[at.JOINT], 1)
         slots[i, :3] = tree[at.JOINT_V], count, 0 if tree[at.JOINT_V] in driven else count
         if tree[at.FLEX] >= 0:
             slots[i, 3:] = tree[at.MODAL_V], plan.flex[tree[at.FLEX], at.N_MODES]
