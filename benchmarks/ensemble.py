@@ -1,0 +1,163 @@
+"""Ensembles on one thread and on two, and a rigid chain's beside exudyn's ParameterVariation.
+
+    ./run python benchmarks/ensemble.py [--variants 200] [--quick]
+
+First, in turns, an ensemble on one thread and on two: the chain of ten links of `scenes.py` for 1 s, and a
+slider-crank whose rod is a reduced beam, for 0.5 s.  Then the same variants of the chain by exudyn, whose function of
+parameters builds the system anew for each, on one process and on two; its solver of the chain with error control,
+DOPRI5, with a tolerance for the tip to come out as near as here.  Needs a quiet machine with two processors.  MuJoCo's
+`rollout` varies initial states and controls of one model by fixed steps, not its masses: it cannot run these variants.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import beam_record
+import numpy as np
+import scenes
+
+import flexmbd as fm
+
+RTOL = 1e-6
+TURNS = 5
+MASSES = (0.6, 0.65)  # kg, of the fifth link
+Frame = Any
+
+
+def chain_machine() -> tuple[fm.CompiledMachine, Frame]:
+    """Ten links, of which the fifth has a mass that varies."""
+    scene, tip = scenes.rigid_chain(10)
+    link = scene.compile().bodies[4]
+    return scene.compile(parameters={"mass": fm.parameter.Mass(link)}), tip  # type: ignore[arg-type]
+
+
+def chain_tip(mass: float) -> np.ndarray:
+    """(3,) m, where the tip is after 1 s, to far more digits than are compared."""
+    machine, tip = chain_machine()
+    run = machine.simulate(1.0, rtol=1e-12, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8), mass=mass)
+    found: np.ndarray = run.position(tip)[-1]
+    return found
+
+
+def crank_machine(folder: Path) -> tuple[fm.CompiledMachine, Frame]:
+    """A slider-crank with a rod of 20 modes; the torque's size varies."""
+    record = fm.ReducedBody.load(beam_record.beam("5k", 20, folder=folder).stiffened)
+    scene, slider = scenes.slider_crank(record)
+    torque = next(iter(scene.compile().scene.index.forces))
+    return scene.compile(parameters={"torque": fm.parameter.OfForce(torque, "value")}), slider  # type: ignore[arg-type]
+
+
+def wall(call: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    call()
+    return time.perf_counter() - began
+
+
+def in_turns(
+    machine: fm.CompiledMachine, samples: dict[str, np.ndarray], frame: Frame, t_end: float, method: Any
+) -> tuple[list[float], list[float]]:
+    """Wall times (s) on one thread and on two, in turns."""
+
+    def study(workers: int) -> None:
+        outputs = {"end": lambda run: run.position(frame)[-1]}
+        with ThreadPoolExecutor(workers) as pool:
+            machine.ensemble(
+                samples, outputs, t_end=t_end, rtol=RTOL, integrator=method, executor=pool, workers=workers
+            ).close()
+
+    study(1)  # kernels are loaded
+    times = [(wall(lambda: study(1)), wall(lambda: study(2))) for _ in range(TURNS)]
+    one, two = zip(*times, strict=True)
+    return list(one), list(two)
+
+
+def tell(name: str, one: list[float], two: list[float], count: int) -> None:
+    ratios = np.array(one) / np.array(two)
+    print(
+        f"{name}: {1e3 * min(one) / count:.2f} ms a variant on one, {1e3 * min(two) / count:.2f} on two; "
+        f"{np.median(ratios):.2f} times as fast ({ratios.min():.2f} to {ratios.max():.2f})"
+    )
+
+
+def exudyn_chain(given: dict[str, Any]) -> list[float]:
+    """The tip (3,) m of one variant; what exudyn's ParameterVariation calls."""
+    import scenes_exudyn
+    from exudyn import JointType, SystemContainer
+    from exudyn.itemInterface import SensorKinematicTree
+    from exudyn.rigidBodyUtilities import HTtranslate, RigidBodyInertia, TreeLink
+
+    system = SystemContainer().AddSystem()
+    tree = []
+    for i in range(10):
+        inertia = RigidBodyInertia(
+            mass=given["mass"] if i == 4 else scenes.LINK_MASS, com=[0.5 * scenes.LINK, 0.0, 0.0],
+            inertiaTensor=np.diag(scenes.link_inertia()), inertiaTensorAtCOM=True,
+        )  # fmt: skip
+        place = HTtranslate([scenes.LINK if i else 0.0, 0, 0])
+        hinge = JointType.RevoluteZ
+        tree.append(TreeLink(inertia, jointType=hinge, jointHT=place, graphicsDataList=[]))
+    body = system.CreateKinematicTree(listOfTreeLinks=tree, gravity=[0.0, -scenes.G, 0.0], baseGraphicsDataList=[])
+    sensor = system.AddSensor(
+        SensorKinematicTree(
+            objectNumber=body, linkNumber=9, localPosition=[scenes.LINK, 0, 0],
+            outputVariableType=scenes_exudyn.POSITION,
+            writeToFile=False,
+        )
+    )
+    model = system, lambda: np.array(system.GetSensorValues(sensor))
+    _, found = scenes_exudyn.solve(model, scenes_exudyn.DOPRI5, 1.0, h=1e-3, rtol=given["functionData"]["rtol"])
+    return [float(part) for part in found]
+
+
+def beside_exudyn(count: int) -> None:
+    """ParameterVariation on one process and on two, and the error of both programs for the first mass."""
+    from exudyn.processing import ParameterVariation
+
+    exact = chain_tip(MASSES[0])
+    machine, tip = chain_machine()
+    run = machine.simulate(1.0, rtol=RTOL, mass=MASSES[0])
+    error = float(np.linalg.norm(run.position(tip)[-1] - exact))
+    for rtol in (1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
+        told = exudyn_chain({"mass": MASSES[0], "functionData": {"rtol": rtol}})
+        theirs = float(np.linalg.norm(np.array(told) - exact))
+        if theirs <= error:
+            break
+    print(f"errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in exudyn with {rtol:g}")
+
+    def study(workers: int) -> None:
+        ParameterVariation(
+            exudyn_chain, {"mass": (*MASSES, count)}, useMultiProcessing=workers > 1, numberOfThreads=workers,
+            showProgress=False, parameterFunctionData={"rtol": rtol},
+        )  # fmt: skip
+
+    times = [(wall(lambda: study(1)), wall(lambda: study(2))) for _ in range(2)]
+    one, two = zip(*times, strict=True)
+    tell("  exudyn, chain of ten", list(one), list(two), count)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--variants", type=int, default=200)
+    parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the records")
+    parser.add_argument("--quick", action="store_true", help="the chain alone, without exudyn")
+    given = parser.parse_args()
+    count = given.variants
+    machine, tip = chain_machine()
+    pair = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)
+    tell("chain of ten, 1 s", *in_turns(machine, {"mass": np.linspace(*MASSES, count)}, tip, 1.0, pair), count)
+    if given.quick:
+        return
+    machine, slider = crank_machine(given.folder)
+    torques = {"torque": np.linspace(15.0, 25.0, count // 4)}
+    tell("slider-crank of 20 modes, 0.5 s", *in_turns(machine, torques, slider, 0.5, fm.RadauIIA()), count // 4)
+    beside_exudyn(count)
+
+
+if __name__ == "__main__":
+    main()
