@@ -60,7 +60,10 @@ def chain() -> Case:
         return scene, links[4], pins[4], joints[0]
 
     scene, link, pin, hinge = build()
-    named = {"mass": fm.parameter.Mass(link), "length": fm.parameter.Place(pin), "rate": fm.parameter.Velocity(hinge)}
+    named = {
+        "mass": fm.parameter.Mass(link), "length": fm.parameter.FrameOrigin(pin),
+        "rate": fm.parameter.InitialVelocity(hinge),
+    }  # fmt: skip
 
     def values(k: int) -> dict[str, Any]:
         return {"mass": 0.6 + 0.001 * k, "length": (0.2 + 1e-4 * k, 0.0, 0.0), "rate": 0.01 * k}
@@ -84,7 +87,7 @@ def pendulum() -> Case:
         return scene, scene.add_force(fm.force.JointDamper(hinge, damping)), hinge
 
     scene, damper, hinge = build()
-    named = {"damping": fm.parameter.OfForce(damper, "damping"), "rate": fm.parameter.Velocity(hinge)}
+    named = {"damping": fm.parameter.OfForce(damper, "damping"), "rate": fm.parameter.InitialVelocity(hinge)}
 
     def values(k: int) -> dict[str, Any]:
         return {"damping": 0.1 + 0.01 * k, "rate": 0.01 * k}

@@ -73,11 +73,11 @@ drive.prescribe(angle)
 
 machine = scene.compile(
     parameters={
-        "throw": fm.parameter.Place(pin),
-        "pin_axes": fm.parameter.Axes(pin),
+        "throw": fm.parameter.FrameOrigin(pin),
+        "pin_axes": fm.parameter.FrameAxes(pin),
         "piston": fm.parameter.Mass(piston),
-        "offset": fm.parameter.Place(cylinder),
-        "cylinder_axes": fm.parameter.Axes(cylinder),
+        "offset": fm.parameter.FrameOrigin(cylinder),
+        "cylinder_axes": fm.parameter.FrameAxes(cylinder),
     }
 )
 
