@@ -69,29 +69,34 @@ def write_table(table: ResultTable, path: Path) -> Path:
     return write_file(path, text.getvalue())
 
 
+class NoTableError(ExportError):
+    """A file of arrays that holds something else than a table."""
+
+
 def read_table(path: Path) -> ResultTable:
     """Read a table that `write_table` wrote, or a .csv of numbers with one line of headings. Not collective.
 
     Raises:
-        ExportError: the file is missing, damaged, of another kind, or holds numbers that are not finite.
+        ExportError: the file is missing, damaged, of another kind (`NoTableError` for arrays that are not a table), or
+            holds numbers that are not finite.
     """
     suffix = path.suffix.lower()
     if suffix == ".npz":
         return _from_archive(path)
     if suffix == ".csv":
         return _from_text(path)
-    raise ExportError(f"{path}: no table of results; they end in {' or '.join(SUFFIXES)}")
+    raise ExportError(f"{path} is not a table of results; they end in {' or '.join(SUFFIXES)}")
 
 
 def _from_archive(path: Path) -> ResultTable:
     arrays = read_archive(path, requested=("names", "units", "values"))
     missing = [name for name in ("names", "units", "values") if name not in arrays]
     if missing:
-        raise ExportError(f"{path} is not a table of results: it has no array {', '.join(missing)}")
+        raise NoTableError(f"{path} is not a table of results: it has no array {', '.join(missing)}")
     names, units, values = arrays["names"], arrays["units"], arrays["values"]
     texts = all(one.ndim == 1 and one.dtype.kind == "U" for one in (names, units))
     if not texts or values.ndim != 2 or values.dtype.kind != "f" or len(names) != len(units):
-        raise ExportError(f"{path} is not a table of results: names, units and values do not fit together")
+        raise NoTableError(f"{path} is not a table of results: names, units and values do not fit together")
     known, kinds = [str(one) for one in names], [str(one) for one in units]
     return _checked(path, known, kinds, np.asarray(values, dtype=np.float64))
 

@@ -13,7 +13,7 @@ import numpy as np
 from flexmbd.command.body_file import check_free, read_body
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import ExportError, PictureError
-from flexmbd.result_table import SUFFIXES, ResultTable, read_table
+from flexmbd.result_table import SUFFIXES, NoTableError, ResultTable, read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,9 +92,7 @@ def _table(path: Path) -> ResultTable | None:
         return None
     try:
         return read_table(path)
-    except ExportError as fault:
-        if path.suffix.lower() != ".npz" or "no table of results" not in str(fault):
-            raise
+    except NoTableError:
         return None
 
 

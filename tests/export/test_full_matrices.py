@@ -166,7 +166,7 @@ def test_what_does_not_fit():
     refused("no interfaces are named", interfaces={})
     refused("no interface 'nose'", frame="nose")
     refused("modes=-1", modes=-1)
-    refused("no rotation", interfaces={"x_min": NodeSet(ends["x_min"].nodes, axes=np.zeros((3, 3)))})
+    refused("axes are no rotation", interfaces={"x_min": NodeSet(ends["x_min"].nodes, axes=np.zeros((3, 3)))})
     alone = scipy.sparse.block_diag([full.K, full.K]).tocsr(), scipy.sparse.block_diag([full.M, full.M]).tocsr()
     twice = np.vstack([table, table + np.array([1000.0, 5.0, 0.0, 0.0])])
     refused("connected to no interface|held by nothing", *alone, table=twice)
