@@ -23,7 +23,6 @@ from scipy.interpolate import PPoly
 import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.errors import StartWarning
 from flexmbd.reduction import Keep, ModalDamping, craig_bampton
 
 if MPI.COMM_WORLD.rank > 0:  # variants are for threads here; see docs/ensembles.md for MPI workers
@@ -126,7 +125,7 @@ def side_force(run: fm.Trajectory) -> float:
 
 
 guide = machine.connections[3]
-warnings.simplefilter("ignore", StartWarning)  # a tilted pin bends the rod from the start, as it is meant to
+warnings.simplefilter("ignore", fm.StartWarning)  # a tilted pin bends the rod from the start, as it is meant to
 began = time.perf_counter()
 study = machine.ensemble(
     samples,
