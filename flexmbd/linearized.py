@@ -361,7 +361,7 @@ def linear_machine(
     scene = point.scene
     work = new_work(scene.plan)
     evaluate_inputs(scene, work, point.t)
-    whole = replace(whole, plan=whole.plan._replace(rows=scene.plan.rows), row_names=scene.row_names)
+    whole = replace(whole, plan=whole.plan.replace(rows=scene.plan.rows), row_names=scene.row_names)
     ports = find_ports(whole, point, work.time, [*inputs, *disturbances])
     controls = sum(ports.count[: len(inputs)])
     return LinearizedMachine(

@@ -21,12 +21,14 @@ methods to which each change costs a factorisation.  Sources: Gustafsson 1991, 1
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import part_of_kernel
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +39,8 @@ NO_KNOTS: FloatArray = np.zeros(0)
 _SLIVER = 1e-6  # of a step: a remainder that rounding of the time leaves, not a step
 
 
-class Rule(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Rule(ArrayStruct):
     """Constants of a method's step-size controller.
 
     exponent: of the step over the error.  proportional, integral: shares of it for the last error and for that before.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 
@@ -55,7 +56,8 @@ _ONSET = 4.0  # times that of the step before, or the machine's
 ROUND_OFF = 1e-12
 
 
-class State(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class State(ArrayStruct):
     """Where the integration stands; every array is written in place.
 
     With ``Groups`` it is all that a method remembers from step to step, but for factors of its
@@ -76,7 +78,8 @@ class State(NamedTuple):
     counts: IntArray
 
 
-class Groups(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Groups(ArrayStruct):
     """Scales of the error norm: a group of coordinates shares one scale.
 
     of: (nv,) group of each velocity.  kind: (ng,) kinds.GROUP_*.
@@ -94,7 +97,8 @@ class Groups(NamedTuple):
     acceleration: FloatArray
 
 
-class Record(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Record(ArrayStruct):
     """Output buffer: STORED rows are filled when a stepper returns."""
 
     t: FloatArray

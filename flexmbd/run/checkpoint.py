@@ -16,6 +16,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.continuum_body import Memory
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
+from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Snapshot
 
@@ -65,8 +66,8 @@ class Checkpoint:
             "method": self.method,
             "scene": self.scene,
             "times": np.array([self.t_start, snapshot.first_step]),
-            **{f"state.{name}": part for name, part in snapshot.state._asdict().items()},
-            **{f"groups.{name}": part for name, part in snapshot.groups._asdict().items()},
+            **{f"state.{name}": part for name, part in snapshot.state.fields().items()},
+            **{f"groups.{name}": part for name, part in snapshot.groups.fields().items()},
             "rows": snapshot.rows,
             "wrenches": snapshot.interiors.wrenches,
             "bodies": len(snapshot.interiors.memories),
@@ -87,8 +88,8 @@ class Checkpoint:
         """
         file = read_arrays(path, version=_VERSION)
         try:
-            state = st.State(*(file[f"state.{name}"] for name in st.State._fields))
-            groups = st.Groups(*(file[f"groups.{name}"] for name in st.Groups._fields))
+            state = st.State(*(file[f"state.{name}"] for name in names_of(st.State)))
+            groups = st.Groups(*(file[f"groups.{name}"] for name in names_of(st.Groups)))
             t_start, first_step = file["times"]
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
             kept = InteriorSnapshot(file["wrenches"], memories)

@@ -129,7 +129,7 @@ class EventSearch:
     def _motion_since(self, before: Snapshot, instants: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x (k, nx), v, a (k, nv) at instants (s) of the step from ``before`` to where the integration stands."""
         old, new = before.state, self._integration.state
-        pairs = ((old.numbers[st.TIME], self._integration.t), *zip(old[:3], new[:3], strict=True))
+        pairs = (old.numbers[st.TIME], self._integration.t), (old.x, new.x), (old.v, new.v), (old.a, new.a)
         t, x, v, a = (np.array(pair) for pair in pairs)
         k = len(instants)
         found = np.zeros((k, x.shape[1])), np.zeros((k, v.shape[1])), np.zeros((k, v.shape[1]))

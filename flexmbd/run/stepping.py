@@ -240,7 +240,7 @@ class Integration:
         stored, before = int(self.state.counts[st.STORED]), self.rows
         self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
         self._departed.clear()
-        *motion, multipliers = (part[:stored].copy() for part in self.record)
+        *motion, multipliers = (part[:stored].copy() for part in self.record.fields().values())
         self.stored.append((*motion, self._of_all_rows(multipliers)))
         self._taken += stored
         if self._interiors is not None:
@@ -281,7 +281,7 @@ class Integration:
             self.scene = self.start.unreduced.keep_rows(snapshot.rows)
             self._stepper = self.method.stepper(self.scene, self.state, self.groups, self.work)
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
-            for part, kept in zip(here, there, strict=True):
+            for part, kept in zip(here.fields().values(), there.fields().values(), strict=True):
                 part[...] = kept
         if self._interiors is not None:
             self._interiors.restore(self.scene.plan, snapshot.interiors)
@@ -350,8 +350,8 @@ def _kept(scene: CompiledScene) -> InteriorSnapshot:
 
 
 def _copy(state: st.State) -> st.State:
-    return state._replace(**{name: part.copy() for name, part in state._asdict().items()})
+    return state.replace(**{name: part.copy() for name, part in state.fields().items()})
 
 
 def _copy_groups(groups: st.Groups) -> st.Groups:
-    return groups._replace(**{name: part.copy() for name, part in groups._asdict().items()})
+    return groups.replace(**{name: part.copy() for name, part in groups.fields().items()})

@@ -242,7 +242,7 @@ class Trajectory:
         given = (elements.kind == kinds.ON_STATE) & (elements.count != NO_DRIVE)
         plan = keep_forces(plan, [], (elements.kind != kinds.ON_FUNCTION) & ~given)
         if not (force_elements(plan).time >= 0).any():
-            plan = plan._replace(times=plan.times[:0])
+            plan = plan.replace(times=plan.times[:0])
         work, out = new_work(plan), np.zeros_like(self.v)
         self.scene.callbacks.reset()
         for rows in self._stretches():

@@ -70,7 +70,7 @@ def general(aw):
     """The same recursion with no joint taken for one along its parent's axes."""
     link = aw.link.copy()
     link[link[:, to.FORM] <= to.ALIGNED, to.FORM] = to.TURNED
-    return aw._replace(link=link, planar=np.zeros_like(aw.planar))
+    return aw.replace(link=link, planar=np.zeros_like(aw.planar))
 
 
 def answers(compiled, make, seed=3):

@@ -145,7 +145,7 @@ def test_respond_solves_the_loops():
     """What rows do to the machine, with the dense mass matrix."""
     compiled = grid().compile().scene
     plan = compiled.plan
-    kept = plan._replace(rows=np.ascontiguousarray(plan.rows[[0, 1, 5, 6]]))  # those in the plane, of two hinges
+    kept = plan.replace(rows=np.ascontiguousarray(plan.rows[[0, 1, 5, 6]]))  # those in the plane, of two hinges
     x, v, work = somewhere(compiled, 7)
     n, m, count = compiled.nv, len(kept.rows), np.zeros(st.N_COUNT, np.int64)
     state = st.State(x, v, v, np.zeros(m), np.ones((loop_dynamics.N_MEMORY, n)), np.zeros(st.N_NUMBER), count)

@@ -34,7 +34,7 @@ def plan():
     scene = fm.System()
     body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
     scene.connect(fm.joint.Revolute(), scene.ground.frame(), body.frame())
-    return scene.compile().scene.plan._replace(data=np.array([0.0, DATA]))
+    return scene.compile().scene.plan.replace(data=np.array([0.0, DATA]))
 
 
 def row_of(kind, index):
@@ -123,7 +123,7 @@ def test_penalty_wrench_and_its_variation(plan, name):
     level = kinds.LEVEL_VELOCITY if name in ROLLING else kinds.LEVEL_POSITION
     held = np.array([0, 0, kind, index, 1, level, -1])
     stiffness, damping = (0.0 if name in ROLLING else 30.0), 7.0
-    penalised = plan._replace(data=np.array([0.0, DATA, stiffness, damping]), penalties=held[None])
+    penalised = plan.replace(data=np.array([0.0, DATA, stiffness, damping]), penalties=held[None])
     work = new_work(penalised)
     row = np.array([kinds.BETWEEN_PENALTY, 0, 0, -1, -1, -1, 2, 0, 0])
     d, R, dd, dtheta = places(1)

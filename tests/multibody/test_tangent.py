@@ -25,7 +25,7 @@ WEIGHTS = ((1, 4.0 / 5.0), (2, -1.0 / 5.0), (3, 4.0 / 105.0), (4, -1.0 / 280.0))
 
 def tree_only(compiled):
     """The plan without its loops."""
-    return compiled.plan._replace(rows=np.zeros((0, compiled.plan.rows.shape[1]), np.int64))
+    return compiled.plan.replace(rows=np.zeros((0, compiled.plan.rows.shape[1]), np.int64))
 
 
 def random_state(compiled, seed, spread=0.5):

@@ -119,7 +119,7 @@ def forced(plan):
     """The plan with all bodies free to turn."""
     tree = plan.tree.copy()
     tree[:, at.ROTATION] = FREELY
-    return plan._replace(tree=tree)
+    return plan.replace(tree=tree)
 
 
 def states(scene, count=4):

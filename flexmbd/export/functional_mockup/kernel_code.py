@@ -16,6 +16,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import typeof
 
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct, words
+
 _ALIGNED = 64
 
 
@@ -90,7 +92,7 @@ def object_code(kernel: Kernel) -> bytes:
 
 
 def lay_out(arguments: Iterable[Any]) -> Memory:
-    """One block for all arrays among arguments, which are arrays, numbers and tuples of them.
+    """One block for all arrays among arguments, which are arrays, numbers, structures of them and tuples of these.
 
     Pieces of memory follow in the order in which the arguments name them: the same arguments give the same block.
     """
@@ -121,6 +123,8 @@ def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
     for one in arguments:
         if isinstance(one, tuple):
             found += arrays_in(one)
+        elif isinstance(one, ArrayStruct):
+            found += arrays_in(one.fields().values())
         elif isinstance(one, np.ndarray):
             found.append(one)
     return found
@@ -129,31 +133,45 @@ def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
 def c_call(kernel: Kernel, arguments: Sequence[Any], memory: Memory, *, name: str) -> str:
     """A C function ``static int name(unsigned char *m, void *result)`` that calls the kernel; 0, or what it raised.
 
-    Each array is numba's record of it: no owner, its numbers, where it lies in the block at m, shape and strides.
+    Each array is numba's record of it: no owner, its numbers, where it lies in the block at m, shape and strides; each
+    structure is a pointer to its words.
     """
     kinds, values = ["void *", "void **"], ["result", "&raised"]
-    for kind, value in _flat(arguments, memory):
-        kinds.append(kind)
-        values.append(value)
+    blocks: list[str] = []
+    for one in arguments:
+        if isinstance(one, ArrayStruct):
+            kinds.append("int64_t *")
+            values.append(_c_block(one, memory, blocks))
+        else:
+            for kind, value in _c_values(one, memory):
+                kinds.append(kind)
+                values.append(value)
     return (
         f'extern int32_t {name}_kernel({", ".join(kinds)}) __asm__("{kernel.symbol}");\n\n'
-        f"static int {name}(unsigned char *m, void *result) {{\n    void *raised = 0;\n"
+        f"static int {name}(unsigned char *m, void *result) {{\n    void *raised = 0;\n{''.join(blocks)}"
         f"    return {name}_kernel({', '.join(values)});\n}}\n\n"
     )
 
 
-def _flat(arguments: Iterable[Any], memory: Memory) -> list[tuple[str, str]]:
-    found: list[tuple[str, str]] = []
-    for one in arguments:
-        if isinstance(one, tuple):
-            found += _flat(one, memory)
-        elif isinstance(one, np.ndarray):
-            found += [("void *", "0")] * 2
-            found += [("int64_t", str(number)) for number in (one.size, one.itemsize)]
-            found.append(("void *", f"m + {memory.place(one)}"))
-            found += [("int64_t", str(number)) for number in (*one.shape, *one.strides)]
-        elif isinstance(one, float):
-            found.append(("double", repr(one)))
+def _c_block(struct: ArrayStruct, memory: Memory, blocks: list[str]) -> str:
+    """The name of a structure's words, whose declaration follows those of ``blocks``."""
+    found: list[str] = []
+    for one in struct.fields().values():
+        if isinstance(one, np.ndarray):
+            found += [f"(int64_t)(m + {memory.place(one)})", *map(str, one.shape)]
+        elif isinstance(one, ArrayStruct):
+            found.append(f"(int64_t){_c_block(one, memory, blocks)}")
         else:
-            found.append(("int64_t", str(int(one))))
-    return found
+            found += map(str, words(one))
+    name = f"b{len(blocks)}"
+    blocks.append(f"    int64_t {name}[] = {{{', '.join(found)}}};\n")
+    return name
+
+
+def _c_values(one: Any, memory: Memory) -> list[tuple[str, str]]:
+    """Types and values of the C arguments that an array or a number is."""
+    if isinstance(one, np.ndarray):
+        numbers = [("int64_t", str(number)) for number in (*one.shape, *one.strides)]
+        head = [("int64_t", str(number)) for number in (one.size, one.itemsize)]
+        return [("void *", "0"), ("void *", "0"), *head, ("void *", f"m + {memory.place(one)}"), *numbers]
+    return [("double", repr(one))] if isinstance(one, float) else [("int64_t", str(int(one)))]

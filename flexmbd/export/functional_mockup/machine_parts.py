@@ -108,7 +108,7 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     snapshot = new_snapshot(start, method, t_start=0.0, t_end=1.0, rtol=NEWTON, h=h)
     state, groups, work = snapshot.state, snapshot.groups, new_work(scene.plan)
     evaluate_inputs(scene, work, 0.0)
-    plan = scene.plan._replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
+    plan = scene.plan.replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
     breaks = find_breaks(scene.time_rows, scene.declared_breaks(), rtol=NEWTON, h=h)
     impulses = np.unique(np.concatenate([np.zeros(0), *(jumps_of_rate(row) for row in scene.time_rows)]))
     record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
@@ -137,7 +137,7 @@ def _explicit(
 ) -> Call:
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
-    own = state._replace(memory=np.zeros((N_MEMORY, scene.nv)))
+    own = state.replace(memory=np.zeros((N_MEMORY, scene.nv)))
     set_row_scales(scene, own, work)
     method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
     return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))

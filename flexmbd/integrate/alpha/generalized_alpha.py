@@ -9,7 +9,6 @@ index-2 form).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
@@ -22,6 +21,7 @@ from flexmbd.integrate.alpha.workspace import AlphaWorkspace, new_workspace
 from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.interior_support import refuse_explicit_only, refuse_passes
 from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -32,7 +32,8 @@ ORDER = 2
 RULE = Rule(exponent=0.5)
 
 
-class AlphaMethod(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class AlphaMethod(ArrayStruct):
     """Arguments of an attempt."""
 
     plan: Plan
@@ -141,7 +142,9 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
 @part_of_kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
-    plan, work, s = method
+    plan = method.plan
+    work = method.work
+    s = method.scratch
     count = state.counts
     tolerance = prepare_step(plan, work, state, groups, s, h)
     solved = solve_passes(plan, work, state, s, h, tolerance)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.separate import address_of
@@ -32,7 +33,8 @@ KNOWN_STEPS, FILTERS, RENEWALS, NEXT_RENEWALS, INDEX = range(st.METHOD_COUNT, st
 AUXILIARY, BEFORE, EARLIER, EARLIEST, OWN_RATE, NU_BEFORE, NU_EARLIER, NU_EARLIEST, ROW_LENGTH, N_MEMORY = range(10)
 
 
-class AlphaWorkspace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class AlphaWorkspace(ArrayStruct):
     """Work arrays of a step: trial states, the iteration matrix and its factors.
 
     x, v, a, auxiliary, multipliers: of the step's end.  displacement: (nv,) tangent vector from the step's start.

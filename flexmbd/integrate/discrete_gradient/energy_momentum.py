@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from flexmbd.integrate.filtered_error import filtered_ratio, vibration_rate
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
@@ -124,7 +124,8 @@ class EnergyMomentum:
         return Stepper(make_advance(advance, method, _RULE, state, groups), begin, drop_factors)
 
 
-class EnergyMomentumMethod(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class EnergyMomentumMethod(ArrayStruct):
     """Arguments of an attempt."""
 
     plan: Plan
@@ -313,7 +314,12 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
 @part_of_kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
-    plan, stored_plan, work, loops, s, newton = method
+    plan = method.plan
+    stored_plan = method.stored_plan
+    work = method.work
+    loops = method.loops
+    s = method.scratch
+    newton = method.newton
     number = state.numbers
     count = state.counts
     rate = number[st.RATE]

@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
 from flexmbd.multibody.kernels.reading.plan_entries import (
@@ -64,7 +64,7 @@ def _turn_joint(x, o, turn, x_mid, x_end):
         x_end[o + k] = end[k]
 
 
-@kernel
+@separate_kernel
 def place(plan, x, s, h):
     """Positions in the middle and at the end of a step of h with velocities ``s.u``, and its increments."""
     for k in range(s.u.shape[0]):

@@ -11,13 +11,13 @@ import numpy as np
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite, solve_semidefinite
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place
 
 
-@kernel
+@separate_kernel
 def factor_end_mass(plan, work, s):
     """Write M(s.x_end) into ``s.full_matrix`` and factor its free part; ``s.energy[SINGULAR]``: 1 if that failed.
 
@@ -75,7 +75,7 @@ def _minimum_norm_motion(loops, s, rank, rows, out):
             out[k] += loops.solution[i] * s.response[i, k]
 
 
-@kernel
+@separate_kernel
 def close_velocities(plan, loops, s):
     """Write ``s.v_end``: the prescribed rates, and others by M v = p in their rows, projected onto the loops.
 

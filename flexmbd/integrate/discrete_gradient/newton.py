@@ -39,7 +39,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 )
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place, holds_position, modes_of
@@ -161,7 +161,7 @@ def _probe_round_off(plan, state, groups, s, h):
         s.round_off_floor[0] = max(s.round_off_floor[0], _WHOLE_FLOOR * size)
 
 
-@kernel
+@separate_kernel
 def linearise(plan, work, state, groups, s, h):
     """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` is 1 if that failed, else 0."""
     free = plan.free.shape[0]

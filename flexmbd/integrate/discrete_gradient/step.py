@@ -27,7 +27,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     TRIAL_WORK,
     UNRESOLVED,
 )
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
@@ -170,7 +170,7 @@ def _correction_direction(plan, work, s, h):
     return along
 
 
-@kernel
+@separate_kernel
 def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
     """Write the step's equations at ``s.unknown``, and the work of loads and dampers into ``s.energy``.
 

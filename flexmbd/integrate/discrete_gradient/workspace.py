@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit import loop_dynamics
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, write_potential
@@ -46,7 +47,8 @@ POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, N_ENERGY
 ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
 
 
-class EnergyMomentumWorkspace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class EnergyMomentumWorkspace(ArrayStruct):
     """Work arrays of a step.
 
     u, half_velocity, zeros: (nv,) velocity of the step, half of it, zeros.  increment: (nv,) over the step; of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     update_row_scales,
 )
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
@@ -35,7 +36,8 @@ RULE = Rule(exponent=1.0 / 3.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0, ho
 _UNSEEN_ERROR = 3.0  # the error over its estimate: forces also depend on the predicted velocity at the step's end
 
 
-class CentralDifferenceWorkspace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CentralDifferenceWorkspace(ArrayStruct):
     """The step's end, its displacement u, and the local errors."""
 
     x: FloatArray
@@ -47,7 +49,8 @@ class CentralDifferenceWorkspace(NamedTuple):
     error_v: FloatArray
 
 
-class CentralDifferenceMethod(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CentralDifferenceMethod(ArrayStruct):
     """Arguments of an attempt."""
 
     plan: Plan
@@ -129,7 +132,13 @@ def _accept(state, s):
 @part_of_kernel
 def attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
-    plan, work, aw, loops, plain, quaternions, s = method
+    plan = method.plan
+    work = method.work
+    aw = method.aw
+    loops = method.loops
+    plain = method.plain
+    quaternions = method.quaternions
+    s = method.scratch
     rate = state.numbers[st.RATE]
     found = _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate)
     ratio = np.inf

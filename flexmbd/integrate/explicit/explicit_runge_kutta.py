@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
@@ -67,7 +67,8 @@ class Rotations(IntEnum):
     QUATERNION = rotation_update.QUATERNION
 
 
-class RungeKuttaWorkspace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RungeKuttaWorkspace(ArrayStruct):
     """Work arrays of a step: the stage at hand and the derivatives of all stages.
 
     rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
@@ -121,7 +122,7 @@ class ExplicitRungeKutta:
     @property
     def rule(self) -> Rule:
         """How its steps follow from its errors."""
-        return _RULE._replace(exponent=1.0 / (8.0 if self.pair is Pair.DORMAND_PRINCE_8 else 5.0))
+        return _RULE.replace(exponent=1.0 / (8.0 if self.pair is Pair.DORMAND_PRINCE_8 else 5.0))
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``.
@@ -143,7 +144,8 @@ class ExplicitRungeKutta:
         return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors)
 
 
-class RungeKuttaMethod(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RungeKuttaMethod(ArrayStruct):
     """Arguments of an attempt."""
 
     plan: Plan
@@ -310,7 +312,15 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
 @part_of_kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
-    plan, work, aw, loops, plain, quaternions, way, tableau, s = method
+    plan = method.plan
+    work = method.work
+    aw = method.aw
+    loops = method.loops
+    plain = method.plain
+    quaternions = method.quaternions
+    way = method.way
+    tableau = method.tableau
+    s = method.scratch
     rate = state.numbers[st.RATE]
     ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
     state.numbers[st.ERROR_RATIO] = ratio

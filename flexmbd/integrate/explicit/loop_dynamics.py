@@ -7,7 +7,7 @@ the shortest way in the mass metric.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
@@ -44,7 +45,8 @@ _ACCEPTED = 1e-9  # where round-off stops the iteration, this share still counts
 N_MEMORY = 2
 
 
-class Loops(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Loops(ArrayStruct):
     """Work arrays of m constraint rows.
 
     paths: C, U and Y of ``row_paths``.  row_factors: (m, m) factors of C M^-1 C^T, with the pivots row_order (m,).

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+
 FloatArray = NDArray[np.float64]
 
 
-class Tableau(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Tableau(ArrayStruct):
     """Arrays of one method of s stages.
 
     a: (s + 1, s) strictly lower; its last row are the weights of the step's end.  nodes: (s + 1,).

@@ -8,7 +8,6 @@ Gear, Leimkuhler & Gupta 1985 (stabilised index 2); Hairer, Lubich & Roche 1989 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
@@ -28,6 +27,7 @@ from flexmbd.integrate.radau.stages import (
     evaluate_stage_times,
     new_workspace,
 )
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import complex_lapack_addresses
@@ -42,7 +42,8 @@ _RULE = Rule(
 )  # fmt: skip
 
 
-class RadauMethod(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RadauMethod(ArrayStruct):
     """Arguments of an attempt."""
 
     plan: Plan
@@ -112,7 +113,9 @@ def _accept(state, s, h):
 @part_of_kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
-    plan, work, s = method
+    plan = method.plan
+    work = method.work
+    s = method.scratch
     number = state.numbers
     count = state.counts
     rate = number[st.RATE]

@@ -8,7 +8,7 @@ stage are a, nu and the rate kappa of mu.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
@@ -45,7 +46,8 @@ STAGE_A, STAGE_NU, OWN_RATE, ROUGHNESS, ROW_LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
 RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
 
 
-class RadauWorkspace(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RadauWorkspace(ArrayStruct):
     """Work arrays of a step; nu free velocities, m rows, n = nu + 2 m unknowns a stage.
 
     x, v, a, local, local_rate: (3, ...) of the stages; local coordinates u and their rates.

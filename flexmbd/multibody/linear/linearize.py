@@ -139,7 +139,7 @@ def _refuse_unsteady(
     scene, none = point.scene, np.zeros(point.scene.nv)
     left, weight, held = np.zeros((3, scene.nv))
     residual(scene.plan, work, point.x, point.v, none, point.multipliers, left)
-    light = scene.plan._replace(gravity=np.zeros(3))
+    light = scene.plan.replace(gravity=np.zeros(3))
     residual(light, work, point.x, point.v, none, point.multipliers, weight)
     residual(light, work, point.x, point.v, none, 0.0 * point.multipliers, held)
     parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)

@@ -119,6 +119,6 @@ def _frame_slopes(
     g = len(plan.frames) - 1
     kind = kinds.ROW_AXIS if turns else kinds.ROW_TRANSLATION
     plan = with_frame(without_loads(plan), -1, motion[:3], motion[3:12] if turns else np.eye(3))
-    plan = plan._replace(rows=three_rows(g + 1, g, kind))
+    plan = plan.replace(rows=three_rows(g + 1, g, kind))
     found = derive(plan, new_work(plan), x, v, np.zeros(3))
     return found.jacobian, found.rate_slope

@@ -142,7 +142,7 @@ class CompiledScene:
         """
         plan = self.plan
         if self.interiors is not None:
-            plan = plan._replace(data=plan.data.copy(), rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
+            plan = plan.replace(data=plan.data.copy(), rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
             # the wrenches that act come and go
             self.interiors.apply_wrenches(plan, np.zeros((len(self.interiors.rows), 6)))
         places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
@@ -150,7 +150,7 @@ class CompiledScene:
         digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
         if functions:
             digest.update(" ".join([*(row.code for row in self.time_rows), *self.callbacks.codes]).encode())
-        for name, part in zip(plan._fields, plan, strict=True):
+        for name, part in plan.fields().items():
             if name not in places:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
         digest.update(self.declared_breaks().tobytes())
@@ -192,7 +192,7 @@ class CompiledScene:
         left = [k for k in range(len(self.row_names)) if k not in set(chosen)]
         return replace(
             self,
-            plan=self.plan._replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
+            plan=self.plan.replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
             row_names=tuple(self.row_names[k] for k in chosen),
             row_owners=tuple(self.row_owners[k] for k in chosen),
             redundant=tuple(self.row_names[k] for k in left),
@@ -231,7 +231,7 @@ def _compiled_anew(
     times, elements = plan.times.copy(), plan.elements.copy()
     for column in (*times.T[at.TIME_ADDRESS :], elements.T[at.EL_ADDRESS]):
         column[:] = [now[int(address)] for address in column]
-    plan = plan._replace(times=times, elements=elements, lapack=whole.plan.lapack, flag=whole.plan.flag)
+    plan = plan.replace(times=times, elements=elements, lapack=whole.plan.lapack, flag=whole.plan.flag)
     data = np.split(plan.time_data, times[1:, at.TIME_OFFSET]) if len(times) else []
     rows = tuple(
         replace(row, data=part[: row.data.size], breaks=known)

@@ -90,7 +90,7 @@ class _Variation:
             full, floor = self._scales()
         return replace(
             self._scene,
-            plan=self._plan._replace(**self._new),
+            plan=self._plan.replace(**self._new),
             index=self._index,
             extent=self._extent,
             time_rows=self._scene.time_rows if self._times is None else tuple(self._times),

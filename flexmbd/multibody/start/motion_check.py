@@ -33,7 +33,7 @@ def refuse_false_rates(scene: CompiledScene, t_start: float, t_end: float) -> No
     rows = [k for k, row in enumerate(scene.time_rows) if row.kind in written and scene.time_names[k] in names]
     if not rows:
         return
-    plan = scene.plan._replace(times=np.ascontiguousarray(scene.plan.times[rows]))
+    plan = scene.plan.replace(times=np.ascontiguousarray(scene.plan.times[rows]))
     span, out = t_end - t_start, np.zeros((len(rows) + 1, 3))
 
     def ask(t: float) -> FloatArray:

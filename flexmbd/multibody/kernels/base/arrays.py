@@ -6,18 +6,20 @@ them from kernel to kernel imports them from here; what their columns hold is fo
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-class Plan(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Plan(ArrayStruct):
     """The arrays of a compiled scene (SI units; ``layout`` names their columns), constant but for two things.
 
     ``flag`` (1,) is set by a user's function that fails, and the step stops.  FLAG_PYTHON: an exception that
@@ -46,7 +48,8 @@ class Plan(NamedTuple):
     penalties: IntArray  # constraint rows, with the columns of ``rows``, that penalties enforce in place of multipliers
 
 
-class Work(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Work(ArrayStruct):
     """Scratch arrays of one evaluation; written before they are read.
 
     time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.

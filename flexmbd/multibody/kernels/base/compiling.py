@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.core import caching, serialize
 
+from flexmbd.multibody.kernels.base.pipeline import EntryCompiler, PartCache, PartCompiler
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parents[3]
@@ -198,18 +200,23 @@ def kernel(function: F) -> F:
     half of a small scene's time.  So a kernel can allocate nothing, not even the copy of a row
     (``a[i] = b[j]``); numba refuses one that does.
     """
-    return _closed(_cached(function, no_cpython_wrapper=True))
+    return _part(function)
 
 
 def entry_kernel(function: F) -> F:
     """Compile ``function`` as a kernel that Python calls as well, at its first call."""
-    return _cached(function)
+    return _cached(function, pipeline_class=EntryCompiler)
+
+
+def separate_kernel(function: F) -> F:
+    """Compile ``function`` as a kernel of its own that kernels call through its address (``separate``)."""
+    return _closed(_cached(function, no_cpython_wrapper=True, pipeline_class=EntryCompiler))
 
 
 def summing_kernel(function: F) -> F:
     """Compile ``function`` as a kernel whose sums may be taken in any order: they run in vector registers."""
     reordered = {"reassoc", "contract", "nsz"}
-    return _closed(_cached(function, no_cpython_wrapper=True, fastmath=reordered))
+    return _part(function, fastmath=reordered)
 
 
 def part_of_kernel(function: F) -> F:
@@ -218,7 +225,7 @@ def part_of_kernel(function: F) -> F:
     It saves the calls' arguments.  The time to compile a caller grows faster than its length, though: what is long
     had better be a kernel, and what is longer still stand behind an address (``separate``).
     """
-    return njit(inline="always", error_model="numpy", nogil=True, _nrt=False)(function)
+    return _part(function)
 
 
 def pickled_function(function: Callable[..., Any]) -> bytes:
@@ -226,10 +233,16 @@ def pickled_function(function: Callable[..., Any]) -> bytes:
     return bytes(serialize.dumps(function))
 
 
+def _part(function: Callable[..., Any], **options: Any) -> Any:
+    return _closed(_cached(function, no_cpython_wrapper=True, pipeline_class=PartCompiler, **options))
+
+
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
     """``function`` compiled by numba with the options of all kernels, and ``options``."""
     dispatcher = njit(cache=True, **_OPTIONS, **options)(function)
     store = dispatcher._cache
+    if options.get("pipeline_class") is PartCompiler:
+        store._impl = PartCache(function)
     stamp, base = store._impl.locator.get_source_stamp(), store._impl.filename_base
     store._cache_file = _CheckedFiles(store.cache_path, base, stamp)
     return dispatcher

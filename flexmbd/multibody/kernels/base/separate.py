@@ -24,7 +24,10 @@ def address_of(function: Any, arguments: tuple[Any, ...]) -> int:
         kinds = tuple(typeof(argument) for argument in arguments)
         function.compile(kinds)
         compiled = function.overloads[kinds]
-        _addresses[key] = int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+        address = int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+        if address == 0:
+            raise TypeError(f"{function.py_func.__name__} has no code of its own; @separate_kernel gives it one")
+        _addresses[key] = address
     return _addresses[key]
 
 

@@ -6,13 +6,15 @@ and a shift along z; a flexible body stays in its body frame B, for its modes ar
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 
 # Columns of ArticulatedWork.link, one row a body of the tree.
@@ -75,7 +77,8 @@ _UPPER = np.triu_indices(3)
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of a tensor's entries among six
 
 
-class ArticulatedWork(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ArticulatedWork(ArrayStruct):
     """Constants and scratch of the articulated-body recursion of one plan.
 
     link, constant, axes: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.

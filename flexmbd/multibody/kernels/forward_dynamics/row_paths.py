@@ -8,7 +8,8 @@ bodies.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from flexmbd.multibody.kernels.algebra.so3 import load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import load6, put6
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
@@ -30,7 +32,8 @@ _ZERO3 = (0.0, 0.0, 0.0)
 _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class RowPaths(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RowPaths(ArrayStruct):
     """Which bodies each of m rows visits, and which rows visit each body.
 
     first: (m + 1,) where a row's bodies begin in ``body``, outermost first.

@@ -99,7 +99,7 @@ def with_coupling_sums(plan: Plan, rows: IntArray, sums: FloatArray) -> Plan:
     """``plan`` with other sums c (k,) of its couplings (k,)."""
     data = plan.data.copy()
     data[plan.rows[rows, at.ROW_DATA] + 1] = sums
-    return plan._replace(data=data)
+    return plan.replace(data=data)
 
 
 def three_rows(f: int, g: int, kind: int) -> IntArray:

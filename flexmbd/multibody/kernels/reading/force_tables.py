@@ -48,7 +48,7 @@ def joint_force_times(plan: Plan) -> IntArray:
 
 def keep_forces(plan: Plan, forces: Sequence[int] | IntArray | Mask, elements: Sequence[int] | IntArray | Mask) -> Plan:
     """``plan`` with these rows of joint forces and of force elements alone, by number or mask."""
-    return plan._replace(
+    return plan.replace(
         forces=np.ascontiguousarray(plan.forces[np.asarray(forces, _index(forces))]),
         elements=np.ascontiguousarray(plan.elements[np.asarray(elements, _index(elements))]),
     )
@@ -70,7 +70,7 @@ def without_loads(plan: Plan) -> Plan:
 
 def without_forces(plan: Plan) -> Plan:
     """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
-    return keep_elements(plan, [kinds.ON_ENERGY])._replace(gravity=np.zeros(3))
+    return keep_elements(plan, [kinds.ON_ENERGY]).replace(gravity=np.zeros(3))
 
 
 def without_function(plan: Plan, address: int) -> Plan:
@@ -99,7 +99,7 @@ def storing_plan(plan: Plan) -> Plan:
         first, count = _DAMPERS[int(row[at.EL_KIND])]
         o = int(row[at.EL_DATA]) + first
         data[o : o + count] = 0.0
-    return kept._replace(flex=flex, data=data)
+    return kept.replace(flex=flex, data=data)
 
 
 def time_kinds(plan: Plan) -> IntArray:

@@ -166,7 +166,7 @@ def with_frame(plan: Plan, row: int, p: FloatArray, R: FloatArray, modes: FloatA
     """
     place = np.concatenate([p, R.ravel()])
     first = -1 if modes is None else len(plan.modal)
-    return plan._replace(
+    return plan.replace(
         frames=np.vstack([plan.frames, place]),
         frame_of=np.vstack([plan.frame_of, [row, first]]),
         modal=plan.modal if modes is None else np.concatenate([plan.modal, modes.ravel()]),

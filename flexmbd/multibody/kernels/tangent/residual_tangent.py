@@ -11,7 +11,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel, separate_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
@@ -161,7 +161,7 @@ def _ancestor_sweep(plan, tw, matrix):
             parent = above[at.PARENT]
 
 
-@kernel
+@separate_kernel
 def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it."""
     matrix[:, :] = 0.0

@@ -7,13 +7,14 @@ unknown of a body, as seen by what hangs on one of its frames.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +25,8 @@ IntArray = NDArray[np.int64]
 C_MASS, C_FIRST, C_MOMENTUM, C_SECOND, C_FLOW, C_FORCE, C_TORQUE, N_COMPOSITE = 0, 1, 4, 7, 13, 22, 25, 28
 
 
-class TangentWork(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TangentWork(ArrayStruct):
     """Scratch arrays of the tangent.
 
     origin: (6,) place and velocity of o.

@@ -1,0 +1,142 @@
+"""How numba compiles kernels: by the passes they need, and to machine code only where something enters them.
+
+numba by itself optimises every function alone, with all that it calls, before it becomes part of another one. Kernels
+that kernels alone call are kept as they were translated (``PartLibrary``), and optimised with what enters them.
+
+This module, ``compiling``, ``separate`` and ``array_struct`` are where the package leans on numba's inside; the
+versions that they were run with bound what is installed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import typed_passes, untyped_passes
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, CompileResult, compile_result
+from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
+from numba.core.typing import signature
+
+_TO_LLVM = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.RewriteSemanticConstants,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.GenericRewrites,
+    untyped_passes.InlineInlinables,
+    untyped_passes.ReconstructSSA,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.NoPythonSupportedFeatureValidation,
+    typed_passes.IRLegalization,
+    typed_passes.AnnotateTypes,
+    typed_passes.NativeLowering,
+)
+
+
+class EntryCompiler(CompilerBase):
+    """Compiles what Python, or a call through an address, enters."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Numba's passes but those that only closures, objects and parallel loops need."""
+        return [_manager((*_TO_LLVM, typed_passes.NoPythonBackend))]
+
+
+class PartCompiler(CompilerBase):
+    """Compiles what kernels alone call."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """As ``EntryCompiler``, without machine code."""
+        self.state.flags.no_compile = True
+        codegen = self.state.targetctx.codegen()
+        self.state.library = PartLibrary(codegen, self.state.func_id.func_qualname)
+        return [_manager((*_TO_LLVM, _PartBackend))]
+
+
+def _manager(passes: tuple[Any, ...]) -> PassManager:
+    manager = PassManager("kernel")
+    for one in passes:
+        manager.add_pass(one, one.__name__)
+    manager.finalize()
+    return manager
+
+
+class PartLibrary(JITCodeLibrary):
+    """A function with what it calls, as translated; it is optimised with the kernel that it becomes part of."""
+
+    def finalize(self) -> None:
+        """Join what the function calls."""
+        self._raise_if_finalized()
+        for library in dict.fromkeys(self._linking_libraries):
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    @classmethod
+    def of(cls, codegen: Any, name: str, bitcode: bytes) -> PartLibrary:
+        """What ``as_bitcode`` of a library's module gave."""
+        self = cls(codegen, name)
+        self._final_module = llvm.parse_bitcode(bitcode)
+        self._finalized = True
+        return self
+
+
+class _Part:
+    """What a call of a function without machine code is looked up by."""
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartBackend(LoweringPass):
+    _name = "flexmbd_part_backend"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Offers the function to those that call it."""
+        part, lowered = _Part(), state["cr"]
+        state.targetctx.insert_user_function(part, lowered.fndesc, [state.library])
+        state.cr = compile_result(
+            typing_context=state.typingctx,
+            target_context=state.targetctx,
+            entry_point=part,
+            typing_error=None,
+            type_annotation=None,
+            library=state.library,
+            call_helper=None,
+            signature=signature(state.return_type, *state.args),
+            objectmode=False,
+            lifted=(),
+            fndesc=lowered.fndesc,
+            environment=None,
+            metadata=None,
+            reload_init=[],
+        )
+        return True
+
+
+class PartCache(CompileResultCacheImpl):
+    """Keeps functions as they were translated."""
+
+    def reduce(self, cres: CompileResult) -> Any:
+        """What is written."""
+        cres.fndesc.typemap = cres.fndesc.calltypes = None
+        cres.library._ensure_finalized()
+        return cres.library.name, cres.library._final_module.as_bitcode(), cres.fndesc, cres.signature
+
+    def rebuild(self, target_context: Any, payload: Any) -> CompileResult:
+        """What was written, as if compiled."""
+        name, bitcode, fndesc, sig = payload
+        return compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            entry_point=_Part(),
+            library=PartLibrary.of(target_context.codegen(), name, bitcode),
+            signature=sig,
+            objectmode=False,
+            fndesc=fndesc,
+            lifted=(),
+        )
