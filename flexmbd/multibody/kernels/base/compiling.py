@@ -48,9 +48,9 @@ def _source_stamp(path: str) -> str:
 
 
 def _kernel_sources(path: str) -> set[str]:
-    """``path`` and the kernel sources that it imports, directly or not."""
+    """``path``, the kernel sources that it imports, directly or not, and how structures are read."""
     found: set[str] = set()
-    waiting = [path]
+    waiting = [path, str(Path(__file__).resolve().with_name("array_struct.py"))]
     while waiting:
         source = waiting.pop()
         if source not in found:
