@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
 from itertools import islice
@@ -43,9 +43,9 @@ def run_ensemble(
             own = ThreadPoolExecutor(count) if executor is None else nullcontext(executor)
             with own as pool:
                 tasks = ThreadTasks(study) if isinstance(pool, ThreadPoolExecutor) else ProcessTasks(study)
-                for outcome in _outcomes(pool, tasks, _waiting(results, samples, count), ahead=_AHEAD * count):
-                    _keep(results, outcome)
-                    bar.update(1)
+                for outcomes in _outcomes(pool, tasks, _waiting(results, samples, count), ahead=_AHEAD * count):
+                    _keep(results, outcomes)
+                    bar.update(len(outcomes))
         except BaseException:
             results.file.close()
             raise
@@ -64,21 +64,25 @@ def _begun(study: Study, samples: Samples, digest: str, path: Path | None) -> Re
         if not first[-1][2]:
             shapes = {name: value.shape for name, value in first[-1][1].items()}
             results = new_file(path, len(samples), shapes, samples.arrays, digest)
-            for outcome in first:
-                _keep(results, outcome)
+            _keep(results, first)
             return results
     raise SceneError(f"all {len(samples)} variants failed; the first: {first[0][2]}")
 
 
-def _keep(results: ResultsFile, outcome: Outcome) -> None:
-    k, values, fault = outcome
-    for name, value in values.items():
-        if not fault and value.shape != results.shape(name):
-            fault = f"output {name!r} has the shape {value.shape}, that of the first variant {results.shape(name)}"
-    if fault:
-        results.write_failure(k, fault)
-    else:
-        results.write(k, values)
+def _keep(results: ResultsFile, outcomes: Sequence[Outcome]) -> None:
+    """Write the outcomes of a task; an output of another shape than the first variant's is a failure."""
+    outputs, failures = {}, {}
+    for k, values, fault in outcomes:
+        other = [name for name, value in values.items() if value.shape != results.shape(name)]
+        if fault:
+            failures[k] = fault
+        elif other:
+            shape = values[other[0]].shape
+            there = results.shape(other[0])
+            failures[k] = f"output {other[0]!r} has the shape {shape}, that of the first variant {there}"
+        else:
+            outputs[k] = values
+    results.write(outputs, failures)
 
 
 def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[Rows]:
@@ -91,15 +95,15 @@ def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[R
 
 def _outcomes(
     pool: Executor, tasks: Callable[[Rows], list[Outcome]], rows: Iterator[Rows], *, ahead: int
-) -> Iterator[Outcome]:
-    """The outcomes as they come; no more than ``ahead`` tasks are handed over at a time."""
+) -> Iterator[list[Outcome]]:
+    """The outcomes task by task as they come; no more than ``ahead`` tasks are handed over at a time."""
     running: set[Future[list[Outcome]]] = {pool.submit(tasks, some) for some in islice(rows, ahead)}
     try:
         while running:
             finished, running = wait(running, return_when=FIRST_COMPLETED)
             running |= {pool.submit(tasks, some) for some in islice(rows, len(finished))}
             for future in finished:
-                yield from future.result()
+                yield future.result()
     finally:
         for future in running:
             future.cancel()

@@ -36,20 +36,16 @@ class ResultsFile:
         self.state: NDArray[np.int8] = file["state"][()]
         self.names: tuple[str, ...] = tuple(file["outputs"])
 
-    def write(self, k: int, values: Mapping[str, FloatArray]) -> None:
-        """Write the outputs of variant k."""
-        for name, value in values.items():
-            self.file["outputs"][name][k] = value
-        self._mark(k, DONE)
-
-    def write_failure(self, k: int, message: str) -> None:
-        """Write why variant k failed."""
-        self.file["message"][k] = message.encode()[:_TEXT]
-        self._mark(k, FAILED)
-
-    def _mark(self, k: int, state: int) -> None:
-        self.file.flush()
-        self.file["state"][k] = self.state[k] = state
+    def write(self, outputs: Mapping[int, Mapping[str, FloatArray]], failures: Mapping[int, str]) -> None:
+        """Write the outputs of some variants, and why others failed, by their numbers."""
+        for k, values in outputs.items():
+            for name, value in values.items():
+                self.file["outputs"][name][k] = value
+        for k, message in failures.items():
+            self.file["message"][k] = message.encode()[:_TEXT]
+        self.file.flush()  # before their states say that they count
+        for k in (*outputs, *failures):
+            self.file["state"][k] = self.state[k] = FAILED if k in failures else DONE
         self.file.flush()
 
     def message(self, k: int) -> str:
