@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, fastest_rate
 from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
@@ -100,13 +101,15 @@ def _fastest_rate(start: Start, t: float) -> float:
     """Largest eigenvalue (1/s) of the tree linearised about the start."""
     scene = start.scene
     plan, n = scene.plan, scene.nv
-    work, tangent_work = new_work(plan), new_tangent_work(plan, n)
+    sizes = np.stack([coordinate_sizes(scene), np.zeros(n)])
+    work, tangent_work = new_work(plan), new_tangent_work(plan, n, sizes=sizes)
     evaluate_times(plan, t, work.time)
     parts = np.zeros((3, n, n))
     at_start = (start.x, start.v, start.a, start.multipliers)
     tangent(plan, work, tangent_work, *at_start, 1.0, 0.0, 0.0, parts[0])
-    tangent(plan, work, tangent_work, *at_start, 0.0, 1.0, 0.0, parts[1])
     tangent(plan, work, tangent_work, *at_start, 0.0, 0.0, 1.0, parts[2])
+    sizes[1] = sizes[0] * fastest_rate(parts[2], parts[0])
+    tangent(plan, work, tangent_work, *at_start, 0.0, 1.0, 0.0, parts[1])
     free = np.ix_(plan.free, plan.free)
     stiffness, damping, mass = (part[free] for part in parts)
     k = len(plan.free)

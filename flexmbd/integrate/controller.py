@@ -112,9 +112,10 @@ def propose_step(rule, knots, state, groups):
     i = count[st.KNOT]
     while i < knots.shape[0] and knots[i] <= t:
         i += 1
+    passed = i > count[st.KNOT]
     count[st.KNOT] = i
     begins = i > 0 and knots[i - 1] == t
-    if begins:  # accelerations of a pulse of data are not the machine's rate
+    if passed:  # accelerations of a pulse of data are not the machine's rate
         for g in range(groups.acceleration.shape[0]):
             groups.acceleration[g] = 0.0
     rate = st.machine_rate(state, groups)

@@ -6,25 +6,26 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 
 
-@part_of_kernel
-def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise):
+@kernel
+def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, leniency):
     """Largest ratio of the local error (free,) to the tolerance: rtol per radian of the motion that causes it.
 
     A vibration faster than the machine is measured per radian of its own, and its velocity by
     its displacement, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
     rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
+    ``leniency``: 1, or 0 for what drifts, which is no vibration.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = st.own_rate(own_rates[k], rates_before[k], machine_rate)
+        own = leniency * st.own_rate(own_rates[k], rates_before[k], machine_rate)
         # what changes within the step is one radian at least
-        share = min(1.0, h * max(machine_rate, own, own_rates[k]))
+        share = min(1.0, h * max(machine_rate, own, leniency * own_rates[k]))
         limit = max(state.numbers[st.TOLERANCE] * share, noise)
         speed = max(st.group_speed(groups, g, machine_rate), own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
@@ -43,3 +44,23 @@ def vibration_rate(groups, k, curve):
     """Coordinate k's own rate (1/s), a vibration's frequency, by half the second derivative of its acceleration."""
     size = groups.acceleration[groups.of[k]]
     return np.sqrt(2.0 * abs(curve) / size) if size > 0.0 else 0.0
+
+
+@kernel
+def without_loads(plan, groups, own_rates, load, h):
+    """Take out of the own rates (nv,) what curvature of loads made of the accelerations.
+
+    ``load``: (1, n) accelerations of the free coordinates by the loads' defects, see ``data_loads.find_defects``.
+    """
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        bent = vibration_rate(groups, k, 6.0 / (h * h) * load[0, j])
+        own_rates[k] = np.sqrt(max(0.0, own_rates[k] ** 2 - bent**2))
+
+
+@kernel
+def missed_impulse(plan, load, h, error_x, error_v):
+    """Write the errors (free,) that a step makes by missing these accelerations, see ``without_loads``."""
+    for j in range(plan.free.shape[0]):
+        error_v[j] = h * load[0, j]
+        error_x[j] = 0.5 * h * h * load[0, j]

@@ -93,7 +93,8 @@ class Integration:
         number = self.state.numbers
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
         self._breaks = find_breaks(scene.time_rows, declared, rtol=float(number[st.TOLERANCE]), h=h)
-        self.state.counts[st.KNOT] = 0
+        passed = int(np.searchsorted(self._breaks.knots, self.t, side="right"))
+        self.state.counts[st.KNOT] = min(int(self.state.counts[st.KNOT]), passed)
         self.state.counts[st.WATCH_ROWS] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared

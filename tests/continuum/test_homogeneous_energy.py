@@ -103,7 +103,7 @@ def test_tangent(rubber):
     place = compiled.index.modes[body]
     x, v, a = compiled.start.copy(), np.zeros(nv), np.zeros(nv)
     x[place.x] = body.coordinates_of(STRETCH)
-    tangent(plan, work, new_tangent_work(plan, nv), x, v, a, none, 1.0, 0.0, 0.0, matrix)
+    tangent(plan, work, new_tangent_work(plan, nv, sizes=np.ones((2, nv))), x, v, a, none, 1.0, 0.0, 0.0, matrix)
     step = 1e-6 * np.sqrt(BOX.mass)
     for k in range(6):
         ends = []

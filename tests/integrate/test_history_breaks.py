@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicSpline, PPoly
 from spring_interior import ExplicitSprings, ImplicitSprings, as_continuum
 
 import flexmbd as fm
@@ -96,3 +96,17 @@ def test_error_control_keeps_its_tolerance_across_a_jump(way):
         run = scene.simulate(END, rtol=rtol, integrator=method)
         assert jump in run.t
         assert abs(run.beta(slide)[-1] - exact(load, mass, knots=[jump])) < 20.0 * rtol
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5])
+@pytest.mark.parametrize("way", ["alpha", "undamped alpha", "damped alpha"])
+def test_error_control_keeps_its_tolerance_across_a_pulse_in_a_spline(way, rtol):
+    """A bell of 5 ms with an impulse of 0.2 N s: the motion after it is as exact as after a jump."""
+    kind, method, bonded = WAYS[way]
+    t = np.linspace(0.0, END + 0.01, 4021)
+    bell = np.exp(-(((t - 0.5123) / 2.5e-3) ** 2))
+    table = fm.Table(t, 0.2 / (2.5e-3 * np.sqrt(np.pi)) * bell)
+    scene, slide, mass = bar(kind, table, bonded)
+    run = scene.simulate(END, rtol=rtol, integrator=method)
+    spline = CubicSpline(table.t, table.y)
+    assert abs(run.beta(slide)[-1] - exact(spline, mass, knots=[0.49, 0.5, 0.51, 0.52, 0.535])) < 20.0 * rtol

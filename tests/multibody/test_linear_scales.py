@@ -121,3 +121,20 @@ def test_a_rotor_whose_angle_is_a_table():
     turn.prescribe(fm.Table(t, 30.0 * t + 0.1 * t**2))
     with pytest.raises(SceneError, match=r"prescribed with an acceleration of 0\.2"):
         scene.linearize(t=0.4)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e5])
+def test_laws_of_the_users_bend_within_the_machines_own_size(length):
+    """f = -k s sinh(x / s) - c u tanh(v / u), s and u a tenth of the machine's size and speed: k and c at rest."""
+    mass, k = 3.0, 50.0
+    c = 0.02 * np.sqrt(k * mass)
+    s, u = 0.1 * length, 0.1 * length * np.sqrt(k / mass)
+    law = lambda t, x, v: -k * s * np.sinh(x / s) - c * u * np.tanh(v / u)  # noqa: E731
+    scene = fm.System()
+    slider = scene.add(fm.RigidBody(mass, np.full(3, 0.5 * mass * length**2)), name="slider")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="slide")
+    scene.add_force(fm.force.JointLaw(slide, law))
+    value = scene.linearize().eigenvalues()[0]
+    exact = -0.5 * c / mass + 1j * np.sqrt(k / mass - (0.5 * c / mass) ** 2)
+    assert value.real == pytest.approx(exact.real, rel=1e-6)
+    assert abs(value.imag) == pytest.approx(exact.imag, rel=1e-6)

@@ -39,7 +39,7 @@ def random_state(compiled, seed, spread=0.5):
 def analytic(plan, state, weights):
     x, v, a, multipliers = state
     matrix = np.full((len(v), len(v)), np.nan)
-    scratch = new_work(plan), new_tangent_work(plan, len(v))
+    scratch = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))))
     tangent(plan, *scratch, x, v, a, multipliers, *weights, matrix)  # type: ignore[call-arg]
     return matrix
 
@@ -99,7 +99,8 @@ def test_jacobian_of_rows(seed):
     scene, *_ = mixed_scene()
     compiled = scene.compile().scene
     x, v, a, multipliers = random_state(compiled, seed)
-    plan, work, tw = compiled.plan, new_work(compiled.plan), new_tangent_work(compiled.plan, compiled.nv)
+    plan, work = compiled.plan, new_work(compiled.plan)
+    tw = new_tangent_work(plan, compiled.nv, sizes=np.ones((2, compiled.nv)))
     tangent(plan, work, tw, x, v, a, multipliers, 0.3, 0.7, 1.0, np.zeros((compiled.nv, compiled.nv)))
     expected = constraint_jacobian(compiled, work, x)
     np.testing.assert_allclose(tw.jacobian, expected, atol=1e-13 * np.abs(expected).max())

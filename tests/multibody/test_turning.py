@@ -167,7 +167,8 @@ def test_nothing_is_missing(found):
             residual(plan, work, x, v, a, nothing, out)
             parts += [out.copy(), work.body[:, at.B_F : at.B_T + 3].ravel()]
             matrix = np.zeros((scene.nv, scene.nv))
-            tangent(plan, work, new_tangent_work(plan, scene.nv), x, v, a, nothing, 1.3, 0.7, 0.2, matrix)
+            tw = new_tangent_work(plan, scene.nv, sizes=np.ones((2, scene.nv)))
+            tangent(plan, work, tw, x, v, a, nothing, 1.3, 0.7, 0.2, matrix)
             parts.append(matrix.ravel())
             forward_dynamics(plan, work, new_articulated_work(plan), x, v, out, nothing)
             parts.append(out.copy())

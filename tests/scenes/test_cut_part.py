@@ -69,7 +69,7 @@ def at_rest(scene, x=None):
     compiled = scene.compile().scene
     plan, nv = compiled.plan, compiled.nv
     assert len(plan.rows) == 0  # fixed joints at the pieces' own frames need no multipliers
-    work, scratch = new_work(plan), new_tangent_work(plan, nv)
+    work, scratch = new_work(plan), new_tangent_work(plan, nv, sizes=np.ones((2, nv)))
     still, none, force = np.zeros(nv), np.zeros(0), np.zeros(nv)
     x = compiled.start.copy() if x is None else x
     matrices = []

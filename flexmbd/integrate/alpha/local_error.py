@@ -6,8 +6,9 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import workspace as step
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
-from flexmbd.integrate.filtered_error import filtered_ratio, vibration_rate
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
+from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 
@@ -63,12 +64,42 @@ def _filter(plan, work, state, s):
         solve_factored(plan, s, s.error_v)
 
 
+@kernel
+def _ratio(plan, state, groups, s, h, machine_rate, leniency):
+    rates = state.memory[step.OWN_RATE]
+    noise = ROUND_OFF / s.least_pivot[0]
+    return filtered_ratio(
+        plan, state, groups, s.error_x, s.error_v[0], s.own_rate, rates, h, machine_rate, noise, leniency
+    )
+
+
+@kernel
+def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
+    """The error's ratio where data act in the step, see ``data_loads``."""
+    if ratio > 1.0 or s.data.known[0] == 0:
+        return ratio
+    h_before = state.numbers[st.STEP_BEFORE] if state.counts[step.KNOWN_STEPS] > 0 else 0.0
+    found = find_defects(plan, state, h, h_before, s.data.defect)
+    if found == STRAIGHT:
+        return ratio
+    if found == SAMPLED and _ratio(plan, state, groups, s, h, machine_rate, 0.0) <= 1.0:
+        for k in range(s.own_rate.shape[0]):
+            s.own_rate[k] = 0.0  # nothing asks whether it vibrates
+        return ratio
+    push(plan, work, state, s.x, s.v, s.a, s.multipliers, s.data)
+    put_pushes(plan, s.data, s.correction)
+    solve_factored(plan, s, s.correction)
+    without_loads(plan, groups, s.own_rate, s.correction, h)
+    seen = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
+    missed_impulse(plan, s.correction, h, s.error_x, s.error_v[0])
+    return max(seen, _ratio(plan, state, groups, s, h, machine_rate, 0.0))
+
+
 @part_of_kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     _difference(plan, state, groups, s, h)
     if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
-    rates = state.memory[step.OWN_RATE]
-    noise = ROUND_OFF / s.least_pivot[0]
-    return filtered_ratio(plan, state, groups, s.error_x, s.error_v[0], s.own_rate, rates, h, machine_rate, noise)
+    seen = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
+    return _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, seen)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -86,6 +87,7 @@ class AlphaWorkspace(ArrayStruct):
     ancestors: NDArray[np.int64]
     kernels: NDArray[np.int64]
     tangent: TangentWork
+    data: DataLoads
 
 
 def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
@@ -93,7 +95,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
-    tangent = new_tangent_work(plan, nv)
+    scales = zeros((2, nv))
+    tangent = new_tangent_work(plan, nv, sizes=scales)
     full = zeros((nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     return AlphaWorkspace(
@@ -123,8 +126,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         correction=zeros((1, n)),
         error_x=zeros(nu),
         error_v=zeros((1, nu)),
-        scale_x=zeros(nv),
-        scale_v=zeros(nv),
+        scale_x=scales[0],
+        scale_v=scales[1],
         phi=zeros(m),
         phi_rate=zeros(m),
         phi_rate2=zeros(m),
@@ -134,6 +137,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         ancestors=_ancestor_table(plan)[: 0 if interiors else None],
         kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
         tangent=tangent,
+        data=with_push(new_data_loads(plan, nv), plan, work, nx),
     )
 
 

@@ -18,19 +18,20 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.newton import bind, remember, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
-from flexmbd.integrate.filtered_error import filtered_ratio, vibration_rate
+from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -39,7 +40,7 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
-from flexmbd.multibody.kernels.reading.plan_entries import driven_time, spin_of, time_of_row
+from flexmbd.multibody.kernels.reading.plan_entries import data_place, driven_time, spin_of, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
@@ -242,8 +243,44 @@ def _filter(plan, s, error):
     solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
 
 
+@kernel
+def _ratio(plan, state, groups, s, h, rate, leniency):
+    rates = state.memory[step.OWN_RATE]
+    return filtered_ratio(plan, state, groups, s.error_x, s.error_v, s.own_rate, rates, h, rate, 0.0, leniency)
+
+
+@kernel
+def _is_driven_by_data(plan):
+    """Whether a prescribed motion is data: jumps of its rate within rtol, which are no breaks, are impulses here."""
+    for i in range(plan.driven.shape[0]):
+        if data_place(plan.times[driven_time(plan.driven[i])])[1] > 0:
+            return True
+    return False
+
+
+@kernel
+def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
+    """The error's ratio where data act in the step, see ``data_loads``."""
+    if ratio > 1.0 or s.data.known[0] == 0 or _is_driven_by_data(plan):
+        return ratio
+    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data.defect)
+    if found == STRAIGHT:
+        return ratio
+    if found == SAMPLED and _ratio(plan, state, groups, s, h, rate, 0.0) <= 1.0:
+        for k in range(s.own_rate.shape[0]):
+            s.own_rate[k] = 0.0  # nothing asks whether it vibrates
+        return ratio
+    push(plan, work, state, s.x_end, s.v_end, s.a_end, s.zero_multipliers, s.data)
+    put_pushes(plan, s.data, s.correction)
+    solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
+    without_loads(plan, groups, s.own_rate, s.correction, h)
+    seen = _ratio(plan, state, groups, s, h, rate, 1.0)
+    missed_impulse(plan, s.correction, h, s.error_x, s.error_v)
+    return max(seen, _ratio(plan, state, groups, s, h, rate, 0.0))
+
+
 @part_of_kernel
-def _local_error(plan, state, groups, s, a_end, h, rate):
+def _local_error(plan, work, state, groups, s, a_end, h, rate):
     """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = s.v_end
@@ -269,8 +306,10 @@ def _local_error(plan, state, groups, s, a_end, h, rate):
         k = plan.free[j]
         s.own_rate[k] = vibration_rate(groups, k, s.correction[0, j])
     _filter(plan, s, s.error_v)
-    rates = state.memory[step.OWN_RATE]
-    return filtered_ratio(plan, state, groups, s.error_x, s.correction[0], s.own_rate, rates, h, rate, 0.0)
+    for j in range(plan.free.shape[0]):
+        s.error_v[j] = s.correction[0, j]
+    ratio = _ratio(plan, state, groups, s, h, rate, 1.0)
+    return _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
 
 
 @part_of_kernel
@@ -333,7 +372,7 @@ def _attempt(method, state, groups, h):
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            ratio = _local_error(plan, state, groups, s, s.a_end, h, rate)
+            ratio = _local_error(plan, work, state, groups, s, s.a_end, h, rate)
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, s, s.a_end, h)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.explicit import loop_dynamics
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -129,6 +130,7 @@ class EnergyMomentumWorkspace(ArrayStruct):
     sizes: NDArray[np.int32]
     kernels: IntArray
     tangent: TangentWork
+    data: DataLoads
 
 
 def new_workspace(
@@ -138,7 +140,8 @@ def new_workspace(
     zeros = np.zeros
     free, bodies, m = len(plan.free), len(plan.tree), len(plan.rows)
     n = free + m
-    tangent = new_tangent_work(plan, nv)
+    scales = zeros((2, nv))
+    tangent = new_tangent_work(plan, nv, sizes=scales)
     x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((nv, nv))
     wrench, part, energy = zeros((bodies, 6)), zeros(6), zeros(N_ENERGY)
     whole = bool((projector[2 * bodies :, 0] == 1.0).all())
@@ -187,8 +190,8 @@ def new_workspace(
         anderson_changes=zeros((ANDERSON_DEPTH, n)),
         anderson_moves=zeros((ANDERSON_DEPTH, n)),
         modal_scratch=zeros((2, nv)),
-        scale_x=zeros(nv),
-        scale_v=zeros(nv),
+        scale_x=scales[0],
+        scale_v=scales[1],
         error_x=zeros(nv),
         error_v=zeros(nv),
         own_rate=zeros(nv),
@@ -210,4 +213,5 @@ def new_workspace(
             ]
         ),
         tangent=tangent,
+        data=with_push(new_data_loads(plan, nv), plan, work, nx),
     )

@@ -15,6 +15,7 @@ import numpy as np
 from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, Stepper, make_advance, no_factors
+from flexmbd.integrate.data_loads import new_data_loads
 from flexmbd.integrate.explicit.central_step import RULE, CentralDifferenceMethod, CentralDifferenceWorkspace, advance
 from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
 from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, set_row_scales
@@ -69,8 +70,9 @@ class CentralDifference:
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
         plan, zeros, nv = scene.plan, np.zeros, scene.nv
-        x, multipliers = zeros(scene.nx), zeros(len(plan.rows))
-        scratch = CentralDifferenceWorkspace(x, zeros(nv), zeros(nv), zeros(nv), multipliers, zeros(nv), zeros(nv))
+        motion = (zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)))
+        missed = (zeros(len(plan.rows)), new_data_loads(plan, nv))
+        scratch = CentralDifferenceWorkspace(*motion, zeros(nv), zeros(nv), *missed)
         parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
         method = CentralDifferenceMethod(*parts, scratch)
         drive = make_advance(advance, method, RULE, state, groups)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, next_step
+from flexmbd.integrate.data_loads import MISSED, DataLoads, find_defects, shift_times
 from flexmbd.integrate.explicit.loop_dynamics import (
     N_MEMORY,
     Loops,
@@ -20,7 +21,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -38,7 +39,7 @@ _UNSEEN_ERROR = 3.0  # the error over its estimate: forces also depend on the pr
 
 @dataclass(frozen=True, eq=False)
 class CentralDifferenceWorkspace(ArrayStruct):
-    """The step's end, its displacement u, and the local errors."""
+    """The step's end, its displacement u, the local errors, and what is missed of data, with the reactions to it."""
 
     x: FloatArray
     v: FloatArray
@@ -47,6 +48,8 @@ class CentralDifferenceWorkspace(ArrayStruct):
     multipliers: FloatArray
     error_x: FloatArray
     error_v: FloatArray
+    reactions: FloatArray
+    data: DataLoads
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +119,21 @@ def _error(plan, state, groups, s, h, rate):
     return _UNSEEN_ERROR * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
 
 
+@kernel
+def _missed(plan, work, aw, loops, state, groups, s, h, rate):
+    """What a step misses of data between its ends, over what is tolerated; it is none of the accelerations' slopes."""
+    if find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data.defect) != MISSED:
+        return 0.0
+    shift_times(work.time, s.data.defect, 1.0)
+    accelerate(plan, work, aw, loops, s.x, s.v, s.data.a, s.reactions)
+    shift_times(work.time, s.data.defect, -1.0)
+    state.counts[st.EVALUATIONS] += 1
+    for k in range(s.a.shape[0]):
+        s.error_v[k] = h * (s.data.a[k] - s.a[k])
+        s.error_x[k] = 0.5 * h * s.error_v[k]
+    return st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
+
+
 @part_of_kernel
 def _accept(state, s):
     """Make the step's end the current state."""
@@ -146,6 +164,8 @@ def attempt(method, state, groups, h):
         state.counts[st.OUTCOME] = st.CALLBACK_FAILED
     elif found:
         ratio = 0.0 if state.counts[st.FIXED_STEP] == 1 else _error(plan, state, groups, s, h, rate)
+        if 0.0 < ratio <= 1.0 and s.data.known[0] == 1:
+            ratio = max(ratio, _missed(plan, work, aw, loops, state, groups, s, h, rate))
         if ratio <= 1.0:
             _accept(state, s)
             if plan.rows.shape[0] > 0:

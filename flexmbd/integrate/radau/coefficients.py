@@ -16,6 +16,9 @@ _INVERSE = np.linalg.inv(_POWERS)
 #: (3, 3) weights of the stages' rates in each stage's increment, per step.
 WEIGHTS = NODES[:, None] * _POWERS / np.arange(1, STAGES + 1) @ _INVERSE
 
+#: (3,) of each stage's rate in the increment of the step, per step.
+QUADRATURE = WEIGHTS[2].copy()
+
 _values, _vectors = np.linalg.eig(np.linalg.inv(WEIGHTS))
 _order = np.argsort(_values.imag)  # a pair of conjugates about a real one
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
-from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, REAL
+from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
+from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.integrate.radau.stages import NEWTON_ITERATIONS, OWN_RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
@@ -78,8 +79,8 @@ def widen_vibration_scales(state, s, h, machine_rate):
         s.scale_v[k] *= gain
 
 
-@part_of_kernel
-def local_error(plan, state, groups, s, h, machine_rate):
+@kernel
+def _ratio(plan, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance: rtol per radian of the motion that causes it.
 
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
@@ -90,7 +91,6 @@ def local_error(plan, state, groups, s, h, machine_rate):
     that makes of the steps before, e itself counts as error, one that drifts, of an event that is over after the step:
     against a share of what a radian is given.
     """
-    _estimate(plan, state, groups, s, h)
     tolerance = state.numbers[st.TOLERANCE]
     largest = 0.0
     plain = 0.0
@@ -119,6 +119,71 @@ def local_error(plan, state, groups, s, h, machine_rate):
     known = state.counts[ROUGHNESS_KNOWN] == 1
     state.counts[SMOOTH] = 1 if not known or rough <= _SMOOTH * expected else 0
     return largest if state.counts[SMOOTH] == 1 else max(largest, plain / (_EVENT * tolerance))
+
+
+@kernel
+def _find(plan, state, s, h, weights, means, defect):
+    """Fill ``defect`` (times, 3) with a sum of data at the stages by ``weights`` (3,), less ``means`` times the mean.
+
+    Returns whether there is any but round-off.
+    """
+    found = False
+    begin = state.numbers[st.TIME]
+    end = st.function_time(state.numbers, state.numbers[st.STEP_END])
+    for i in range(plan.times.shape[0]):
+        mean, noise = mean_and_noise(plan, i, begin, end)
+        for c in range(3):
+            defect[i, c] = 0.0
+            if noise[c] > 0.0:
+                lack = -means * mean[c]
+                for k in range(3):
+                    lack += weights[k] * s.time[k, i, c]
+                if abs(lack) > 8.0 * noise[c]:
+                    defect[i, c] = lack
+                    found = True
+    return found
+
+
+@kernel
+def _respond(plan, work, state, s):
+    """Put into ``s.rhs_real`` the accelerations that data's defects make, filtered by the real iteration matrix."""
+    end = 2
+    push(plan, work, state, s.x[end], s.v[end], s.a[end], s.multipliers[end], s.data)
+    put_pushes(plan, s.data, s.rhs_real)
+    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
+
+
+@kernel
+def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
+    """The error's ratio where data act in the step: what they do is no vibration, and what is missed of them counts."""
+    if _find(plan, state, s, h, CURVATURE, 0.0, s.data.defect):
+        _respond(plan, work, state, s)
+        for j in range(plan.free.shape[0]):
+            k = plan.free[j]
+            size = groups.acceleration[groups.of[k]]
+            bent = np.sqrt(abs(s.rhs_real[0, j]) / size) / h if size > 0.0 else 0.0
+            s.own_rate[k] = np.sqrt(max(0.0, s.own_rate[k] ** 2 - bent**2))
+        ratio = _ratio(plan, state, groups, s, h, machine_rate)
+    if ratio <= 1.0 and _find(plan, state, s, h, QUADRATURE, 1.0, s.data.defect):
+        _respond(plan, work, state, s)
+        limit = max(state.numbers[st.TOLERANCE] * min(1.0, h * machine_rate), st.ROUND_OFF)
+        missed = 0.0
+        for j in range(plan.free.shape[0]):
+            k = plan.free[j]
+            speed = st.group_speed(groups, groups.of[k], machine_rate)
+            missed = max(missed, abs(h * s.rhs_real[0, j]) / (limit * speed))
+        ratio = max(ratio, missed ** (2.0 / 3.0))
+    return ratio
+
+
+@part_of_kernel
+def local_error(plan, work, state, groups, s, h, machine_rate):
+    """Largest local error over what is tolerated, see ``_ratio``."""
+    _estimate(plan, state, groups, s, h)
+    ratio = _ratio(plan, state, groups, s, h, machine_rate)
+    if ratio <= 1.0 and s.data.known[0] == 1:
+        return _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)
+    return ratio
 
 
 @part_of_kernel

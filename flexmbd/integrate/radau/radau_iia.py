@@ -130,7 +130,7 @@ def _attempt(method, state, groups, h):
         count[st.OUTCOME] = st.CALLBACK_FAILED
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
-        ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, state, groups, s, h, rate)
+        ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, work, state, groups, s, h, rate)
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(state, s, h)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
@@ -121,6 +122,7 @@ class RadauWorkspace(ArrayStruct):
     sizes: NDArray[np.int32]
     kernels: IntArray
     tangent: TangentWork
+    data: DataLoads
 
 
 def new_workspace(
@@ -130,7 +132,8 @@ def new_workspace(
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
-    tangent = new_tangent_work(plan, nv)
+    scales = zeros((2, nv))
+    tangent = new_tangent_work(plan, nv, sizes=scales)
     phi, full = zeros((3, m)), zeros((nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
@@ -182,8 +185,8 @@ def new_workspace(
         rhs_end=zeros((1, nu)),
         error_x=zeros(nu),
         error_v=zeros(nu),
-        scale_x=zeros(nv),
-        scale_v=zeros(nv),
+        scale_x=scales[0],
+        scale_v=scales[1],
         own_rate=zeros(nv),
         phi=phi[0],
         phi_rate=phi[1],
@@ -196,6 +199,7 @@ def new_workspace(
         sizes=zeros(4, np.int32),
         kernels=kernels,
         tangent=tangent,
+        data=with_push(new_data_loads(plan, nv), plan, work, nx),
     )
 
 

@@ -11,6 +11,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.plan.scene_matrices import fastest_rate
 
 FloatArray = NDArray[np.float64]
 
@@ -36,15 +37,25 @@ class Derivatives:
     rate_slope: FloatArray
 
 
-def derive(plan: Plan, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray) -> Derivatives:
-    """Derivatives at configuration x (nx,), velocities v (nv,) and multipliers (m,); ``work.time`` up to date."""
+def derive(
+    plan: Plan, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray, *, size: FloatArray
+) -> Derivatives:
+    """Derivatives at configuration x (nx,), velocities v (nv,) and multipliers (m,); ``work.time`` up to date.
+
+    ``size``: (nv,) the machine's, in each coordinate's unit: of it users' functions are moved by a share, and of what
+    the machine's own rate makes of it for derivatives by velocities.
+    """
     nv = len(v)
-    tw = new_tangent_work(plan, nv)
+    sizes = np.stack([size, np.zeros(nv)])
+    tw = new_tangent_work(plan, nv, sizes=sizes)
     found = np.zeros((3, nv, nv))
     slopes = np.zeros((3, *tw.rate_jacobian.shape))
-    for matrix, slope, (per_x, per_v, per_a) in zip(found, slopes, np.eye(3), strict=True):
-        tangent(plan, work, tw, x, v, np.zeros(nv), multipliers, per_x, per_v, per_a, matrix)
-        slope[:] = tw.rate_jacobian
+    for k in (0, 2, 1):
+        if k == 1:
+            sizes[1] = size * fastest_rate(found[2], found[0])
+        per_x, per_v, per_a = np.eye(3)[k]
+        tangent(plan, work, tw, x, v, np.zeros(nv), multipliers, per_x, per_v, per_a, found[k])
+        slopes[k] = tw.rate_jacobian
     return Derivatives(found[2], found[1], found[0], tw.jacobian.copy(), slopes[0])
 
 

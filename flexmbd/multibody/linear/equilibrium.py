@@ -20,6 +20,7 @@ from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
 from flexmbd.multibody.linear.membrane_strains import MembraneStrains, membrane_strains
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
 from flexmbd.multibody.start.placement import follow_mates
@@ -158,14 +159,14 @@ def _committed(scene: CompiledScene) -> InteriorSnapshot:
 
 def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
-    m, nv = len(scene.plan.rows), scene.nv
+    m, nv, size = len(scene.plan.rows), scene.nv, coordinate_sizes(scene)
     v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
     of_interiors = 0.0 if scene.interiors is None else equilibrate_interiors(scene, scene.interiors, work, x, v)
     force = np.zeros(nv)
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
     scene.refuse_failed(work)
     nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
-    of = derive(scene.plan, work, x, v, np.zeros(m))
+    of = derive(scene.plan, work, x, v, np.zeros(m), size=size)
     by = eliminate(scene, own_coordinates(scene), of, angular_rate_matrix(scene.plan, v), nothing)
     free = scene.plan.free
     multipliers: FloatArray = np.zeros(m)
@@ -175,7 +176,7 @@ def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> 
         J = of.jacobian[:, free]
         weighted = np.linalg.solve(mass, J.T)
         multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
-        of = derive(scene.plan, work, x, v, multipliers)
+        of = derive(scene.plan, work, x, v, multipliers, size=size)
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz

@@ -26,6 +26,7 @@ from flexmbd.multibody.linear.output_equations import Output, OutputDerivatives,
 from flexmbd.multibody.linear.ports import Ports
 from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
 from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
 
@@ -66,7 +67,7 @@ def linearize(
     """
     scene = point.scene
     wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
-    own = derive(scene.plan, work, point.x, point.v, point.multipliers)
+    own = derive(scene.plan, work, point.x, point.v, point.multipliers, size=coordinate_sizes(scene))
     of, ports = wider.derivatives(own), ports.extended(wider.added)
     turn = np.pad(angular_rate_matrix(scene.plan, point.v), (0, wider.added))
     by = eliminate(scene, wider.coordinates, of, turn, ports.given)
@@ -192,7 +193,7 @@ def _refuse_changing(
     for distance in _AHEAD:
         x = np.empty_like(point.x)
         retract(scene.plan, point.x, point.v * (distance / rate), x)
-        later = derive(scene.plan, work, x, point.v, point.multipliers)
+        later = derive(scene.plan, work, x, point.v, point.multipliers, size=size)
         for name, factor in matrices:
             change = factor * np.abs(getattr(later, name) - getattr(of, name))[np.ix_(free, free)]
             _refuse_changed(point, name, change / np.outer(own, own))

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.reading.tree import with_frame
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
 
@@ -120,5 +121,5 @@ def _frame_slopes(
     kind = kinds.ROW_AXIS if turns else kinds.ROW_TRANSLATION
     plan = with_frame(without_loads(plan), -1, motion[:3], motion[3:12] if turns else np.eye(3))
     plan = plan.replace(rows=three_rows(g + 1, g, kind))
-    found = derive(plan, new_work(plan), x, v, np.zeros(3))
+    found = derive(plan, new_work(plan), x, v, np.zeros(3), size=coordinate_sizes(scene))
     return found.jacobian, found.rate_slope

@@ -27,6 +27,7 @@ from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
+from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -349,8 +350,8 @@ def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
     table, data, offset = [], [], 0
     for row in rows:
         table.append([row.kind, offset, row.count, *row.addresses])
-        data.append(row.data)
-        offset += row.data.size
+        data.append(data_with_integrals(row))
+        offset += data[-1].size
     return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
 
 

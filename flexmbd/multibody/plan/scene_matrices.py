@@ -44,6 +44,14 @@ def coordinate_sizes(scene: CompiledScene) -> FloatArray:
     return scene.group_full[scene.group_of] if scene.nv else np.zeros(0)
 
 
+def fastest_rate(mass: FloatArray, stiffness: FloatArray) -> float:
+    """The rate (1/s) of the fastest coordinate by itself; 1 where none is held, for then no velocity is too large."""
+    inertia = np.diag(mass)
+    rates = np.divide(np.abs(np.diag(stiffness)), inertia, out=np.zeros(len(inertia)), where=inertia > 0.0)
+    fastest = float(np.sqrt(rates.max(initial=0.0)))
+    return fastest if fastest > 0.0 else 1.0
+
+
 def row_sizes(scene: CompiledScene) -> FloatArray:
     """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
     sizes = np.where(constraint_rows(scene.plan).in_rad, 1.0, scene.extent)

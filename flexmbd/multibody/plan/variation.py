@@ -28,6 +28,7 @@ from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
 from flexmbd.multibody.plan.sources import frame_reach, row_reach
+from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
 
 FloatArray = NDArray[np.float64]
@@ -236,7 +237,8 @@ class _Variation:
             )
         self._times[k] = replace(row, addresses=before.addresses)
         offset = int(self._plan.times[k, at.TIME_OFFSET])
-        self._array("time_data")[offset : offset + row.data.size] = row.data
+        data = data_with_integrals(row)
+        self._array("time_data")[offset : offset + data.size] = data
 
 
 def _hangs_on(force: object, body: FlexibleBody) -> bool:

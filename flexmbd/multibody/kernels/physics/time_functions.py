@@ -11,12 +11,8 @@ from flexmbd.multibody.kernels.base.native import call_row, call_scalar
 
 
 @kernel
-def piecewise(data, o, pieces, t):
-    """Value and derivatives of a piecewise polynomial; the end pieces go on outside.
-
-    data[o:]: order k, pieces + 1 breakpoints, then k coefficients a piece, highest power first.
-    """
-    order = int(data[o])
+def _piece(data, o, pieces, t):
+    """Which piece of a piecewise polynomial holds at t."""
     low = 0
     high = pieces - 1
     while low < high:
@@ -25,6 +21,39 @@ def piecewise(data, o, pieces, t):
             low = middle
         else:
             high = middle - 1
+    return low
+
+
+@kernel
+def integrals(data, o, pieces, t):
+    """Integrals to t of a polynomial of several pieces and of its rate and acceleration, without their jumps.
+
+    From the first breakpoint on; see ``piecewise``.
+    """
+    order = int(data[o])
+    low = _piece(data, o, pieces, t)
+    s = t - data[o + 1 + low]
+    c = o + 2 + pieces + order * low
+    value = rate = total = 0.0
+    for k in range(order):
+        rate = rate * s + value
+        value = value * s + data[c + k]
+        total = total * s + data[c + k] / (order - k)
+    begin = data[c + order - 1]
+    begin_rate = data[c + order - 2] if order > 1 else 0.0
+    c = o + 2 + pieces + order * pieces + 3 * low
+    return data[c] + total * s, data[c + 1] + value - begin, data[c + 2] + rate - begin_rate
+
+
+@kernel
+def piecewise(data, o, pieces, t):
+    """Value and derivatives of a piecewise polynomial; the end pieces go on outside.
+
+    data[o:]: order k, pieces + 1 breakpoints, then k coefficients a piece, highest power first; of several pieces then
+    three a piece, the ``integrals`` at its beginning.
+    """
+    order = int(data[o])
+    low = _piece(data, o, pieces, t)
     s = t - data[o + 1 + low]
     c = o + 2 + pieces + order * low
     value = rate = half = 0.0

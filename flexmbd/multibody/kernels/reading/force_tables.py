@@ -107,6 +107,11 @@ def time_kinds(plan: Plan) -> IntArray:
     return plan.times[:, at.TIME_KIND]
 
 
+def holds_data(plan: Plan) -> bool:
+    """Whether any function of time is a polynomial of several pieces."""
+    return bool(((plan.times[:, at.TIME_KIND] == kinds.TIME_PIECEWISE) & (plan.times[:, at.TIME_COUNT] > 1)).any())
+
+
 def constant_place(plan: Plan, time: int) -> int:
     """Where in ``plan.time_data`` the value of a constant lies, a polynomial of one piece and order 0."""
     return int(plan.times[time, at.TIME_OFFSET]) + 3  # after the order and two breakpoints

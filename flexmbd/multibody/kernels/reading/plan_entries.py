@@ -1,7 +1,7 @@
 """Readers of single rows of a plan's tables, for the kernels of integrators; inlined, so that they cost nothing.
 
 ``row`` is one of ``plan.rows``, ``link`` one of ``plan.tree``, ``flex`` one of ``plan.flex``, ``driven`` one of
-``plan.driven``.
+``plan.driven``, ``time`` one of ``plan.times``.
 """
 
 from __future__ import annotations
@@ -91,3 +91,13 @@ def driven_place(driven):
 def driven_time(driven):
     """Row of ``plan.times`` of the function that a prescribed coordinate follows."""
     return driven[at.DRIVEN_TIME]
+
+
+@part_of_kernel
+def data_place(time):
+    """Offset in ``plan.time_data`` and pieces of a piecewise polynomial; 0 pieces of any other function of time.
+
+    One polynomial that holds for all times counts as other.
+    """
+    pieces = time[at.TIME_COUNT] if time[at.TIME_KIND] == kinds.TIME_PIECEWISE else 0
+    return time[at.TIME_OFFSET], (pieces if pieces > 1 else 0)

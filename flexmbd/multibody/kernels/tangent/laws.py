@@ -10,16 +10,27 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import coordinate
 from flexmbd.multibody.kernels.physics.energies import add_energy_block
 from flexmbd.multibody.kernels.physics.joints import retract
 
-_STEP = 6e-6  # share of one plus a variable's size: the cube root of round-off
+_STEP = 6e-6  # share of a variable's size: the cube root of round-off
 
 
 @part_of_kernel
-def _user_slope(plan, work, row, beta, rate, per_x, per_v):
+def _stride(per_x, per_v, size_x, size_v):
+    """How far along (per_x, per_v) the larger of the changes is `_STEP` of its size; 0 where there is no direction."""
+    share = 0.0
+    if per_x != 0.0:
+        share = abs(per_x) / size_x
+    if per_v != 0.0:
+        share = max(share, abs(per_v) / size_v)
+    return _STEP / share if share > 0.0 else 0.0
+
+
+@part_of_kernel
+def _user_slope(plan, work, tw, row, beta, rate, per_x, per_v):
     """Derivative of a user's law along (per_x, per_v)."""
-    size = max(abs(per_x) / (1.0 + abs(beta)), abs(per_v) / (1.0 + abs(rate)))
-    if size == 0.0:
+    k = row[at.EL_V]
+    step = _stride(per_x, per_v, max(tw.size_x[k], abs(beta)), max(tw.size_v[k], abs(rate)))
+    if step == 0.0:
         return 0.0
-    step = _STEP / size
     t = work.time[plan.times.shape[0], 0]
     address = row[at.EL_ADDRESS]
     up = call_law(address, t, beta + per_x * step, rate + per_v * step)
@@ -31,12 +42,11 @@ def _user_slope(plan, work, row, beta, rate, per_x, per_v):
 def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
     """Derivative of a user's function of the whole state, column by column."""
     nv = v.shape[0]
-    size = max(abs(per_x), abs(per_v))
-    if size == 0.0:
-        return
     t = work.time[plan.times.shape[0], 0]
-    step = _STEP / size
     for k in range(nv):
+        step = _stride(per_x, per_v, tw.size_x[k], max(tw.size_v[k], abs(v[k])))
+        if step == 0.0:
+            return
         for sign in (-1.0, 1.0):
             for j in range(nv):
                 tw.moved_v[j] = v[j]
@@ -64,6 +74,6 @@ def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
         elif plan.flag[0] != 0:
             continue
         elif kind == kinds.ON_FUNCTION:
-            matrix[k, k] -= _user_slope(plan, work, row, x[row[at.EL_X]], v[k], per_x, per_v)
+            matrix[k, k] -= _user_slope(plan, work, tw, row, x[row[at.EL_X]], v[k], per_x, per_v)
         elif kind == kinds.ON_STATE:
             _add_state_columns(plan, work, tw, row[at.EL_ADDRESS], x, v, per_x, per_v, matrix)

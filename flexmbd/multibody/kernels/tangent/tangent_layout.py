@@ -46,6 +46,7 @@ class TangentWork(ArrayStruct):
     jacobian: (rows, nv) rates of the constraint rows per unit velocity.
     rate_jacobian: (rows, nv) derivative of the rows' rates, per_x by x and per_v by v.
     move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.
+    size_x, size_v: (nv,) sizes of positions and of velocities, of which users' functions are moved by a share.
     out: (nv,) residual.
     """
 
@@ -69,11 +70,17 @@ class TangentWork(ArrayStruct):
     move: FloatArray
     moved_x: FloatArray
     moved_v: FloatArray
+    size_x: FloatArray
+    size_v: FloatArray
     out: FloatArray
 
 
-def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
-    """Allocate the tangent's scratch space for ``plan`` with nv velocities."""
+def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
+    """Allocate the tangent's scratch space for ``plan`` with nv velocities.
+
+    ``sizes``: (2, nv) of positions and of velocities, kept and not copied, for they may change from step to step;
+    those of velocities may be zero where there is no derivative by them.
+    """
     edge_of = np.full(len(plan.frames), -1, np.int64)
     edges = 0
     for f, (body, modes) in enumerate(plan.frame_of):
@@ -104,5 +111,7 @@ def new_tangent_work(plan: Plan, nv: int) -> TangentWork:
         move=zeros(nv),
         moved_x=zeros(nv + quaternions),
         moved_v=zeros(nv),
+        size_x=sizes[0],
+        size_v=sizes[1],
         out=zeros(nv),
     )
