@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def no_factors() -> None:
 def make_advance(
     loop: Any, method: Any, rule: Rule, state: st.State, groups: st.Groups
 ) -> Callable[[st.Record, FloatArray], int]:
-    """A stepper's ``advance`` by a method's compiled loop; ``method``: a named tuple of what its attempts work with."""
+    """A stepper's ``advance`` by a method's compiled loop; ``method``: what its attempts work with."""
 
     def drive_to(record: st.Record, knots: FloatArray) -> int:
         return int(loop(method, rule, knots, state, groups, record))
@@ -103,7 +103,7 @@ def make_advance(
     return drive_to
 
 
-@part_of_kernel
+@kernel
 def propose_step(rule, knots, state, groups):
     """The length (s) of the step to try; writes STEP_END, WHOLE_STEP and RATE."""
     number = state.numbers
@@ -147,7 +147,7 @@ def propose_step(rule, knots, state, groups):
     return h
 
 
-@part_of_kernel
+@kernel
 def _step_ratio(rule, number, count, h, ratio):
     """Factor from h to the next step after one whose error is ``ratio``."""
     size = max(ratio, 1e-10)
@@ -161,7 +161,7 @@ def _step_ratio(rule, number, count, h, ratio):
     return min(rule.most, max(rule.least, growth))
 
 
-@part_of_kernel
+@kernel
 def _after_acceptance(rule, state, h):
     """Set the length of the step after an accepted one of h."""
     number = state.numbers
@@ -192,7 +192,7 @@ def _after_acceptance(rule, state, h):
     count[st.NO_GROWTH] = max(0, count[st.NO_GROWTH] - 1)
 
 
-@part_of_kernel
+@kernel
 def _after_rejection(rule, state, h):
     """Set the shorter step to try after a rejected one of h; a failure's code where h is the shortest."""
     number = state.numbers
@@ -219,7 +219,7 @@ def _after_rejection(rule, state, h):
     return st.DONE
 
 
-@part_of_kernel
+@kernel
 def accept_or_reject(plan, rule, state, groups, record, h):
     """Accept the attempt at h and store its end, or set a shorter step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
@@ -232,7 +232,7 @@ def accept_or_reject(plan, rule, state, groups, record, h):
     return _after_rejection(rule, state, h)
 
 
-@part_of_kernel
+@kernel
 def next_step(plan, rule, knots, state, groups, record, h):
     """Accept or reject the attempt at h (0: none yet); the length of the step to try, 0 where to return OUTCOME."""
     count = state.counts

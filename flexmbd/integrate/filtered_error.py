@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 
 
 @kernel
@@ -39,7 +39,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
     return largest
 
 
-@part_of_kernel
+@kernel
 def vibration_rate(groups, k, curve):
     """Coordinate k's own rate (1/s), a vibration's frequency, by half the second derivative of its acceleration."""
     size = groups.acceleration[groups.of[k]]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +108,7 @@ class Record(ArrayStruct):
     multipliers: FloatArray
 
 
-@part_of_kernel
+@kernel
 def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
@@ -143,7 +143,7 @@ def group_speed(groups, g, rate):
     return max(speed, 1e-3 * size * rate)
 
 
-@part_of_kernel
+@kernel
 def set_scales(state, groups, s, rate, limit):
     """Scales of Newton's corrections: sizes met so far, velocities over the machine's own time.
 
@@ -207,7 +207,7 @@ def function_time(numbers, t):
     return min(t, numbers[LATEST])
 
 
-@part_of_kernel
+@kernel
 def store(plan, state, groups, record, h):
     """Advance TIME to STEP_END by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
     for i in range(plan.tree.shape[0]):

@@ -23,7 +23,7 @@ from flexmbd.integrate.interior_support import refuse_explicit_only, refuse_pass
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 ORDER = 2
@@ -124,7 +124,7 @@ class GeneralizedAlpha:
         return alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma
 
 
-@part_of_kernel
+@kernel
 def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     """Give the first step the auxiliary acceleration of its own instant, for full order.
 
@@ -139,7 +139,7 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
     return True
 
 
-@part_of_kernel
+@kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan

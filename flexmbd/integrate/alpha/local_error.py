@@ -8,12 +8,12 @@ from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 
 
-@part_of_kernel
+@kernel
 def _difference(plan, state, groups, s, h):
     """Local error of position and velocity on the free coordinates, and each one's own rate.
 
@@ -35,7 +35,7 @@ def _difference(plan, state, groups, s, h):
         s.own_rate[k] = vibration_rate(groups, k, curve)
 
 
-@part_of_kernel
+@kernel
 def _filter(plan, work, state, s):
     """Filter the velocity error by the tree's iteration matrix, as Radau codes do.
 
@@ -95,7 +95,7 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     return max(seen, _ratio(plan, state, groups, s, h, machine_rate, 0.0))
 
 
-@part_of_kernel
+@kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     _difference(plan, state, groups, s, h)

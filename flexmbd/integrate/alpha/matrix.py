@@ -15,7 +15,7 @@ from flexmbd.integrate.alpha.workspace import (
 )
 from flexmbd.integrate.explicit.loop_dynamics import factor_rows
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
@@ -33,7 +33,7 @@ def _add_interiors(plan, s, per_x):
             s.full_tangent[plan.free[i], plan.free[j]] += per_x * s.interior_stiffness[i, j]
 
 
-@part_of_kernel
+@kernel
 def _put_derivatives(plan, work, s, per_x, per_v):
     """Fill the iteration matrix but for the shifts' columns, from the tangent at the last trial.
 
@@ -78,7 +78,7 @@ def _put_derivatives(plan, work, s, per_x, per_v):
     turn_columns(plan, s.displacement, tw.jacobian)
 
 
-@part_of_kernel
+@kernel
 def _put_shift_columns(plan, state, s, per_x, per_v):
     """Fill the columns of the shifts of positions along ``s.shift_direction``, and the rows that hold the loops."""
     nu = plan.free.shape[0]
@@ -129,7 +129,7 @@ def _measure_row_pivot(plan, state, s):
     s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
 
-@part_of_kernel
+@kernel
 def linearise(plan, work, state, s, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
     nu = plan.free.shape[0]

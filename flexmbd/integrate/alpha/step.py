@@ -32,7 +32,7 @@ from flexmbd.integrate.alpha.workspace import (
     holds_position_alone,
     is_unshifted,
 )
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -107,7 +107,7 @@ def evaluate_step(plan, work, state, s, h, unknown, equation):
                 equation[nu + m + i] = gap / (k * per_x + c * per_v)
 
 
-@part_of_kernel
+@kernel
 def correct(plan, state, s, h):
     """Add Newton's correction with the factors at hand to ``s.unknown``; its largest parts over the scales.
 
@@ -148,7 +148,7 @@ def _remaining_error(contraction):
     return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
 
 
-@part_of_kernel
+@kernel
 def _newton(plan, work, state, s, h, tolerance, evaluated, last):
     """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
 
@@ -222,7 +222,7 @@ def _predict_equal_steps(now, before, earlier, earliest):
     return guess
 
 
-@part_of_kernel
+@kernel
 def predict(plan, state, s, h, extrapolate):
     """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]

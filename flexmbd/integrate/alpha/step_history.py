@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import workspace as step
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 _NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
 _FAR = 4.0  # times the step before, after one cut short by its end: beyond that its slopes say nothing
 
 
-@part_of_kernel
+@kernel
 def prepare_step(plan, work, state, groups, s, h):
     """Carry the history to a step of h and set its scales; returns the tolerance of Newton's iteration."""
     rate = state.numbers[st.RATE]
@@ -27,7 +27,7 @@ def prepare_step(plan, work, state, groups, s, h):
     return max(_NEWTON_SHARE * limit, 5e-15)
 
 
-@part_of_kernel
+@kernel
 def accept(state, s):
     """Make the trial state the current one."""
     memory = state.memory

@@ -31,7 +31,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, sca
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -217,7 +217,7 @@ def _gradient(
     return gradient
 
 
-@part_of_kernel
+@kernel
 def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
     """Add the local error of the rotation ``move``, against a quadrature of order 4 with Magnus' first bracket."""
     turn = load3(move, o)
@@ -228,7 +228,7 @@ def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
     store3(error, o, add3(load3(error, o), difference))
 
 
-@part_of_kernel
+@kernel
 def _filter(plan, s, error):
     """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
 
@@ -279,7 +279,7 @@ def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
     return max(seen, _ratio(plan, state, groups, s, h, rate, 0.0))
 
 
-@part_of_kernel
+@kernel
 def _local_error(plan, work, state, groups, s, a_end, h, rate):
     """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
     h1 = state.numbers[st.STEP_BEFORE]
@@ -312,7 +312,7 @@ def _local_error(plan, work, state, groups, s, a_end, h, rate):
     return _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
 
 
-@part_of_kernel
+@kernel
 def _accept(plan, loops, state, s, a_end, h):
     """Make the trial state the current one."""
     remember(plan, state, s, h)
@@ -331,7 +331,7 @@ def _accept(plan, loops, state, s, a_end, h):
     state.numbers[step.ENERGY] += state.numbers[step.LOAD_WORK]
 
 
-@part_of_kernel
+@kernel
 def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
@@ -350,7 +350,7 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
     return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
 
 
-@part_of_kernel
+@kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan

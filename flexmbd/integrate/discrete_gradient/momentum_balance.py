@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
 from flexmbd.multibody.kernels.reading.plan_entries import (
@@ -111,7 +111,7 @@ def _balance_spin(before, middle, half, torque, h):
     return end, add3(scale3(1.0 / h, gained), torque)
 
 
-@part_of_kernel
+@kernel
 def balance_momenta(plan, p, s, h):
     """Write ``s.p_end`` = 2 M u - p and ``s.balance`` = (p_end - p) / h + force, turned where joints turn.
 
@@ -152,7 +152,7 @@ def balance_momenta(plan, p, s, h):
     return work
 
 
-@part_of_kernel
+@kernel
 def conserve_momenta(plan, p, s, h):
     """Write the joints' part of ``s.p_end`` by the momenta's balance: momenta without force are kept to round-off.
 
@@ -193,7 +193,7 @@ def _strain_gradient(modal, o, q, out):
         o += i + 1
 
 
-@part_of_kernel
+@kernel
 def average_strain(plan, s, h):
     """Make the forces of the modes' second-order strains those of the mean strain, in place of the middle's.
 
@@ -216,7 +216,7 @@ def average_strain(plan, s, h):
                 s.stored_gradient[qv + j] += force * s.modal_scratch[0, j]
 
 
-@part_of_kernel
+@kernel
 def vary_average_strain(plan, s, h):
     """Add h / 2 times the derivative by u of the forces that ``average_strain`` adds to ``s.full_matrix``."""
     for i in range(plan.tree.shape[0]):

@@ -11,7 +11,7 @@ import numpy as np
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite, solve_semidefinite
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place
@@ -39,7 +39,7 @@ def factor_end_mass(plan, work, s):
         s.energy[SINGULAR] = 0.0
 
 
-@part_of_kernel
+@kernel
 def _factor_rows(plan, loops, s):
     """Factor C M^-1 C^T at the end, with the factors of M and the C that ``factor_end_mass`` left."""
     m = plan.rows.shape[0]
@@ -107,7 +107,7 @@ def close_velocities(plan, loops, s):
             p[k] -= s.tangent.jacobian[i, k] * loops.solution[i]
 
 
-@part_of_kernel
+@kernel
 def accelerate_end(plan, work, loops, s):
     """Write ``s.a_end`` and ``s.nu_end`` by ``s.x_end`` and ``s.v_end``, with the factors that belong to them.
 

@@ -39,7 +39,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 )
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place, holds_position, modes_of
@@ -61,7 +61,7 @@ _SIGNS = 4  # patterns of signs that probe a correction's round-off
 _WHOLE_FLOOR = 8.0  # safety factor of the probe
 
 
-@part_of_kernel
+@kernel
 def _put_matrix(plan, work, s, h):
     """Fill the iteration matrix at ``s.unknown``, and factor the mass matrix at the end that it leads to."""
     free = plan.free
@@ -110,7 +110,7 @@ def _correction_norm(free, scale_x, scale_v, correction, h, counts):
     return size
 
 
-@part_of_kernel
+@kernel
 def _stiff_forces(plan, groups, s, h):
     """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
     for j in range(plan.free.shape[0]):
@@ -125,7 +125,7 @@ def _stiff_forces(plan, groups, s, h):
         s.modal_scratch[0, k] *= s.modal_scratch[1, k]
 
 
-@part_of_kernel
+@kernel
 def _probe_round_off(plan, state, groups, s, h):
     """Write ``s.round_off_floor``: the size of the corrections that rounding of the summed terms causes.
 
@@ -194,7 +194,7 @@ def _dot(free, scale, a, b):
     return total
 
 
-@part_of_kernel
+@kernel
 def _anderson_update(plan, s, iteration, kept):
     """Move ``s.unknown`` by the correction, combined with those before by least squares (Anderson 1965).
 
@@ -230,7 +230,7 @@ def _anderson_update(plan, s, iteration, kept):
     return kept
 
 
-@part_of_kernel
+@kernel
 def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old):
     """Iterate with the factors at hand until ``s`` holds a solution.
 
@@ -296,7 +296,7 @@ def _predict(state, k, h, predictor):
     return guess
 
 
-@part_of_kernel
+@kernel
 def _first_guess(plan, state, s, h, start):
     """Write the predictor: the best one for the last step, then in turn those for unresolved vibrations.
 
@@ -331,7 +331,7 @@ def _first_guess(plan, state, s, h, start):
     return start == 0 and equal
 
 
-@part_of_kernel
+@kernel
 def remember(plan, state, s, h):
     """Keep the step's velocities and multipliers as the latest, and the predictor that would have been best for them.
 
@@ -363,7 +363,7 @@ def remember(plan, state, s, h):
         memory[REACTION, i] = s.nu[i]
 
 
-@part_of_kernel
+@kernel
 def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
     """Newton with the old factors where they still serve, with new ones otherwise.
 

@@ -27,7 +27,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     TRIAL_WORK,
     UNRESOLVED,
 )
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
@@ -48,7 +48,7 @@ def kinetic_energy(p, v):
     return t
 
 
-@part_of_kernel
+@kernel
 def _unpack_unknowns(plan, s, h):
     """Put velocities and multipliers where ``s.unknown`` says."""
     free = plan.free.shape[0]
@@ -58,7 +58,7 @@ def _unpack_unknowns(plan, s, h):
         s.nu[i] = 2.0 / h * s.unknown[free + i]
 
 
-@part_of_kernel
+@kernel
 def _evaluate_middle(plan, stored_plan, work, s, x, p, h, split):
     """Forces in the middle of the step, the momenta's balance, rows; returns what ``balance_momenta`` does."""
     _unpack_unknowns(plan, s, h)
@@ -84,7 +84,7 @@ def _evaluate_middle(plan, stored_plan, work, s, x, p, h, split):
     return balance_momenta(plan, p, s, h)
 
 
-@part_of_kernel
+@kernel
 def _evaluate_rows(plan, work, s, h):
     """Residuals of the rows: of position at the end, over h; of velocity in the middle, which ``work`` must hold."""
     free = plan.free.shape[0]
@@ -103,7 +103,7 @@ def _evaluate_rows(plan, work, s, h):
             s.equation[free + i] = value / h
 
 
-@part_of_kernel
+@kernel
 def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
     """The energy's change less that by the gradient in the middle (J); 0 where it is round-off.
 
@@ -149,7 +149,7 @@ def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
     return missing - min(max(missing, -unresolved), unresolved)
 
 
-@part_of_kernel
+@kernel
 def _correction_direction(plan, work, s, h):
     """Write ``s.correction_direction``: momenta of the step's motion without symmetries; returns their work.
 

@@ -21,7 +21,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -65,7 +65,7 @@ class CentralDifferenceMethod(ArrayStruct):
     scratch: CentralDifferenceWorkspace
 
 
-@part_of_kernel
+@kernel
 def predict(plan, work, plain, quaternions, state, s, h):
     """Write the positions of the step's end and the predicted velocities there into ``s``."""
     for k in range(s.v.shape[0]):
@@ -77,7 +77,7 @@ def predict(plan, work, plain, quaternions, state, s, h):
         drive(plan, work, s.x, s.v, s.a)
 
 
-@part_of_kernel
+@kernel
 def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
     """Take the step h; False if loops do not close or the end is not finite."""
     predict(plan, work, plain, quaternions, state, s, h)
@@ -103,7 +103,7 @@ def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
     return np.isfinite(total)
 
 
-@part_of_kernel
+@kernel
 def _error(plan, state, groups, s, h, rate):
     """The step's error over what is tolerated: what the accelerations' slope and curvature add."""
     before = state.numbers[st.STEP_BEFORE]
@@ -134,7 +134,7 @@ def _missed(plan, work, aw, loops, state, groups, s, h, rate):
     return st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
 
 
-@part_of_kernel
+@kernel
 def _accept(state, s):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
@@ -147,7 +147,7 @@ def _accept(state, s):
         state.multipliers[i] = s.multipliers[i]
 
 
-@part_of_kernel
+@kernel
 def attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan

@@ -35,7 +35,7 @@ from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import (
     begin_spin,
@@ -191,7 +191,7 @@ def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray) -> Runge
     )
 
 
-@part_of_kernel
+@kernel
 def _stage_values(tableau, i, state, s, h):
     """s.u, s.v: local coordinates and velocities of stage i."""
     for k in range(s.u.shape[0]):
@@ -205,7 +205,7 @@ def _stage_values(tableau, i, state, s, h):
                 s.v[k] += share * s.rate_v[j, k]
 
 
-@part_of_kernel
+@kernel
 def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate):
     """The ratio of the step's error to the tolerance; two estimates are combined as in DOP853.
 
@@ -233,7 +233,7 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rat
     return ratio
 
 
-@part_of_kernel
+@kernel
 def _accept(state, s):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
@@ -254,7 +254,7 @@ def _finite(s):
     return np.isfinite(total)
 
 
-@part_of_kernel
+@kernel
 def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate):
     """Take the step h, or find that its error is too large.
 
@@ -309,7 +309,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     return ratio if _finite(s) else np.inf
 
 
-@part_of_kernel
+@kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan

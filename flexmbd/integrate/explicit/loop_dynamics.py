@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
@@ -115,7 +115,7 @@ def set_row_scales(scene: CompiledScene, state: st.State, work: Work) -> None:
     state.memory[1, 0] = pivots[pivots > RANK_FLOOR].min(initial=1.0)
 
 
-@part_of_kernel
+@kernel
 def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     """Write the free accelerations and the multipliers at (x, v); keep the factors in ``loops``.
 
@@ -204,7 +204,7 @@ def minimum_norm_motion(plan, work, aw, loops, rank, rows, out):
         out[k] = loops.moved[0, k]
 
 
-@part_of_kernel
+@kernel
 def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v):
     """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
 

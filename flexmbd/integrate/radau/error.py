@@ -10,7 +10,7 @@ from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.integrate.radau.stages import NEWTON_ITERATIONS, OWN_RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
@@ -22,7 +22,7 @@ _LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after 
 _EVENT = 0.1  # of the tolerance of a radian: that of a step that is not smooth
 
 
-@part_of_kernel
+@kernel
 def _estimate(plan, state, groups, s, h):
     """The estimate: difference of the rates at the start and on the stages' parabola, times the step; filtered.
 
@@ -69,7 +69,7 @@ def _estimate(plan, state, groups, s, h):
         s.error_x[j] += step * (s.rhs_real[0, j] + shift)
 
 
-@part_of_kernel
+@kernel
 def widen_vibration_scales(state, s, h, machine_rate):
     """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
@@ -176,7 +176,7 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     return ratio
 
 
-@part_of_kernel
+@kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, s, h)
@@ -186,7 +186,7 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
     return ratio
 
 
-@part_of_kernel
+@kernel
 def remember_roughness(plan, state, groups, s, h):
     """Update roughness and own rates by an accepted step; one that was not smooth counts in part."""
     rate = state.numbers[st.RATE]
@@ -202,7 +202,7 @@ def remember_roughness(plan, state, groups, s, h):
     state.counts[ROUGHNESS_KNOWN] = 1
 
 
-@part_of_kernel
+@kernel
 def set_safety(state):
     """Set the safety factor, smaller after a step of many iterations (Hairer & Wanner 1996, section IV.8)."""
     used = state.counts[NEWTON_ITERATIONS]

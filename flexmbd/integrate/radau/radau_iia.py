@@ -29,7 +29,7 @@ from flexmbd.integrate.radau.stages import (
 )
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import complex_lapack_addresses
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -90,7 +90,7 @@ class RadauIIA:
         return Stepper(make_advance(advance, method, _RULE, state, groups), drop_factors, drop_factors)
 
 
-@part_of_kernel
+@kernel
 def _accept(state, s, h):
     """Make the last stage the current state, and remember the stages."""
     end = STAGES - 1
@@ -110,7 +110,7 @@ def _accept(state, s, h):
     state.counts[POLYNOMIAL_KNOWN] = 1
 
 
-@part_of_kernel
+@kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan

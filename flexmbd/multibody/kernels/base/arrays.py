@@ -1,6 +1,6 @@
 """The arrays of a compiled scene: ``Plan``, which is constant, and ``Work``, the scratch space of one evaluation.
 
-Both are named tuples of arrays whose types never change, so that one compiled image serves every scene.  Who hands
+Both are structures of arrays whose types never change, so that one compiled image serves every scene.  Who hands
 them from kernel to kernel imports them from here; what their columns hold is for the kernels and the plan's room.
 """
 

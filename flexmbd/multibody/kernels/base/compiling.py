@@ -192,12 +192,12 @@ _marked: set[str] = set()  # and those noted
 
 
 def kernel(function: F) -> F:
-    """Compile ``function`` where a kernel first calls it, without the GIL's objects, cached on disk.
+    """Translate ``function`` where a kernel first calls it; it is compiled with what Python or an address enters.
 
-    There is no way in from Python, for which see ``entry_kernel``: taking a plan's arrays out of their objects is
-    much code, a quarter of all that would be compiled.  Nor is there one for C.
-    Arrays are not counted (``_nrt``): each call would count all arrays of its plan up and down, more than
-    half of a small scene's time.  So a kernel can allocate nothing, not even the copy of a row
+    There is no way in from Python, for which see ``entry_kernel``, and no machine code of its own: LLVM decides
+    what becomes part of its caller.  What many large kernels call had better be a ``separate_kernel``.
+    Arrays are not counted (``_nrt``): each call would count the arrays that it takes up and down.
+    So a kernel can allocate nothing, not even the copy of a row
     (``a[i] = b[j]``); numba refuses one that does.
     """
     return _part(function)
@@ -217,15 +217,6 @@ def summing_kernel(function: F) -> F:
     """Compile ``function`` as a kernel whose sums may be taken in any order: they run in vector registers."""
     reordered = {"reassoc", "contract", "nsz"}
     return _part(function, fastmath=reordered)
-
-
-def part_of_kernel(function: F) -> F:
-    """Compile ``function`` as text of its caller; for what is called from one place alone.
-
-    It saves the calls' arguments.  The time to compile a caller grows faster than its length, though: what is long
-    had better be a kernel, and what is longer still stand behind an address (``separate``).
-    """
-    return _part(function)
 
 
 def pickled_function(function: Callable[..., Any]) -> bytes:
@@ -257,7 +248,7 @@ class _CheckedFiles(caching.IndexDataCacheFile):
     """
 
     def _digest(self, name: str, content: bytes) -> bytes:
-        head = "\0".join((self._version, self._source_stamp, name, ""))
+        head = "\0".join((self._version, str(self._source_stamp), name, ""))
         return hashlib.sha256(head.encode() + content).digest()
 
     def _read(self, name: str) -> Any:

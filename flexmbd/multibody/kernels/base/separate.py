@@ -16,7 +16,7 @@ from numba.extending import intrinsic
 def address_of(function: Any, arguments: tuple[Any, ...]) -> int:
     """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing.
 
-    Contiguous arrays, numbers, and named tuples of arrays whose types never change: asked again, it is looked up by
+    Contiguous arrays, numbers, and structures of arrays (`array_struct`): asked again, it is looked up by
     what kinds of tuples they are, for to find numba's types of some hundred arrays takes as long as many steps.
     """
     key = (function, *(_kind(argument) for argument in arguments))

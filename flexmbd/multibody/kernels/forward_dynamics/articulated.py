@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.forward_dynamics.inward import gather_bias_forces, gather_inertia
 from flexmbd.multibody.kernels.forward_dynamics.outward import propagate_accelerations, propagate_velocities
 from flexmbd.multibody.kernels.forward_dynamics.parallel_hinges import planar_dynamics
@@ -38,7 +38,7 @@ def forward_dynamics(plan, work, aw, x, v, a, multipliers):
     run_forward_dynamics(plan, work, aw, x, v, a, multipliers)
 
 
-@part_of_kernel
+@kernel
 def run_forward_dynamics(plan, work, aw, x, v, a, multipliers):
     """``forward_dynamics``, inlined: passing all arrays takes a quarter of a small machine's time."""
     required = aw.required

@@ -200,7 +200,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
 
 
 def _resting_poses(constants: FloatArray) -> FloatArray:
-    """ArticulatedWork.pose with the places of hinges, which ``articulated_planar`` leaves as they are."""
+    """ArticulatedWork.pose with the places of hinges, which ``parallel_hinges`` leaves as they are."""
     pose = np.zeros((len(constants), N_POSE))
     pose[:, P_P : P_P + 3] = constants[:, C_P : C_P + 3]
     return pose

@@ -19,7 +19,7 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import add6, load6, scale6, store6, subtract_outer
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.modes import three_sums
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 _FREE_PIVOT = 1e-13
 
 
-@part_of_kernel
+@kernel
 def interface_modes(plan, aw, slot):
     """Offset of an interface's mode rows in Plan.modal."""
     return plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
@@ -151,7 +151,7 @@ def _put_response(place, root, turned, coupled, response):
         store6(response[j], 0, (t0, t1, t2, t3, t4, t5))
 
 
-@part_of_kernel
+@kernel
 def _add_response(response, schur, size, a, b, m):
     """Replace L^T Y by Z = U^-1 L^T Y; return the inertia (a, b, m) with Z^T D^-1 Z."""
     for i in range(size):
@@ -178,7 +178,7 @@ def _times(matrix, v):
     return t0, t1, t2, t3, t4, t5
 
 
-@part_of_kernel
+@kernel
 def add_child_inertia(plan, aw, k, a, b, m):
     """Add to the inertia (a, b, m) of body k that of its children, modes eliminated: Y^T L S^-1 L^T Y.
 
@@ -209,7 +209,7 @@ def add_child_inertia(plan, aw, k, a, b, m):
     return _add_response(aw.response[k], aw.schur[k], 6 * count, a, b, m)
 
 
-@part_of_kernel
+@kernel
 def _shift_wrench(aw, k, s):
     """(torque, force) about B of the bias force of the child at interface s, modes eliminated: Y^T p.
 
@@ -258,7 +258,7 @@ def _put_free_acceleration(aw, k, s, linear, angular, share):
             free[o + j] += aw.turned_root[k, o + i, j] * t + aw.inertia_root[k, o + i, j] * bias[i]
 
 
-@part_of_kernel
+@kernel
 def child_bias_wrench(plan, aw, k, share):
     """(torque, force) about B that the children of body k require at y = 0, directly and through the modes.
 
@@ -292,7 +292,7 @@ def child_bias_wrench(plan, aw, k, share):
     return torque, force
 
 
-@part_of_kernel
+@kernel
 def interface_wrenches(aw, k, angular, linear):
     """Write f of all interfaces, at the acceleration (angular, linear) of B, into row 2 of ``aw.load[k]``."""
     info = aw.flex[k]

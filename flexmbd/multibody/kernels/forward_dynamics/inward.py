@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.algebra.spatial import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import eliminate_modes, modal_wrench
 from flexmbd.multibody.kernels.forward_dynamics.hinge import eliminate_hinge
@@ -41,7 +41,7 @@ _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ZERO9 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@part_of_kernel
+@kernel
 def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
     """Articulated inertia and bias force of all bodies, inwards.
 
@@ -133,7 +133,7 @@ def _add_load(work, aw, i, torque, force):
     return add3(torque, applied_torque), add3(force, applied_force)
 
 
-@part_of_kernel
+@kernel
 def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
     """The inward step for any form: inertia and bias force for the parent, about its origin or deforming frame."""
     link = aw.link
@@ -202,7 +202,7 @@ def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one
     return shift_symmetric(r, a, b, shifted), shifted, m, shift_torque(r, torque, force), force
 
 
-@part_of_kernel
+@kernel
 def _condense_modes(plan, aw, i, a, b, m, torque, force):
     """Articulated inertia and bias force of flexible body i with its modes eliminated, about G in G's axes.
 
@@ -229,7 +229,7 @@ def _condense_modes(plan, aw, i, a, b, m, torque, force):
     )
 
 
-@part_of_kernel
+@kernel
 def gather_bias_forces(plan, aw, rhs):
     """Bias forces of the generalised forces ``rhs`` (nv,), inwards, with the factors at hand."""
     for i in range(aw.link.shape[0]):
@@ -238,7 +238,7 @@ def gather_bias_forces(plan, aw, rhs):
         propagate_forces(plan, aw, i, rhs)
 
 
-@part_of_kernel
+@kernel
 def propagate_forces(plan, aw, i, rhs):
     """The step of ``gather_bias_forces`` at body i, after those of its children."""
     link = aw.link

@@ -7,14 +7,14 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, compose, cross3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.algebra.spatial import put3, put9, row3, row6, row9, turn
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes, deform_interface, prepare_body
 from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import accelerate_multi_dof_joint, set_motion_subspace
 from flexmbd.multibody.kernels.physics.joints import joint_motion, joint_pose
 
 
-@part_of_kernel
+@kernel
 def propagate_velocities(plan, aw, x, v, a):
     """Velocities and bias accelerations of all bodies, outwards."""
     link = aw.link
@@ -42,7 +42,7 @@ def propagate_velocities(plan, aw, x, v, a):
             w = _propagate_velocity(plan, aw, i, x, v, a, w)
 
 
-@part_of_kernel
+@kernel
 def _propagate_velocity(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
     """The step outwards for any form: return the body's angular velocity in its frame of reference."""
     link = aw.link
@@ -105,7 +105,7 @@ def _propagate_velocity(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
     return w
 
 
-@part_of_kernel
+@kernel
 def propagate_accelerations(plan, aw, start, v, share, out):
     """Accelerations of all bodies, outwards from the ground's (``start``); ``out`` (nv,) gets the coordinates'.
 
@@ -142,7 +142,7 @@ def propagate_accelerations(plan, aw, start, v, share, out):
             dw, acc = _propagate_acceleration(plan, aw, i, dw, acc, share, out)
 
 
-@part_of_kernel
+@kernel
 def _propagate_acceleration(plan, aw, i, dw, acc, share, out):
     """The step outwards for any form: return the accelerations of the body's origin."""
     link = aw.link

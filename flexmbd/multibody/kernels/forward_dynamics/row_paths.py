@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
@@ -146,7 +146,7 @@ def add_row(paths, i, share, out):
             out[k] += share * paths.jacobian[i, k]
 
 
-@part_of_kernel
+@kernel
 def _unit_reaction(plan, work, paths, i):
     """Row i of C, as the generalised forces of its unit multiplier."""
     row = plan.rows[i]
@@ -173,7 +173,7 @@ def _unit_reaction(plan, work, paths, i):
         propagate_wrench(plan, work, paths.body[n], out)
 
 
-@part_of_kernel
+@kernel
 def _propagate_row(plan, aw, paths, i):
     """Rows i of U and Y from that of C, inwards."""
     for n in range(paths.first[i], paths.first[i + 1]):

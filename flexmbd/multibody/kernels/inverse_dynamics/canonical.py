@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
     elements_energy,
@@ -113,7 +113,7 @@ def write_potential(plan, work, x, out):
     out[0] = potential_energy(plan, work, x)
 
 
-@part_of_kernel
+@kernel
 def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
     """Write each body's momentum into ``wrench`` and ``p``, and its weight as the required wrench.
 
@@ -185,7 +185,7 @@ def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
     store3(row, 3, add3(load3(row, 3), add3(h_B, cross3(place, l_B))))
 
 
-@part_of_kernel
+@kernel
 def _propagate_momenta(plan, work, v, wrench, p, part, out):
     """Carry the momenta inwards: the joints' into ``p``, and -dT/dx added to ``out``.
 

@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.constraint_laws import row_value, row_wrench, wrap
@@ -91,7 +91,7 @@ def coordinate_law(plan, row, x, rate):
     return force, 0.0, slope
 
 
-@part_of_kernel
+@kernel
 def _coordinate_energy(plan, row, x):
     """Energy that a law on a coordinate stores (J)."""
     data = plan.data
@@ -117,7 +117,7 @@ def _finite(values):
     return np.isfinite(total)
 
 
-@part_of_kernel
+@kernel
 def _user_law(plan, work, i, x, rate):
     """Force of the user's law of row i; NaN and ``plan.flag`` where it is not finite.
 
@@ -131,7 +131,7 @@ def _user_law(plan, work, i, x, rate):
     return force
 
 
-@part_of_kernel
+@kernel
 def _subtract_user_forces(plan, work, i, x, v, out):
     """Subtract the forces of the user's function of row i from ``out`` (nv,); NaN and flag as in `_user_law`."""
     force = work.generalized

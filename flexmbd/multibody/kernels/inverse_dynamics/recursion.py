@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import (
@@ -224,7 +224,7 @@ def load_frame(plan, work, f, force_F, torque_F, out):
     )
 
 
-@part_of_kernel
+@kernel
 def propagate_wrench(plan, work, i, out):
     """The step of ``backward_forces`` at body i, after those of its children."""
     tree = plan.tree[i]

@@ -12,7 +12,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 
 _N_VALUES = 91  # W, dW/dF (9), its derivative (81)
 _F = _N_VALUES  # where F stands in the room
@@ -69,7 +69,7 @@ def _call(typingctx, address, room):
     return types.void(types.int64, types.CPointer(types.float64)), codegen
 
 
-@part_of_kernel
+@kernel
 def _evaluate(plan, row, x, room):
     """Let the function of an element write W and its derivatives at x into the room."""
     for k in range(_STACK_SIZE):

@@ -8,53 +8,53 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 
 
-@part_of_kernel
+@kernel
 def holds_position(row):
     """Whether a constraint row holds a position; else velocities alone."""
     return row[at.ROW_LEVEL] == kinds.LEVEL_POSITION
 
 
-@part_of_kernel
+@kernel
 def is_augmented(row):
     """Whether an augmented Lagrangian enforces a constraint row."""
     return row[at.ROW_ENFORCEMENT] > 0
 
 
-@part_of_kernel
+@kernel
 def augmented_stiffness(data, row):
     """Stiffness and damping of an augmented row, in its own unit."""
     o = row[at.ROW_ENFORCEMENT]
     return data[o + at.ENFORCEMENT_STIFFNESS], data[o + at.ENFORCEMENT_DAMPING]
 
 
-@part_of_kernel
+@kernel
 def augmented_gap(data, row):
     """The largest gap of an augmented row that counts as closed, in its own unit (m, rad, m/s or rad/s)."""
     return data[row[at.ROW_ENFORCEMENT] + at.ENFORCEMENT_GAP]
 
 
-@part_of_kernel
+@kernel
 def augmented_tolerance(data, row):
     """`augmented_gap` divided by the machine's extent, or by 1 rad."""
     return data[row[at.ROW_ENFORCEMENT] + at.ENFORCEMENT_TOLERANCE]
 
 
-@part_of_kernel
+@kernel
 def time_of_row(row):
     """Row of ``plan.times`` of the function that a constraint row follows; -1: none."""
     return row[at.ROW_TIME]
 
 
-@part_of_kernel
+@kernel
 def joint_of(link):
     """Kind of the inboard joint of a link, and its first entries in x and in v."""
     return link[at.JOINT], link[at.JOINT_X], link[at.JOINT_V]
 
 
-@part_of_kernel
+@kernel
 def spin_of(link):
     """First entry in v of the angular velocity of a ball's or a free link's joint; -1 of other joints."""
     if link[at.JOINT] == kinds.SPHERICAL:
@@ -62,38 +62,38 @@ def spin_of(link):
     return link[at.JOINT_V] + 3 if link[at.JOINT] == kinds.FREE else -1
 
 
-@part_of_kernel
+@kernel
 def modes_of(link, table):
     """Number of modes of a link, 0 of a rigid one, and their first entries in x and in v; ``table``: plan.flex."""
     n = table[link[at.FLEX], at.N_MODES] if link[at.FLEX] >= 0 else 0
     return n, link[at.MODAL_X], link[at.MODAL_V]
 
 
-@part_of_kernel
+@kernel
 def flexible_of(link):
     """Row of ``plan.flex`` of a link; -1 of a rigid one."""
     return link[at.FLEX]
 
 
-@part_of_kernel
+@kernel
 def membrane_strains_of(flex):
     """How many membrane strains a flexible body has."""
     return flex[at.N_STRETCH]
 
 
-@part_of_kernel
+@kernel
 def driven_place(driven):
     """Entries in x and in v of a prescribed coordinate."""
     return driven[at.DRIVEN_X], driven[at.DRIVEN_V]
 
 
-@part_of_kernel
+@kernel
 def driven_time(driven):
     """Row of ``plan.times`` of the function that a prescribed coordinate follows."""
     return driven[at.DRIVEN_TIME]
 
 
-@part_of_kernel
+@kernel
 def data_place(time):
     """Offset in ``plan.time_data`` and pieces of a piecewise polynomial; 0 pieces of any other function of time.
 

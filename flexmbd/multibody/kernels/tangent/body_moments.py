@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel, summing_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, summing_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.inertial_forces import rigid_second_moment
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
@@ -98,7 +98,7 @@ def _put_composite(row, origin, body, mass, first, rest, second, flow):
         row[tl.C_TORQUE + k] = torque[k]
 
 
-@part_of_kernel
+@kernel
 def rigid_composite(plan, work, tw, i):
     """Write the moments of rigid body i."""
     rigid = plan.rigid[i]
@@ -130,7 +130,7 @@ def _sum_pairs(modal, flex, q, qd, qdd, sums):
             sums[18 + c, j] = e
 
 
-@part_of_kernel
+@kernel
 def flexible_composite(plan, work, tw, i, q, qd, qdd):
     """Write the moments of reduced body i as it is deformed; leaves ``tw.mode_moments``."""
     flex = plan.flex[plan.tree[i, at.FLEX]]
@@ -163,7 +163,7 @@ def flexible_composite(plan, work, tw, i, q, qd, qdd):
     _put_composite(tw.body[i], tw.origin, body, rigid[at.MASS], first, rest, second, flow)
 
 
-@part_of_kernel
+@kernel
 def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
     """Write the projection of the frame's motion on the modes of body i, and the change of its wrench by its modes.
 
@@ -246,7 +246,7 @@ def _add_pairs(modal, o, n, G, row):
         )
 
 
-@part_of_kernel
+@kernel
 def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch."""
     tree = plan.tree[i]
@@ -272,7 +272,7 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
         _add_stretch_block(plan, flex, q, s, per_x, first, tw.mode_moments[0], matrix)
 
 
-@part_of_kernel
+@kernel
 def _add_stretch_block(plan, flex, q, number, per_x, first, slope, matrix):
     """Second derivatives of a membrane strain's ((e + s)^2 - e^2) / 2 with e = c q and s = q^T C q / 2.
 

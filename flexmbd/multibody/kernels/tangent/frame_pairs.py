@@ -9,7 +9,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -144,12 +144,12 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
             frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
 
 
-@part_of_kernel
+@kernel
 def _same_frames(row, other):
     return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
 
 
-@part_of_kernel
+@kernel
 def _last_of_group(plan, first):
     """One past the last row that joins the same frames as row ``first``."""
     last = first + 1
@@ -162,7 +162,7 @@ def _last_of_group(plan, first):
     return last
 
 
-@part_of_kernel
+@kernel
 def _coupling_row(plan, tw, i, per_v):
     """Jacobian of a coupling of coordinates."""
     o = plan.rows[i, at.ROW_DATA]
@@ -172,7 +172,7 @@ def _coupling_row(plan, tw, i, per_v):
         tw.rate_jacobian[i, v] += per_v * plan.data[o + 3 + 2 * k]
 
 
-@part_of_kernel
+@kernel
 def _total_wrench(plan, first, last, multipliers, d, R):
     """Wrench of rows first .. last - 1 together, at G, in F's axes."""
     force = torque = (0.0, 0.0, 0.0)
@@ -183,7 +183,7 @@ def _total_wrench(plan, first, last, multipliers, d, R):
     return force, torque
 
 
-@part_of_kernel
+@kernel
 def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
     """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
     dd, dtheta, drate, dspin, unit, turn = change
@@ -197,7 +197,7 @@ def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
     return scale3(multiplier, dforce), scale3(multiplier, dtorque)
 
 
-@part_of_kernel
+@kernel
 def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """Rows first .. last - 1, which join the same two frames."""
     f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
@@ -225,7 +225,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     _clear_path(tw, count)
 
 
-@part_of_kernel
+@kernel
 def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
     tw.jacobian[:] = 0.0
@@ -241,7 +241,7 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
         first = last
 
 
-@part_of_kernel
+@kernel
 def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
     for i in range(plan.elements.shape[0]):

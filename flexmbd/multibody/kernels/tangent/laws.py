@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import coordinate_law
 from flexmbd.multibody.kernels.physics.energies import add_energy_block
@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.physics.joints import retract
 _STEP = 6e-6  # share of a variable's size: the cube root of round-off
 
 
-@part_of_kernel
+@kernel
 def _stride(per_x, per_v, size_x, size_v):
     """How far along (per_x, per_v) the larger of the changes is `_STEP` of its size; 0 where there is no direction."""
     share = 0.0
@@ -24,7 +24,7 @@ def _stride(per_x, per_v, size_x, size_v):
     return _STEP / share if share > 0.0 else 0.0
 
 
-@part_of_kernel
+@kernel
 def _user_slope(plan, work, tw, row, beta, rate, per_x, per_v):
     """Derivative of a user's law along (per_x, per_v)."""
     k = row[at.EL_V]
@@ -38,7 +38,7 @@ def _user_slope(plan, work, tw, row, beta, rate, per_x, per_v):
     return (up - down) / (2.0 * step)
 
 
-@part_of_kernel
+@kernel
 def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
     """Derivative of a user's function of the whole state, column by column."""
     nv = v.shape[0]
@@ -59,7 +59,7 @@ def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
                 matrix[j, k] -= sign * work.generalized[j] / (2.0 * step)
 
 
-@part_of_kernel
+@kernel
 def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
     """Subtract from the tangent the derivatives of all forces on coordinates."""
     for i in range(plan.elements.shape[0]):

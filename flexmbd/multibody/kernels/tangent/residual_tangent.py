@@ -11,7 +11,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, part_of_kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
@@ -32,7 +32,7 @@ from flexmbd.multibody.kernels.tangent.tangent_columns import (
 )
 
 
-@part_of_kernel
+@kernel
 def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Each body's moments, and all about its own modes."""
     for k in range(3):
@@ -61,7 +61,7 @@ def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix)
 
 
-@part_of_kernel
+@kernel
 def _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Sum the moments up and make the columns of joints and of the frames they stand on."""
     for i in range(plan.tree.shape[0] - 1, -1, -1):
@@ -94,7 +94,7 @@ def _twist_product(tw, r, k):
     return t
 
 
-@part_of_kernel
+@kernel
 def _joint_block(tw, kind, o, matrix):
     """The unknowns of one joint among themselves.
 
@@ -131,7 +131,7 @@ def _joint_coupling_block(tw, o, size, start, stop, matrix):
             matrix[k, r] += _twist_product(tw, k, r)
 
 
-@part_of_kernel
+@kernel
 def _ancestor_sweep(plan, tw, matrix):
     """Fill all entries between a body's unknowns and those of its ancestors."""
     for i in range(plan.tree.shape[0]):

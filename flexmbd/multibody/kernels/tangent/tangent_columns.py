@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, part_of_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import column
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
@@ -36,7 +36,7 @@ from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
 
-@part_of_kernel
+@kernel
 def composite_change(row, turn, turn2, alpha):
     """Change of the wrench (force, torque about o) that a composite body requires.
 
@@ -59,7 +59,7 @@ def composite_change(row, turn, turn2, alpha):
     return force, add3(add3(cross3(h, alpha), turned), scale3(2.0, swept))
 
 
-@part_of_kernel
+@kernel
 def composite_projection(row, angular, linear):
     """Projection of phi', phi'' and alpha on a row with this twist: `composite_change` transposed."""
     h = load3(row, tl.C_FIRST)
@@ -110,7 +110,7 @@ def _add_column(wrench, projection, row, k, per_x, angular, linear, turn, turn2,
     return force, torque
 
 
-@part_of_kernel
+@kernel
 def _joint_column(tw, i, k, weights, F, G, angular, linear):
     """One unknown of body i's joint: turns about ``angular`` through G, slides along ``linear``."""
     per_x, per_v, per_a = weights
@@ -141,7 +141,7 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
     _add_column(tw.wrench, tw.projection, tw.body[i], k, per_x, angular, at_o, turn, turn2, alpha)
 
 
-@part_of_kernel
+@kernel
 def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     """Write the columns of body i's inboard joint; its composite must be complete."""
     tree = plan.tree[i]
@@ -188,7 +188,7 @@ def _modes3(modal, o, n, k):
     return (modal[o + k], modal[o + n + k], modal[o + 2 * n + k])
 
 
-@part_of_kernel
+@kernel
 def _add_frame_block(plan, tw, f, first, n, matrix):
     """Add the modes' rows of the columns in ``tw.mode_moments``: forces, moments, and the rotation of the rows."""
     modal = plan.modal
