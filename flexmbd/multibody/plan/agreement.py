@@ -22,7 +22,7 @@ def refuse_different(scene: CompiledScene, x: FloatArray, v: FloatArray, team: T
     Raises:
         SceneError: on every rank, if those of some rank differ.
     """
-    if isinstance(team, Alone):
+    if type(team) is Alone:  # nobody to differ from
         return
     given = hashlib.sha256(scene.digest(functions=False).encode() + x.tobytes() + v.tobytes()).digest()
     mine = np.frombuffer(given, np.uint8).astype(np.float64)

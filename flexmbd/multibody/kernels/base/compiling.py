@@ -62,6 +62,7 @@ def _kernel_sources(path: str) -> set[str]:
 # Statements that import, by their text: to parse all kernels would be half of the time that flexmbd takes to load.
 _FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n]*)", re.MULTILINE)
 _IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n]*)", re.MULTILINE)
+_RENAMED = re.compile(r"\bas[ \t]+\w+")
 _KERNEL_MODULES = tuple(f"flexmbd.{folder.replace('/', '.')}." for folder in _KERNEL_FOLDERS)
 
 
@@ -71,7 +72,7 @@ def _imported(source: str) -> tuple[str, ...]:
     text = _text(source).decode("utf-8")
     modules = [name.split()[0] for names in _IMPORT.findall(text) for name in names.split(",") if name.strip()]
     for module, names in _FROM.findall(text):
-        modules += [module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))]
+        modules += [module, *(f"{module}.{name}" for name in re.findall(r"\w+", _RENAMED.sub("", names)))]
     found = {name for name in modules if name.startswith(_KERNEL_MODULES)}
     paths = (os.path.join(_PACKAGE.parent, *name.split(".")) + ".py" for name in sorted(found))
     return tuple(path for path in paths if os.path.isfile(path))
