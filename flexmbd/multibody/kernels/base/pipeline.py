@@ -41,6 +41,9 @@ class EntryCompiler(CompilerBase):
 
     def define_pipelines(self) -> list[PassManager]:
         """Numba's passes but those that only closures, objects and parallel loops need."""
+        codegen = self.state.targetctx.codegen()
+        self.state.library = EntryLibrary(codegen, self.state.func_id.func_qualname)
+        self.state.library.enable_object_caching()
         return [_manager((*_TO_LLVM, typed_passes.NoPythonBackend))]
 
 
@@ -61,6 +64,23 @@ def _manager(passes: tuple[Any, ...]) -> PassManager:
         manager.add_pass(one, one.__name__)
     manager.finalize()
     return manager
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Machine code of a kernel with what it calls, which nobody else sees: what has one caller becomes its text."""
+
+    def finalize(self) -> None:
+        """Join what the kernel calls, optimise and compile."""
+        self._raise_if_finalized()
+        own = {one.name for one in self._final_module.functions if not one.is_declaration}
+        for library in dict.fromkeys(self._linking_libraries):
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        for one in self._final_module.functions:
+            if not one.is_declaration and one.name not in own:
+                one.linkage = "internal"
+        self._optimize_final_module()
+        self._final_module.verify()
+        self._finalize_final_module()
 
 
 class PartLibrary(JITCodeLibrary):
