@@ -120,3 +120,24 @@ def test_the_energy_account_closes():
         ranges.append(np.ptp(run.energy().total + sum(parts.values())))
     assert ranges[0] < 0.05
     assert ranges[1] < 0.4 * ranges[0], ranges
+
+
+def test_two_bodies_in_a_machine_do_not_touch_each_other():
+    """Each held at one end, of unlike stiffness: they move as they would alone."""
+
+    def held(*springs):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        ends = []
+        for stiffness in springs:
+            body = scene.add(fm.ContinuumBody(chain(ExplicitSprings, 1, stiffness=stiffness)), name=f"k = {stiffness}")
+            root, end = (body.frame(frame.name) for frame in body.interior.frames)
+            scene.connect(fm.joint.Fixed(), scene.ground.frame(), root)
+            ends.append(end)
+        run = scene.simulate(0.2, h=1e-3, integrator=EXPLICIT)
+        return [run.position(end) for end in ends]
+
+    soft, stiff = held(1e3, 4e3)
+    assert np.abs(soft - stiff).max() > 0.02
+    for together, k in ((soft, 1e3), (stiff, 4e3)):
+        (alone,) = held(k)
+        np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12)

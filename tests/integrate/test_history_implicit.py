@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -162,3 +163,18 @@ def test_the_energy_account_closes():
         ranges.append(np.ptp(run.energy().total + sum(parts.values())))
     assert ranges[0] < 0.05
     assert ranges[1] < 0.4 * ranges[0], ranges
+
+
+def test_the_plan_is_constant_but_for_the_wrenches_of_interiors():
+    """A run writes to no array of the compiled scene but that one, which holds the last row's wrenches."""
+    scene, *_ = pendulum(chain(ImplicitSprings, 2, stiffness=2e3), False)
+    plan = scene.start().scene.plan
+    before = {name: part.copy() for name, part in plan.fields().items()}
+    run = scene.simulate(0.05, h=0.01, integrator=fm.GeneralizedAlpha())
+    after = run.scene.plan.fields()
+    changed = {name for name, part in before.items() if not np.array_equal(part, after[name])}
+    assert changed == {"wrenches"}
+    np.testing.assert_array_equal(after["wrenches"], run.interior_rows[-1].wrenches)
+    for copied in (plan, plan.replace(data=plan.data.copy()), pickle.loads(pickle.dumps(plan))):
+        with pytest.raises(ValueError, match="read-only"):
+            copied.data[0] = 1.0

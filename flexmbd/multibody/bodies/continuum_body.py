@@ -311,8 +311,7 @@ class ContinuumBody:
 
 @dataclass(frozen=True)
 class PlacedInterior:
-    """A body's k frames in a plan: rows of ``Plan.frames``, and where ``Plan.data`` holds the wrenches."""
+    """A body's k frames in a plan: rows of ``Plan.frames``."""
 
     body: ContinuumBody
     rows: tuple[int, ...]
-    places: tuple[int, ...]

@@ -66,8 +66,8 @@ class ElementTable(Protocol):
     def add_user_body(self, body: UserBody) -> None:
         """Add a body that the user gives in Kane's form."""
 
-    def add_interior(self, laid: PlacedInterior) -> None:
-        """Add a body with history, with the places of its wrenches in ``Plan.data``."""
+    def add_interior(self, placed: PlacedInterior) -> int:
+        """Add a body with history; return the row of ``Plan.wrenches`` of its first frame, the others follow."""
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,

@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class InteriorForce(OffJoints):
-    """The wrenches of an interior on its frames: given forces in inertial axes, changed at each step."""
+    """The wrenches of an interior on its frames: forces and moments in inertial axes, changed at each step."""
 
     body: ContinuumBody
 
@@ -47,13 +47,11 @@ class InteriorForce(OffJoints):
 
     def assemble(self, table: ElementTable) -> None:
         """One row a frame."""
-        rows, places = [], []
-        for frame in self.frames:
-            rows.append(table.frame(frame))
-            places.append(table.numbers(np.zeros(6)))
+        rows = tuple(table.frame(frame) for frame in self.frames)
+        first = table.add_interior(PlacedInterior(self.body, rows))
+        for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):
             what = f"interior of {self.body.name} on {frame.label}"
-            table.element(kinds.BETWEEN_GIVEN_F, what, f=table.ground(), g=rows[-1], data=places[-1])
-        table.add_interior(PlacedInterior(self.body, tuple(rows), tuple(places)))
+            table.element(kinds.BETWEEN_INTERIOR, what, f=table.ground(), g=row, count=first + k)
 
 
 @dataclass(frozen=True)
@@ -89,12 +87,6 @@ class Interiors:
     def rows(self) -> NDArray[np.int64]:
         """(k,) rows of ``Plan.frames``."""
         return np.array([row for one in self.placed for row in one.rows], np.int64)
-
-    @cached_property
-    def places(self) -> NDArray[np.int64]:
-        """(k, 6) where ``Plan.data`` holds the wrenches: force and moment in inertial axes."""
-        first = np.array([place for one in self.placed for place in one.places], np.int64)
-        return first[:, None] + np.arange(6)
 
     def motions(
         self, plan: Plan, work: Work, x: FloatArray, v: FloatArray, a: FloatArray
@@ -148,11 +140,11 @@ class Interiors:
 
     def apply_wrenches(self, plan: Plan, wrenches: FloatArray) -> None:
         """Write wrenches (k, 6) into the plan."""
-        plan.data[self.places] = wrenches
+        plan.wrenches[:] = wrenches
 
     def applied_wrenches(self, plan: Plan) -> FloatArray:
-        """(k, 6) the wrenches in the plan."""
-        return plan.data[self.places]
+        """Return a copy (k, 6) of the wrenches in the plan."""
+        return plan.wrenches.copy()
 
     def row(self, plan: Plan) -> InteriorRecord:
         """The record at the machine's present state."""

@@ -143,16 +143,15 @@ class CompiledScene:
         """
         plan = self.plan
         if self.interiors is not None:
-            plan = plan.replace(data=plan.data.copy(), rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
-            # the wrenches that act come and go
-            self.interiors.apply_wrenches(plan, np.zeros((len(self.interiors.rows), 6)))
-        places = {"lapack", "flag", "times", "elements"}  # addresses differ from process to process
+            plan = plan.replace(rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
+        # addresses differ from process to process, wrenches from step to step
+        left_out = {"lapack", "flag", "times", "elements", "wrenches"}
         digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
         digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
         if functions:
             digest.update(" ".join([*(row.code for row in self.time_rows), *self.callbacks.codes]).encode())
         for name, part in plan.fields().items():
-            if name not in places:
+            if name not in left_out:
                 digest.update(f"{name} {part.shape}".encode() + part.tobytes())
         digest.update(self.declared_breaks().tobytes())
         return digest.hexdigest()
@@ -297,6 +296,7 @@ def build(
         gravity=gravity,
         lapack=lapack_addresses(),
         flag=b.callbacks.flag,
+        wrenches=np.zeros((sum(len(one.rows) for one in table.interiors), 6)),
         elements=_int_table(table.elements, at.N_ELEMENT),
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),

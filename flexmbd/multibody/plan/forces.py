@@ -181,9 +181,11 @@ class ForceTable:
         """Add a body that the user gives in Kane's form; all are solved together."""
         self._given_bodies.append(body)
 
-    def add_interior(self, laid: PlacedInterior) -> None:
-        """Add a body with history, with the places of its wrenches in ``Plan.data``."""
-        self.interiors.append(laid)
+    def add_interior(self, placed: PlacedInterior) -> int:
+        """Add a body with history; return the row of ``Plan.wrenches`` of its first frame, the others follow."""
+        first = sum(len(other.rows) for other in self.interiors)
+        self.interiors.append(placed)
+        return first
 
     def finish(self) -> None:
         """Append the elements of friction and of users' bodies, which are solved together.

@@ -24,8 +24,9 @@ class Plan(ArrayStruct):
 
     ``flag`` (1,) is set by a user's function that fails, and the step stops.  FLAG_PYTHON: an exception that
     ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
-    Of ``data`` what the interiors of bodies with history exert changes with each step, where ``Interiors.places`` says;
-    an array of its own would be handed from kernel to kernel, which costs small machines several percent of a step.
+    ``wrenches`` (k, 6) is what the interiors of bodies with history exert on their k frames now: force (N) and moment
+    (N m) on each frame in inertial axes.  ``Interiors.apply_wrenches`` writes it; copies of the plan by ``replace``
+    share it.  Python code cannot write to ``data``.
     """
 
     tree: IntArray
@@ -44,8 +45,13 @@ class Plan(ArrayStruct):
     gravity: FloatArray
     lapack: IntArray
     flag: IntArray
+    wrenches: FloatArray
     elements: IntArray
     penalties: IntArray  # constraint rows, with the columns of ``rows``, that penalties enforce in place of multipliers
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.data.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)

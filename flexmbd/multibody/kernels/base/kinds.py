@@ -38,10 +38,13 @@ LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 # homogeneous deformation: see ``energies``.
 ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE, ON_ENERGY = range(8)
 # Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
-# torque (3) in F's or in G's axes.  A penalty: k, c, for a row of Plan.penalties.
-BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY = range(8, 13)
+# torque (3) in F's or in G's axes.  A penalty: k, c, for a row of Plan.penalties.  What the interior of a body with
+# history exerts: a row of Plan.wrenches, in F's axes; F is the inertial frame.
+BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY, BETWEEN_INTERIOR = range(8, 14)
 COORDINATE_LAWS = (ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION)  # of one coordinate, by numbers alone
-BETWEEN_FRAMES = (BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY)
+BETWEEN_FRAMES = (
+    BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY, BETWEEN_INTERIOR,
+)  # fmt: skip
 
 # Kinds of functions of time.
 TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)

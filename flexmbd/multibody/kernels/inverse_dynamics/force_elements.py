@@ -235,6 +235,9 @@ def element_wrench(plan, work, row, d, R, rate, spin):
     if kind == kinds.BETWEEN_PENALTY:
         _, _, pull, force, torque = penalty_reaction(plan, work, row, d, R, rate, spin)
         return scale3(-pull, force), scale3(-pull, torque)
+    if kind == kinds.BETWEEN_INTERIOR:
+        wrench = plan.wrenches[row[at.EL_COUNT]]
+        return load3(wrench, 0), load3(wrench, 3)
     factor = 1.0 if row[at.EL_TIME] < 0 else work.time[row[at.EL_TIME], 0]
     force = scale3(factor, load3(data, o))
     torque = scale3(factor, load3(data, o + 3))
