@@ -147,7 +147,7 @@ def announce_compilation(purpose: str) -> bool:
         _marked.add(purpose)
         return False
     sys.stderr.write(
-        f"flexmbd: compiling the kernels of {purpose}, once for this machine (half a minute to two; kept in "
+        f"flexmbd: compiling the kernels of {purpose}, once for this machine (a quarter of a minute to one; kept in "
         f"{cache_folder()})\n"
     )
     return True

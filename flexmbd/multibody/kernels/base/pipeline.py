@@ -9,6 +9,7 @@ versions that they were run with bound what is installed.
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -75,9 +76,12 @@ class EntryLibrary(JITCodeLibrary):
         own = {one.name for one in self._final_module.functions if not one.is_declaration}
         for library in dict.fromkeys(self._linking_libraries):
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        mark = hashlib.sha256("".join(sorted(own)).encode()).hexdigest()[:8]
         for one in self._final_module.functions:
             if not one.is_declaration and one.name not in own:
                 one.linkage = "internal"
+                # LLVM may change what it takes, and the loader finds local functions by their names, too
+                one.name = f"{one.name}.{mark}"
         self._optimize_final_module()
         self._final_module.verify()
         self._finalize_final_module()
