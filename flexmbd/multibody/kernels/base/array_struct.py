@@ -95,7 +95,7 @@ _struct_types: dict[type, tuple[Any, StructType]] = {}
 def _kind(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.dtype.char, value.ndim, value.flags.c_contiguous
-    return type(value)
+    return float if isinstance(value, float) else type(value)  # numpy's float64 is one
 
 
 def _struct_type(cls: type, values: list[Any]) -> StructType:
