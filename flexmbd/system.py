@@ -39,6 +39,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
+from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Alone, Team
@@ -81,6 +82,10 @@ class System:
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
         self._couplings: list[CoordinateCoupling] = []
+        # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
+        self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
+        self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
+        self._joint_names: dict[str, Connection] = {}
 
     def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
         """Put a body into the scene and return it.
@@ -95,12 +100,12 @@ class System:
         bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
         refuse_other(body, bodies, "a body", wanted="a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody")
         chosen = name or body.name or f"body {len(self._bodies) + 1}"
-        there: list[Body | ContinuumBody] = [*self._bodies, *self._continua, self.ground]
-        if any(body is other for other in there):
+        if body in self._members:
             raise SceneError(f"body {body.name!r} is already in this scene")
-        if chosen in {other.name for other in there}:
+        if chosen in self._body_names and self._body_names[chosen].name == chosen:
             raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
         body.name = chosen
+        self._members[body], self._body_names[chosen] = None, body
         if isinstance(body, ContinuumBody):
             self._continua.append(body)
             for frame, part in zip(body.interior.frames, body.parts, strict=True):
@@ -146,9 +151,10 @@ class System:
                 f"joint {chosen!r} connects body {parent.body.name!r} to itself; a joint needs "
                 "two bodies"
             )
-        if chosen in {c.name for c in self._connections}:
+        if chosen in self._joint_names:
             raise SceneError(f"the name {chosen!r} is taken; give the joint a name of its own")
         connection = Connection(joint, parent, child, chosen, way, enforce)
+        self._members[connection], self._joint_names[chosen] = None, connection
         self._connections.append(connection)
         return connection
 
@@ -171,11 +177,11 @@ class System:
         force.check()
 
     def _refuse_foreign_joint(self, connection: Connection) -> None:
-        if not any(connection is c for c in self._connections):
+        if connection not in self._members:
             raise SceneError(f"joint {connection.name!r} is not in this scene")
 
     def _refuse_foreign(self, frame: Frame) -> None:
-        if frame.body is not self.ground and not any(frame.body is b for b in self._bodies):
+        if frame.body not in self._members:
             raise SceneError(
                 f"frame {frame.label} is on a body that is not in this scene; add the body first"
             )
@@ -192,7 +198,7 @@ class System:
         wanted = "fm.joint.Gear(...) or fm.joint.RackAndPinion(...)"
         refuse_other(coupling, CoordinateCoupling, "a coupling", wanted=wanted)
         for term in coupling.terms:
-            if not any(term.connection is c for c in self._connections):
+            if term.connection not in self._members:
                 raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
         if any(coupling.name == other.name for other in self._couplings):
             raise SceneError(f"{coupling.name}: is in this scene already")

@@ -133,9 +133,8 @@ class RigidBody:
         Raises:
             SceneError: as for the body.
         """
-        com, tensor = numbers(self.com), numbers(self.inertia)
-        if tensor.shape == (3,):
-            tensor = np.diag(tensor)
+        com, given = numbers(self.com), numbers(self.inertia)
+        tensor = np.diag(given) if given.shape == (3,) else given
         faults = []
         if not (is_number(self.mass) and self.mass > 0.0):
             faults.append(f"mass must be positive, got {self.mass!r}")
@@ -146,7 +145,7 @@ class RigidBody:
         elif np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
             faults.append("inertia must be symmetric")
         else:
-            low, mid, high = np.linalg.eigvalsh(tensor)
+            low, mid, high = sorted(np.diag(tensor)) if given.ndim == 1 else np.linalg.eigvalsh(tensor)
             if low < -1e-12 * high or low + mid < high * (1.0 - 1e-9):
                 faults.append(
                     f"principal inertias {low:.4g}, {mid:.4g}, {high:.4g} kg m^2 belong to no "

@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
-from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.numbering import Numbering, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
@@ -264,10 +264,11 @@ def build(
             that closes a loop.
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team)
-    reach = reaches(topology)
+    masses = [rigid_row(branch.outer.body) for branch in topology.branches]
+    reach = reaches(topology, masses)
     b = Numbering(ground, extent_of(reach), Callbacks(team))
-    for branch in topology.branches:
-        b.add_branch(branch)
+    for branch, mass in zip(topology.branches, masses, strict=True):
+        b.add_branch(branch, mass)
     rows = assemble_rows(b, topology, couplings)
     driven = _driven(b, topology)
     table = assemble_forces(b, ground, forces)

@@ -76,8 +76,11 @@ class Numbering:
         self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
         self.data_size = 1
 
-    def add_branch(self, branch: Branch) -> None:
-        """Append a body with its inboard joint; steps but the last lead to massless links."""
+    def add_branch(self, branch: Branch, mass: list[float]) -> None:
+        """Append a body with its inboard joint; steps but the last lead to massless links.
+
+        ``mass`` (N_RIGID,) is the body's ``rigid_row``.
+        """
         connection, body = branch.connection, branch.outer.body
         joint: Joint = Free() if connection is None else connection.joint
         label = f"{body.name} (flying)" if connection is None else connection.name
@@ -105,7 +108,7 @@ class Numbering:
         if connection is not None:
             self.index.joints[connection] = slots
             self.index.links[connection] = tuple(rows[k] for k in sorted(rows))
-        self.rigid[-1] = rigid_row(body)
+        self.rigid[-1] = mass
         record = body.reduced()
         if record is not None:
             self.tree[-1][at.FLEX : at.MODAL_V + 1] = self.add_modes(record, body)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, sqrt
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.plan.forces import ForceSpan
-from flexmbd.multibody.plan.numbering import Marker, rigid_row
+from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.topology import Topology
@@ -71,29 +71,21 @@ def frame_reach(frame: Frame) -> float:
     return hypot(*map(float, frame.p_BF_B))
 
 
-def body_reach(body: Body) -> float:
-    """How far (m) a body's mass lies from its origin: its centre's distance, or its radius of gyration."""
-    return row_reach(rigid_row(body))
-
-
 def row_reach(rigid: Sequence[float]) -> float:
-    """As ``body_reach``, of the body's row of ``Plan.rigid``."""
+    """How far (m) a body's mass lies from its origin: its centre's distance, or its radius of gyration.
+
+    ``rigid`` is the body's row of ``Plan.rigid``.
+    """
     mass, x, y, z, xx, _, _, yy, _, zz = rigid
     return max(hypot(x, y, z) / mass, sqrt((xx + yy + zz) / mass))
 
 
-def reaches(topology: Topology) -> tuple[tuple[Body | Frame, float], ...]:
-    """The reach (m) of all bodies and of the frames of all joints."""
-    return tuple(_reaches(topology))
-
-
-def _reaches(topology: Topology) -> Iterator[tuple[Body | Frame, float]]:
+def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[tuple[Body | Frame, float], ...]:
+    """The reach (m) of the frames of all joints, and of all bodies by their rows of ``Plan.rigid``."""
     frames = [f for b in topology.branches for f in (b.inner, b.outer)]
     frames += [f for c in topology.closures for f in (c.parent, c.child)]
-    for frame in frames:
-        yield frame, frame_reach(frame)
-    for branch in topology.branches:
-        yield branch.outer.body, body_reach(branch.outer.body)
+    bodies = [(b.outer.body, row_reach(row)) for b, row in zip(topology.branches, masses, strict=True)]
+    return (*((frame, frame_reach(frame)) for frame in frames), *bodies)
 
 
 def extent_of(reach: tuple[tuple[Body | Frame, float], ...]) -> float:
