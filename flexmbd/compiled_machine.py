@@ -10,8 +10,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +20,7 @@ from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.variants import Output, Study
 from flexmbd.errors import SceneError, StartWarning
-from flexmbd.given import is_number, is_truth, refuse_no_truth, refuse_other
-from flexmbd.integrate.automatic import choose
+from flexmbd.given import is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.functions.fingerprint import fingerprint
@@ -43,8 +41,8 @@ from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
-from flexmbd.run.limits import Limits
-from flexmbd.run.simulation import Saves, check_times, run
+from flexmbd.run.settings import RunSettings
+from flexmbd.run.simulation import run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
 from flexmbd.run.trajectory import Trajectory
 
@@ -135,7 +133,7 @@ class CompiledMachine:
         mark_compiled(_STARTING)
         refuse_crossed_stops(scene.element_names, scene.plan, start.x)
         if start.strain.warning is not None and self.team.is_root:
-            warnings.warn(start.strain.warning, StartWarning, stacklevel=3)
+            warnings.warn(start.strain.warning, StartWarning, stacklevel=4)
         return start
 
     def simulate(
@@ -186,49 +184,48 @@ class CompiledMachine:
         Raises:
             SceneError, AssemblyError, SimulationError: as ``System.simulate``, and as ``variant``.
         """
-        refuse_other(events, Sequence, "events", wanted="a list of events, [event]")
-        for event in events:
-            refuse_other(event, Event, "an event", wanted="an fm.Event(...)")
-        refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
-        if restart is not None:
-            refuse_other(restart, Checkpoint, "restart", wanted="a checkpoint, as fm.Checkpoint.load(path) gives it")
-            t_start = restart.t
-        check_times(t_start, t_end, rtol, h, checkpoints)
-        limits = Limits(max_steps, max_rows, max_seconds)
-        if max_step is not None and not (h is None and is_number(max_step) and max_step > 0.0):
-            raise SceneError(f"max_step = {max_step} s must be positive and finite, and given without a fixed step h")
-        if (checkpoint_file is None) != (checkpoint_every is None):
-            raise SceneError("checkpoint_file and checkpoint_every go together: a path, and the time (s) between two")
-        saves = None
-        if checkpoint_file is not None and checkpoint_every is not None:
-            saves = Saves(Path(checkpoint_file), checkpoint_every)
-        begun = t_start if restart is None else restart.t_start
-        scene = self.variant(values)
-        refuse_false_rates(scene, t_start, t_end)
-        start = self.start_of(scene, begun, about)
-        if integrator == "auto":
-            method = choose(start, t=begun, rtol=rtol, h=h).method
-        else:
-            method = named(integrator)
-        if restart is None:
-            snapshot = new_snapshot(start, method, t_start=t_start, t_end=t_end, rtol=rtol, h=h)
-        else:
-            snapshot = restart.of(start.scene, method)
-        return run(
-            start,
-            {body.name: body for body in self.bodies},
-            self.team,
-            begun=begun,
-            snapshot=snapshot,
-            t_end=t_end,
-            method=method,
+        settings = RunSettings(
+            t_end,
+            rtol=rtol,
+            h=h,
+            t_start=t_start,
+            about=about,
+            integrator=integrator,
             events=events,
             checkpoints=checkpoints,
-            saves=saves,
+            checkpoint_file=checkpoint_file,
+            checkpoint_every=checkpoint_every,
+            restart=restart,
             progress=progress,
-            limits=limits,
             max_step=max_step,
+            max_steps=max_steps,
+            max_rows=max_rows,
+            max_seconds=max_seconds,
         )
+        return self.run(settings, **values)
+
+    def run(self, settings: RunSettings, /, **values: Any) -> Trajectory:
+        """As ``simulate``, by settings that several runs share.
+
+        Args:
+            settings: how long, how exactly, by which method.
+            values: of the parameters, by their names.
+
+        Raises:
+            SceneError, AssemblyError, SimulationError: as ``simulate``.
+        """
+        scene = self.variant(values)
+        refuse_false_rates(scene, settings.starts, settings.t_end)
+        start = self.start_of(scene, settings.begun, settings.about)
+        method = settings.method(start)
+        if settings.restart is None:
+            snapshot = new_snapshot(
+                start, method, t_start=settings.t_start, t_end=settings.t_end, rtol=settings.rtol, h=settings.h
+            )
+        else:
+            snapshot = settings.restart.of(start.scene, method)
+        bodies = {body.name: body for body in self.bodies}
+        return run(start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team)
 
     def ensemble(
         self,
@@ -279,7 +276,16 @@ class CompiledMachine:
         """
         if not isinstance(self.team, Alone):
             raise SceneError("an ensemble runs each variant on one process: build the scene without a team")
-        check_times(t_start, t_end, rtol, h, ())
+        settings = RunSettings(
+            t_end,
+            rtol=rtol,
+            h=h,
+            t_start=t_start,
+            integrator=integrator,
+            max_step=max_step,
+            max_steps=max_steps,
+            max_seconds=max_seconds,
+        )
         refuse_no_truth(progress=progress)
         if workers is not None and (is_truth(workers) or not isinstance(workers, int) or workers < 1):
             raise SceneError(f"workers must be a positive number, got {workers!r}")
@@ -291,25 +297,15 @@ class CompiledMachine:
         unknown = [name for name in values.names if name not in self.parameters]
         if unknown:
             raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {', '.join(self.parameters)}")
-        method = integrator if integrator == "auto" else named(integrator)
-        simulate = partial(
-            self.simulate, t_end, rtol=rtol, h=h, t_start=t_start, integrator=method, max_step=max_step,
-            max_steps=max_steps, max_seconds=max_seconds,
-        )  # fmt: skip
-        options = (t_end, rtol, h, t_start, method if isinstance(method, str) else method.name, max_step, max_steps)
+        method = integrator if isinstance(integrator, str) else integrator.name
+        options = (t_end, rtol, h, t_start, method, max_step, max_steps)
         asked = [f"{name} {fingerprint(ask)}" for name, ask in outputs.items()]
         told_apart = (self.scene.digest(), values.digest(), options, asked, tuple(self.parameters))
         digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
-        study = Study(simulate, outputs, shared=not self.scene.calls_users)
+        study = Study(partial(self.run, settings), outputs, shared=not self.scene.calls_users)
         return run_ensemble(
             study, values, digest, executor=executor, workers=workers, file=file, progress=progress
         )
-
-
-def named(integrator: Integrator | str) -> Integrator:
-    """A method that the user gave."""
-    refuse_other(integrator, Integrator, "integrator", wanted='a method, as fm.RadauIIA(), or "auto"')
-    return cast(Integrator, integrator)
 
 
 def told(values: Mapping[str, Any]) -> str:

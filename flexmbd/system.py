@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.compiled_machine import CompiledMachine, named
+from flexmbd.compiled_machine import CompiledMachine
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
 from flexmbd.integrate.automatic import choose
@@ -46,6 +46,7 @@ from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
+from flexmbd.run.settings import RunSettings, refuse_no_integrator
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
@@ -53,7 +54,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _INTERIOR_MODES = InteriorModes()
-_STARTING = "the start"  # what kernels are compiled for before any integrator's
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
@@ -367,7 +367,8 @@ class System:
             choice = choose(start, t=0.0, rtol=rtol, h=h)
             method = f"{choice.method.name} ({choice.why})"
         else:
-            method = f"{named(integrator).name} (as asked)"
+            refuse_no_integrator(integrator)
+            method = f"{integrator.name} (as asked)"
         return f"{explain(start)}\nintegrator: {method}"
 
     def simulate(
@@ -421,7 +422,7 @@ class System:
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
                 faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
         """
-        return self.compile().simulate(
+        settings = RunSettings(
             t_end,
             rtol=rtol,
             h=h,
@@ -439,6 +440,7 @@ class System:
             max_rows=max_rows,
             max_seconds=max_seconds,
         )
+        return self.compile().run(settings)
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

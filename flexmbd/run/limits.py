@@ -57,7 +57,3 @@ class Limits:
         if self.max_rows is not None:
             room = min(room, self.max_rows - rows)
         return max(1, room)
-
-
-#: None at all.
-UNLIMITED = Limits()

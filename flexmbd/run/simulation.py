@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError, SceneError
-from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
@@ -29,9 +27,9 @@ from flexmbd.multibody.start.loop_closing import CLOSED
 from flexmbd.multibody.start.redundancy import forbidden_drives, minimum_norm_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
-from flexmbd.run.event import Event
 from flexmbd.run.event_search import EventSearch
-from flexmbd.run.limits import UNLIMITED, Limits
+from flexmbd.run.limits import Limits
+from flexmbd.run.settings import RunSettings, limits_of, saves_of
 from flexmbd.run.stepping import Integration, Snapshot
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Stats, Trajectory
@@ -39,40 +37,32 @@ from flexmbd.run.trajectory import Stats, Trajectory
 FloatArray = NDArray[np.float64]
 
 _TORN = 10.0 * CLOSED  # of a row's size: more than what meshes leave open of overconstrained loops, however these turn
-_LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
 def run(
     start: Start,
     bodies: Mapping[str, Body],
-    team: Team,
     *,
-    begun: float,
-    snapshot: Snapshot,
-    t_end: float,
+    settings: RunSettings,
     method: Integrator,
-    events: Sequence[Event],
-    checkpoints: Sequence[float],
-    saves: Saves | None,
-    progress: bool,
-    limits: Limits = UNLIMITED,
-    max_step: float | None = None,
+    snapshot: Snapshot,
+    team: Team,
 ) -> Trajectory:
-    """Integrate from a snapshot of a simulation begun at ``begun`` (s); see ``System.simulate``."""
+    """Integrate from a snapshot by settings, of which those of the start have been heeded; see ``System.simulate``."""
     method.check(start.scene)
     start.scene.callbacks.reset()
     purpose = type(method).__name__
-    refuse_no_truth(progress=progress)
     if team.is_root:
         announce_compilation(purpose)
     set_out = time.perf_counter()
+    events, begun, t_end, saves = settings.events, settings.begun, settings.t_end, saves_of(settings)
     integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
-    if max_step is not None:
-        integration.bound_steps(max_step)
-    budget = _Budget(limits, integration, team, set_out)
+    if settings.max_step is not None:
+        integration.bound_steps(settings.max_step)
+    budget = _Budget(limits_of(settings), integration, team, set_out)
     t_start = integration.t
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
-    stops = [*sorted({*checkpoints, *saved}), t_end]
+    stops = [*sorted({*settings.checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
     began = time.perf_counter()
     compiled = began
@@ -80,7 +70,7 @@ def run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
-    with _progress_bar(progress and team.is_root, t_end - t_start) as bar:
+    with _progress_bar(settings.progress and team.is_root, t_end - t_start) as bar:
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
@@ -95,7 +85,7 @@ def run(
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())
-                if stop in checkpoints:
+                if stop in settings.checkpoints:
                     kept.append(checkpoint)
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
@@ -151,68 +141,6 @@ def _advance(integration: Integration, search: EventSearch | None, stop: float) 
         return integration.advance(stop)
     finally:  # what comes before a break that cannot be left is kept
         integration.keep_rows()
-
-
-@dataclass(frozen=True)
-class Saves:
-    """A file that always holds the last of regular checkpoints.
-
-    Attributes:
-        path: of the file, as ``Checkpoint.save``.
-        every: s of simulated time between them.
-
-    Raises:
-        SceneError: ``every`` is not a positive time.
-    """
-
-    path: Path
-    every: float
-
-    def __post_init__(self) -> None:
-        if not (is_number(self.every) and self.every > 0.0):
-            raise SceneError(f"checkpoint_every = {self.every} s must be positive and finite")
-
-    def times(self, begun: float, t_start: float, t_end: float) -> list[float]:
-        """When to save: the same instants (s) in a simulation and its restarts."""
-        count = int((t_end - begun) / self.every)
-        return [t for k in range(1, count + 1) if t_start < (t := begun + k * self.every) < t_end]
-
-    def write(self, checkpoint: Checkpoint, team: Team) -> None:
-        """Write the file, on the root.  Collective.
-
-        Raises:
-            RecordError: it cannot be written.
-        """
-        error: FlexmbdError | None = None
-        if team.is_root:
-            try:
-                checkpoint.save(self.path)
-            except FlexmbdError as reason:
-                error = reason
-        team.fail(error)
-
-
-def check_times(
-    t_start: float, t_end: float, rtol: float, h: float | None, checkpoints: Sequence[float]
-) -> None:
-    """Raise SceneError for times, steps or tolerances that make no simulation."""
-    if not (is_number(t_start) and is_number(t_end) and t_end > t_start):
-        raise SceneError(f"t_end = {t_end} s must lie after the start, {t_start} s")
-    if not (is_number(rtol) and _LEAST_RTOL <= rtol < 1.0):
-        raise SceneError(
-            f"rtol = {rtol} must lie between {_LEAST_RTOL:.2g}, a hundred times the round-off of doubles, and 1"
-        )
-    if h is not None and not (is_number(h) and 0.0 < h):
-        raise SceneError(f"the step h = {h} s must be positive and finite")
-    times = numbers(checkpoints)
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise SceneError(f"checkpoints must be a list of times (s), got {checkpoints!r}")
-    outside = [t for t in checkpoints if not t_start < t < t_end]
-    if outside:
-        raise SceneError(
-            f"checkpoints at {', '.join(f'{t:g}' for t in outside)} s lie outside the simulation, "
-            f"{t_start:g} to {t_end:g} s"
-        )
 
 
 def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
