@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from flexmbd.ensemble.executing import run_ensemble
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.samples import Samples
-from flexmbd.ensemble.variants import Output, Study
+from flexmbd.ensemble.variants import Study, VariantOutput
 from flexmbd.errors import SceneError, StartWarning
 from flexmbd.given import is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
@@ -38,7 +38,7 @@ from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
-from flexmbd.multibody.team import Alone, Team
+from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.settings import RunSettings
@@ -230,7 +230,7 @@ class CompiledMachine:
     def ensemble(
         self,
         samples: Mapping[str, ArrayLike] | Sequence[Mapping[str, Any]],
-        outputs: Mapping[str, Output],
+        outputs: Mapping[str, VariantOutput],
         *,
         t_end: float,
         rtol: float = 1e-6,
@@ -274,7 +274,7 @@ class CompiledMachine:
             SceneError: samples, outputs or arguments do not fit, or all variants failed; the message has the first.
             RecordError: the file cannot be written, or is of another ensemble.
         """
-        if not isinstance(self.team, Alone):
+        if self.team.size > 1:
             raise SceneError("an ensemble runs each variant on one process: build the scene without a team")
         settings = RunSettings(
             t_end,

@@ -59,7 +59,7 @@ AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
 
 #: What may take other values in a compiled machine, by its name.
-Parameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
+NamedParameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
 
 
 @dataclass(eq=False)
@@ -212,7 +212,7 @@ class System:
             raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
         return gravity.copy()
 
-    def compile(self, *, parameters: Parameters | None = None) -> CompiledMachine:
+    def compile(self, *, parameters: NamedParameters | None = None) -> CompiledMachine:
         """Compile the scene as it is now into the flat arrays of the machine that runs.
 
         Args:
@@ -259,7 +259,7 @@ class System:
             self._check_force(force)
         return self._start(self._compile(forces, without=instead_of), t)
 
-    def _machine(self, scene: CompiledScene, parameters: Parameters | None = None) -> CompiledMachine:
+    def _machine(self, scene: CompiledScene, parameters: NamedParameters | None = None) -> CompiledMachine:
         named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
         kept = with_given_start(scene, self._connections, self._bodies)
         return CompiledMachine(kept, tuple(self._connections), tuple(self._bodies), named, self.team)

@@ -37,7 +37,7 @@ from ufl.core.expr import Expr
 from flexmbd.forms._shared import Quadrature as Quadrature
 from flexmbd.forms._shared import check_poisson, check_positive, degrees, number, take_numbers
 
-Axes = tuple[Expr, Expr, Expr]
+SectionAxes = tuple[Expr, Expr, Expr]
 
 CELLS = ("interval",)
 
@@ -291,7 +291,7 @@ def reference() -> Reference:
     return Reference(p)
 
 
-def _axes(u: Expr, p: Parameters) -> Axes:
+def _axes(u: Expr, p: Parameters) -> SectionAxes:
     """Unit vectors t, y, z of the section, in the mesh's axes."""
     jacobian = ufl.Jacobian(ufl.domain.extract_unique_domain(u))
     t = _unit(ufl.as_vector([jacobian[i, 0] for i in range(3)]))
@@ -314,7 +314,7 @@ def _along(f: Expr, t: Expr) -> Expr:
     return ufl.dot(ufl.grad(f), t)
 
 
-def _components(v: Expr, axes: Axes) -> Expr:
+def _components(v: Expr, axes: SectionAxes) -> Expr:
     return ufl.as_vector([ufl.dot(v, axis) for axis in axes])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.meshes.step_faces import Cylinder, Point, StepFace
+from flexmbd.meshes.step_faces import Cylinder, StepFace, SurfacePoint
 
 # Of the radius: how far two faces of one bore may differ; CAD programs write seven digits and more.
 _EQUAL = 1e-5
@@ -28,8 +28,8 @@ class Bore:
     """
 
     name: str
-    centre: Point
-    axis: Point
+    centre: SurfacePoint
+    axis: SurfacePoint
     radius: float
     length: float
     faces: tuple[int, ...]

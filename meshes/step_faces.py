@@ -9,7 +9,7 @@ from typing import TypeAlias
 import gmsh
 import numpy as np
 
-Point: TypeAlias = tuple[float, float, float]
+SurfacePoint: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Cylinder:
         hollow: whether the material lies outside, as around a bore.
     """
 
-    centre: Point
-    axis: Point
+    centre: SurfacePoint
+    axis: SurfacePoint
     radius: float
     length: float
     angle: float
@@ -45,9 +45,9 @@ class StepFace:
         cylinder: more about a cylindrical face; None for others.
     """
 
-    centre: Point
+    centre: SurfacePoint
     area: float
-    normal: Point | None
+    normal: SurfacePoint | None
     radius: float | None
     cylinder: Cylinder | None = None
 

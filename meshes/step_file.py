@@ -25,7 +25,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-from flexmbd.meshes.step_faces import Point, StepFace, point_text, read_faces, volume
+from flexmbd.meshes.step_faces import StepFace, SurfacePoint, point_text, read_faces, volume
 
 # A bracket of our own: a foot with two bolt bores and a lug with a pin bore (data/README.md).
 BRACKET = Path(__file__).parent / "data" / "bracket.step"
@@ -54,11 +54,11 @@ class StepPart:
     """
 
     faces: tuple[StepFace, ...]
-    size: Point
+    size: SurfacePoint
     volume: float
 
 
-Tag: TypeAlias = Point | Sequence[Point] | Callable[[StepFace], bool]
+Tag: TypeAlias = SurfacePoint | Sequence[SurfacePoint] | Callable[[StepFace], bool]
 
 
 def from_step(

@@ -6,9 +6,9 @@ and the protocol of interiors alone.
 
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.formulation import Formulation as Formulation
+from flexmbd.continuum.contract.formulation import IntegralTerm as IntegralTerm
 from flexmbd.continuum.contract.formulation import Quadrature as Quadrature
 from flexmbd.continuum.contract.formulation import Reference as Reference
-from flexmbd.continuum.contract.formulation import Term as Term
 from flexmbd.continuum.contract.formulation import load_form as load_form
 from flexmbd.continuum.contract_suite import FormReport as FormReport
 from flexmbd.continuum.contract_suite import check_form as check_form
@@ -22,7 +22,7 @@ from flexmbd.continuum.finite_elements.cut_mesh import CutMesh as CutMesh
 from flexmbd.continuum.finite_elements.cut_mesh import cut_mesh as cut_mesh
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms as DiscreteForms
 from flexmbd.continuum.finite_elements.discretisation import Discretisation as Discretisation
-from flexmbd.continuum.finite_elements.homogeneous_energy import Energy as Energy
+from flexmbd.continuum.finite_elements.homogeneous_energy import EnergyDensity as EnergyDensity
 from flexmbd.continuum.finite_elements.homogeneous_energy import homogeneous_energy as homogeneous_energy
 from flexmbd.continuum.finite_elements.interface import FoundInterface as FoundInterface
 from flexmbd.continuum.finite_elements.interface import Interface as Interface

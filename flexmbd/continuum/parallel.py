@@ -125,6 +125,11 @@ class MpiTeam:
         return _team_of_one, ()
 
     @property
+    def size(self) -> int:
+        """Number of ranks."""
+        return int(self.comm.size)
+
+    @property
     def is_root(self) -> bool:
         """Whether this rank writes files, prints and draws."""
         return bool(self.comm.rank == _ROOT)

@@ -5,4 +5,4 @@ Users enter by `CompiledMachine.ensemble`.
 
 from flexmbd.ensemble.results import Ensemble as Ensemble
 from flexmbd.ensemble.results import Failure as Failure
-from flexmbd.ensemble.variants import Output as Output
+from flexmbd.ensemble.variants import VariantOutput as VariantOutput

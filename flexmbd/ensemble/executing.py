@@ -13,7 +13,7 @@ from typing import Any
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.results_file import WAITING, ResultsFile, new_file, opened_file
 from flexmbd.ensemble.samples import Samples
-from flexmbd.ensemble.variants import Outcome, ProcessTasks, Rows, Study, ThreadTasks
+from flexmbd.ensemble.variants import NumberedVariants, ProcessTasks, Study, ThreadTasks, VariantOutcome
 from flexmbd.errors import SceneError
 
 _AT_ONCE = 8  # variants of a task, at most: short ones would else cost as much to hand over as to run
@@ -58,7 +58,7 @@ def _begun(study: Study, samples: Samples, digest: str, path: Path | None) -> Re
     Raises:
         SceneError: all variants failed.
     """
-    first: list[Outcome] = []
+    first: list[VariantOutcome] = []
     for k in range(len(samples)):
         first += study.run([(k, samples[k])], nullcontext())
         if not first[-1][2]:
@@ -69,7 +69,7 @@ def _begun(study: Study, samples: Samples, digest: str, path: Path | None) -> Re
     raise SceneError(f"all {len(samples)} variants failed; the first: {first[0][2]}")
 
 
-def _keep(results: ResultsFile, outcomes: Sequence[Outcome]) -> None:
+def _keep(results: ResultsFile, outcomes: Sequence[VariantOutcome]) -> None:
     """Write the outcomes of a task; an output of another shape than the first variant's is a failure."""
     outputs, failures = {}, {}
     for k, values, fault in outcomes:
@@ -85,7 +85,7 @@ def _keep(results: ResultsFile, outcomes: Sequence[Outcome]) -> None:
     results.write(outputs, failures)
 
 
-def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[Rows]:
+def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[NumberedVariants]:
     """Tasks: the variants that have not been run, some at a time, in order."""
     waiting = [int(k) for k in (results.state == WAITING).nonzero()[0]]
     at_once = max(1, min(_AT_ONCE, len(waiting) // (4 * workers)))
@@ -94,10 +94,14 @@ def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[R
 
 
 def _outcomes(
-    pool: Executor, tasks: Callable[[Rows], list[Outcome]], rows: Iterator[Rows], *, ahead: int
-) -> Iterator[list[Outcome]]:
+    pool: Executor,
+    tasks: Callable[[NumberedVariants], list[VariantOutcome]],
+    rows: Iterator[NumberedVariants],
+    *,
+    ahead: int,
+) -> Iterator[list[VariantOutcome]]:
     """The outcomes task by task as they come; no more than ``ahead`` tasks are handed over at a time."""
-    running: set[Future[list[Outcome]]] = {pool.submit(tasks, some) for some in islice(rows, ahead)}
+    running: set[Future[list[VariantOutcome]]] = {pool.submit(tasks, some) for some in islice(rows, ahead)}
     try:
         while running:
             finished, running = wait(running, return_when=FIRST_COMPLETED)

@@ -18,11 +18,11 @@ from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 #: What is asked of each variant's trajectory: a number, or an array of the same shape for all variants.
-Output: TypeAlias = Callable[[Trajectory], ArrayLike]
+VariantOutput: TypeAlias = Callable[[Trajectory], ArrayLike]
 #: A variant's number, its outputs, and why it failed if it did.
-Outcome: TypeAlias = tuple[int, dict[str, FloatArray], str]
+VariantOutcome: TypeAlias = tuple[int, dict[str, FloatArray], str]
 #: Variants' numbers and the values of their parameters.
-Rows: TypeAlias = Sequence[tuple[int, Mapping[str, Any]]]
+NumberedVariants: TypeAlias = Sequence[tuple[int, Mapping[str, Any]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +36,18 @@ class Study:
     """
 
     simulate: Callable[..., Trajectory]
-    outputs: Mapping[str, Output]
+    outputs: Mapping[str, VariantOutput]
     shared: bool
 
-    def run(self, rows: Rows, turn: AbstractContextManager[Any]) -> list[Outcome]:
+    def run(self, rows: NumberedVariants, turn: AbstractContextManager[Any]) -> list[VariantOutcome]:
         """Run variants one after the other, each in its ``turn``."""
-        found: list[Outcome] = []
+        found: list[VariantOutcome] = []
         for k, values in rows:
             with turn:
                 found.append(self._outcome(k, values))
         return found
 
-    def _outcome(self, k: int, values: Mapping[str, Any]) -> Outcome:
+    def _outcome(self, k: int, values: Mapping[str, Any]) -> VariantOutcome:
         doing = "the simulation"
         try:
             run = self.simulate(**values)
@@ -69,7 +69,7 @@ class ThreadTasks:
         self._study = study
         self._turn: AbstractContextManager[Any] = nullcontext() if study.shared else threading.Lock()
 
-    def __call__(self, rows: Rows) -> list[Outcome]:
+    def __call__(self, rows: NumberedVariants) -> list[VariantOutcome]:
         """Run variants."""
         return self._study.run(rows, self._turn)
 
@@ -91,7 +91,7 @@ class ProcessTasks:
                 "the ensemble on threads, or let outputs use what can be pickled"
             ) from reason
 
-    def __call__(self, rows: Rows) -> list[Outcome]:
+    def __call__(self, rows: NumberedVariants) -> list[VariantOutcome]:
         """Run variants, in the process that unpickled this."""
         return _unpacked(self._packed).run(rows, nullcontext())
 

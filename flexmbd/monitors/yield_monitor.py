@@ -20,7 +20,7 @@ from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Predicate = Callable[[FloatArray], NDArray[np.bool_]]
+PointFilter = Callable[[FloatArray], NDArray[np.bool_]]
 
 # Nodes and instants at a time, so that what is written stays in the processor's cache.
 _NODES, _INSTANTS = 256, 128
@@ -56,7 +56,7 @@ class YieldMonitor:
     body: FlexibleBody
     yield_stress: float
     clearance: float | None = 0.0
-    where: Predicate | None = None
+    where: PointFilter | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.body, FlexibleBody):

@@ -16,6 +16,10 @@ class Team(Protocol):
     """
 
     @property
+    def size(self) -> int:
+        """Number of processes."""
+
+    @property
     def is_root(self) -> bool:
         """Whether this process writes files, prints and pictures."""
 
@@ -29,6 +33,7 @@ class Team(Protocol):
 class Alone:
     """The team of a single process."""
 
+    size = 1
     is_root = True
 
     def agree(self, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -168,10 +168,12 @@ class StressModes:
     sigma: FloatArray
 
 
-Group = NodalModes | FurtherUnknowns | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
+RecordGroup = (
+    NodalModes | FurtherUnknowns | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
+)
 
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
-GROUPS: dict[str, type[Group]] = {
+GROUPS: dict[str, type[RecordGroup]] = {
     "modes": NodalModes,
     "unknowns": FurtherUnknowns,
     "surface": Surface,
@@ -197,7 +199,7 @@ def frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:
     return InterfaceFrame(frame.name, frozen(frame.p_BI_B), frozen(frame.R_BI), frozen(frame.modes))
 
 
-def frozen_group(group: Group) -> Group:
+def frozen_group(group: RecordGroup) -> RecordGroup:
     """The group with read-only copies of its arrays, whole numbers where they count something."""
     parts: dict[str, Any] = {}
     for item in fields(group):
@@ -209,7 +211,7 @@ def frozen_group(group: Group) -> Group:
     return type(group)(**parts)
 
 
-def group_faults(group: Group, *, n: int) -> Iterable[str]:
+def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
     """What does not fit in a group of a body of n modes."""
     kind = type(group).__name__
     for item, shape in _shapes(group, n).items():
@@ -227,7 +229,7 @@ def group_faults(group: Group, *, n: int) -> Iterable[str]:
             yield f"{kind} names a load twice: {names}"
 
 
-def _shapes(group: Group, n: int) -> Mapping[str, tuple[int, ...]]:
+def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
     """The shape that each array of a group should have."""
     match group:
         case NodalModes():

@@ -19,10 +19,10 @@ from flexmbd.record.groups import (
     FloatArray,
     FurtherUnknowns,
     GeometricStiffness,
-    Group,
     InterfaceFrame,
     ModalStretch,
     NodalModes,
+    RecordGroup,
     StressModes,
     Surface,
 )
@@ -245,7 +245,7 @@ def _groups(body: _Record) -> Iterable[str]:
             yield from _load_lines(group)
 
 
-def _group_text(group: Group) -> str:
+def _group_text(group: RecordGroup) -> str:
     match group:
         case NodalModes() | StressModes():
             return _count(len(group.node), "node")

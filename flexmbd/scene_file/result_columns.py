@@ -20,7 +20,7 @@ from flexmbd.scene_file.scene_description import OutputEntry
 
 FloatArray = NDArray[np.float64]
 #: Of a trajectory, at given times or at the ends of its steps.
-Values = Callable[[Trajectory, FloatArray | None], FloatArray]
+ColumnValues = Callable[[Trajectory, FloatArray | None], FloatArray]
 
 _XYZ = ("x", "y", "z")
 _ENERGIES = ("kinetic", "elastic", "gravitational", "spring", "total")
@@ -59,7 +59,7 @@ class ResultColumns:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: Values
+    values: ColumnValues
 
 
 def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]:
@@ -174,5 +174,5 @@ def _of_energies() -> ResultColumns:
     return _named("energy", _ENERGIES, ["J"] * len(_ENERGIES), values)
 
 
-def _named(owner: str, endings: tuple[str, ...] | list[str], units: list[str], values: Values) -> ResultColumns:
+def _named(owner: str, endings: tuple[str, ...] | list[str], units: list[str], values: ColumnValues) -> ResultColumns:
     return ResultColumns(tuple(f"{owner}.{ending}" for ending in endings), tuple(units), values)

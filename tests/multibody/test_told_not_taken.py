@@ -99,6 +99,7 @@ def test_what_a_function_notes_does_not_tell_it_apart():
 class _LastOfTwo(Alone):
     """Stands for rank 1: of what is agreed, rank 0 has what the same call gave before."""
 
+    size = 2
     is_root = False
 
     def __init__(self, root):
@@ -109,6 +110,8 @@ class _LastOfTwo(Alone):
 
 
 class _Root(Alone):
+    size = 2
+
     def __init__(self):
         self.told = []
 

@@ -1,4 +1,4 @@
-"""One meaning a name: no two classes of the package share one, nor two files of the machine's rooms."""
+"""One meaning a name: no two classes or types of the package share one, nor two files of the machine's rooms."""
 
 from __future__ import annotations
 
@@ -21,6 +21,33 @@ def places_of_classes(folder: str) -> dict[str, list[str]]:
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(str(path.relative_to(REPOSITORY)))
     return places
+
+
+def definitions_of_types(folder: str) -> dict[str, dict[str, list[str]]]:
+    """Of each name that a module gives to a type, what it stands for, and in which files."""
+    found: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for path in sorted((REPOSITORY / folder).rglob("*.py")):
+        for node in ast.parse(path.read_text()).body:
+            target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+            if not isinstance(target, ast.Name) or not target.id[0].isupper() or target.id.isupper():
+                continue
+            assert isinstance(node, ast.Assign | ast.AnnAssign)
+            assert node.value is not None
+            definition = ast.unparse(node.value).replace("npt.", "")
+            found[target.id][definition].append(str(path.relative_to(REPOSITORY)))
+    return found
+
+
+def test_a_name_stands_for_one_type() -> None:
+    """Where two modules give a name to a type it is the same type, and no class has that name."""
+    types, classes = definitions_of_types("flexmbd"), places_of_classes("flexmbd")
+    for folder in ("forms", "meshes"):
+        for name, meanings in definitions_of_types(folder).items():
+            for definition, files in meanings.items():
+                types[name][definition] += files
+    assert {name: meanings for name, meanings in types.items() if len(meanings) > 1} == {}
+    assert {name: classes[name] for name in types if name in classes} == {}
+    assert len(types) > 40
 
 
 def test_no_two_classes_have_one_name() -> None:

@@ -22,6 +22,7 @@ class Team:
     """A team of which this process is the root or not, which remembers the errors it was told."""
 
     is_root: bool
+    size: int = 2
     told: list = field(default_factory=list)
 
     def agree(self, x):

@@ -26,7 +26,7 @@ from flexmbd.errors import FormulationError
 FloatArray = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-RigidMotion: TypeAlias = Callable[
+RigidDisplacement: TypeAlias = Callable[
     [ufl.core.expr.Expr, ufl.core.expr.Expr, ufl.core.expr.Expr], ufl.core.expr.Expr
 ]
 """The `rigid_motion(x, translation, rotation)` of a form file."""
@@ -64,7 +64,7 @@ class DofLayout:
     node_space: fem.FunctionSpace
     displacement_dofs: Indices
     fields: tuple[Field, ...]
-    rigid_motion: RigidMotion
+    rigid_motion: RigidDisplacement
 
     @property
     def displacement_degree(self) -> int:
@@ -197,7 +197,7 @@ def check_element(element: basix.ufl._ElementBase, *, name: str) -> None:
         )
 
 
-def dof_layout(space: fem.FunctionSpace, rigid_motion: RigidMotion) -> DofLayout:
+def dof_layout(space: fem.FunctionSpace, rigid_motion: RigidDisplacement) -> DofLayout:
     """Find where the dofs of a space lie. Collective.
 
     Args:

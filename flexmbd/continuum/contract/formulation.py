@@ -43,7 +43,7 @@ class Quadrature(Protocol):
         """Name of basix's scheme: "default", "vertex", ..."""
 
 
-Term: TypeAlias = tuple[ufl.core.expr.Expr, Quadrature]
+IntegralTerm: TypeAlias = tuple[ufl.core.expr.Expr, Quadrature]
 """A scalar integrand and its own rule; each term is assembled as a form of its own."""
 
 
@@ -130,13 +130,13 @@ class Formulation(Protocol):
     def element(self, cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
         """Element of the unknown."""
 
-    def strain_energy(self, u: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
+    def strain_energy(self, u: ufl.core.expr.Expr, p: Any) -> Sequence[IntegralTerm]:
         """Strain energy, J per unit of the body's measure, as terms whose sum it is.
 
         With pressures and the like among the unknowns: the functional that is stationary.
         """
 
-    def kinetic_energy(self, v: ufl.core.expr.Expr, p: Any) -> Sequence[Term]:
+    def kinetic_energy(self, v: ufl.core.expr.Expr, p: Any) -> Sequence[IntegralTerm]:
         """Kinetic energy, J per unit of the body's measure, as terms whose sum it is."""
 
     def rigid_motion(
@@ -163,7 +163,7 @@ def orders(form: Formulation, cell: str) -> dict[int, int]:
 
 def internal_work(
     form: Formulation, u: ufl.core.expr.Expr, v: ufl.core.expr.Expr, *, p: Any
-) -> list[Term]:
+) -> list[IntegralTerm]:
     """Virtual work of the internal forces at u, without history, on v: terms linear in v.
 
     Args:

@@ -21,7 +21,7 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum.contract import formulation
-from flexmbd.continuum.contract.formulation import Term
+from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.errors import FormulationError
 
@@ -51,7 +51,7 @@ def kinetic_energy(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.For
     ]
 
 
-def integral(term: Term, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
+def integral(term: IntegralTerm, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
     """A term integrated over the cells of its group by its own rule; not collective."""
     density, rule = term
     metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}

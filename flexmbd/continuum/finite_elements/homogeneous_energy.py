@@ -20,13 +20,13 @@ from flexmbd.errors import FlexmbdError, FormulationError
 from flexmbd.multibody.bodies.homogeneous import CompiledEnergy
 
 Expr: TypeAlias = ufl.core.expr.Expr
-Energy: TypeAlias = Callable[[Expr], Expr]
+EnergyDensity: TypeAlias = Callable[[Expr], Expr]
 
 _CELL = "tetrahedron"  # F is the same throughout, so that any would do
 
 
 def homogeneous_energy(
-    source: Energy | ModuleType | str | Path, parameters: Any = None, *, comm: MPI.Comm = MPI.COMM_WORLD
+    source: EnergyDensity | ModuleType | str | Path, parameters: Any = None, *, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> CompiledEnergy:
     """Compile an energy, its stress and its tangent as one C function of F. Collective; compiles.
 

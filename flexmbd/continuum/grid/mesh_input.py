@@ -23,7 +23,7 @@ from flexmbd.continuum.parallel import on_root
 from flexmbd.errors import MeshError
 
 IntArray = npt.NDArray[np.int64]
-Rows = npt.NDArray[np.int32]
+EntityTags = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,10 @@ class MeshInput:
     degree: int
     points: npt.NDArray[np.float64]
     cells: IntArray
-    cell_tags: Rows
+    cell_tags: EntityTags
     cell_groups: Mapping[str, int]
     facets: IntArray
-    facet_tags: Rows
+    facet_tags: EntityTags
     facet_groups: Mapping[str, int]
     edge_groups: Mapping[str, IntArray] = field(default_factory=dict)
     vertex_groups: Mapping[str, IntArray] = field(default_factory=dict)

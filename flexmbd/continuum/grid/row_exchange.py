@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 IntArray = npt.NDArray[np.int64]
-Rows = TypeVar("Rows", bound=npt.NDArray[Any])
+RowsT = TypeVar("RowsT", bound=npt.NDArray[Any])
 
 
 def share_of(rank: int, size: int, total: int) -> slice:
@@ -19,7 +19,7 @@ def share_of(rank: int, size: int, total: int) -> slice:
     return slice(total * rank // size, total * (rank + 1) // size)
 
 
-def fetch(comm: MPI.Comm, block: Rows, numbers: IntArray) -> Rows:
+def fetch(comm: MPI.Comm, block: RowsT, numbers: IntArray) -> RowsT:
     """Rows, by their numbers, of an array of which each rank holds a block. Collective.
 
     Args:
@@ -38,8 +38,8 @@ def fetch(comm: MPI.Comm, block: Rows, numbers: IntArray) -> Rows:
 
 
 def send(
-    comm: MPI.Comm, keys: IntArray, rows: Rows, *, total: int
-) -> tuple[IntArray, Rows]:
+    comm: MPI.Comm, keys: IntArray, rows: RowsT, *, total: int
+) -> tuple[IntArray, RowsT]:
     """Send each row to the rank in whose share its key lies. Collective.
 
     Args:
@@ -57,7 +57,7 @@ def send(
     return got[0], got[1]  # type: ignore[return-value]
 
 
-def blocks_on_root(comm: MPI.Comm, block: Rows) -> Iterator[Rows]:
+def blocks_on_root(comm: MPI.Comm, block: RowsT) -> Iterator[RowsT]:
     """On rank 0 the blocks of all ranks, one after the other; on the others nothing. Collective.
 
     Rank 0 must take all of them: the others wait until theirs is taken.

@@ -19,7 +19,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
-from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
 from flexmbd.continuum.history.shared_parts import share_parts
@@ -62,7 +62,7 @@ class CellForms:
         averaged: what the means are of.
     """
 
-    work: Callable[[Any], Sequence[Term]]
+    work: Callable[[Any], Sequence[IntegralTerm]]
     update: ufl.core.expr.Expr | None
     refined: ufl.core.expr.Expr | None
     averaged: ufl.core.expr.Expr | None
@@ -155,7 +155,7 @@ class CellPass:
         return self._compiled(density, self._rule)
 
     def _step(
-        self, work: Callable[[Any], Sequence[Term]], update: ufl.core.expr.Expr | None
+        self, work: Callable[[Any], Sequence[IntegralTerm]], update: ufl.core.expr.Expr | None
     ) -> Iterator[_Code | None]:
         displaced = self._unknowns.u.function_space.ufl_element()
         if update is None:

@@ -28,7 +28,7 @@ from flexmbd.continuum.history.point_history import History
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int32]
+Indices = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,8 @@ class _Coupling:
     forces: fem.Form
     means: fem.Form
     measure: fem.Form
-    broken: IntArray
-    cells: IntArray
+    broken: Indices
+    cells: Indices
 
 
 class MeanTangent:

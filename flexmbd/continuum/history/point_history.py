@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.results import solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
@@ -76,7 +76,7 @@ class History:
             self._state.x.array.reshape(-1, len(self._initial))[:] = self._initial
             update = form.update(u, self._state, p, **given)
 
-        def work(v: Any) -> list[Term]:
+        def work(v: Any) -> list[IntegralTerm]:
             if self._has_state:
                 return list(form.residual(u, v, self._state, p, **given))
             return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
@@ -224,7 +224,7 @@ def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -
     form: Any = group.formulation
     p = group.symbols
     if not hasattr(form, "state"):
-        terms: list[Term] = list(form.strain_energy(u, p))
+        terms: list[IntegralTerm] = list(form.strain_energy(u, p))
         return terms[0][1]
     terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))
     rules = {(rule.degree, rule.scheme) for _, rule in terms}

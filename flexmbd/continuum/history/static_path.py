@@ -21,7 +21,7 @@ from flexmbd.continuum.history.trial_errors import LargeIncrementError
 from flexmbd.errors import ConvergenceError, MeshError
 
 FloatArray = NDArray[np.float64]
-Values = Callable[[float], FloatArray]
+LoadPath = Callable[[float], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,8 @@ def follow(
     times: Sequence[float],
     *,
     prescribed: NDArray[np.int32],
-    displacement: Values | None = None,
-    load: Values | None = None,
+    displacement: LoadPath | None = None,
+    load: LoadPath | None = None,
     solver: LinearSolver = DEFAULT_SOLVER,
     convergence: Convergence = DEFAULT_CONVERGENCE,
     smallest: float = 1e-4,
@@ -184,8 +184,8 @@ def _equilibrium(
     t: float,
     start: FloatArray,
     *,
-    displacement: Values | None,
-    load: Values | None,
+    displacement: LoadPath | None,
+    load: LoadPath | None,
     prescribed: NDArray[np.int32],
 ) -> Solution:
     """Newton's solution of one step."""

@@ -30,7 +30,8 @@ from flexmbd.errors import ConvergenceError
 #: Relative residual to which every mode converges.
 TOLERANCE = 1e-12
 
-Solve = Callable[[FloatArray], FloatArray]
+#: What multiplies a block (owned rows, k), by a matrix or its inverse; collective.
+BlockOperator = Callable[[FloatArray], FloatArray]
 
 # A direction that is this small beside the largest Ritz value is noise.
 _NOISE_OF_ALL = 1e-14
@@ -56,7 +57,7 @@ class Modes:
 
 
 def lowest_modes(
-    solve: Solve,
+    solve: BlockOperator,
     mass: PETSc.Mat,
     *,
     start: FloatArray,
@@ -90,7 +91,7 @@ class BlockLanczos:
 
     def __init__(
         self,
-        solve: Solve,
+        solve: BlockOperator,
         mass: PETSc.Mat,
         *,
         start: FloatArray,

@@ -22,7 +22,7 @@ _ALIGNED = 64
 
 
 @dataclass(frozen=True)
-class Memory:
+class MemoryImage:
     """Arrays laid out in one block; arrays that share memory share it there.
 
     Attributes:
@@ -91,7 +91,7 @@ def object_code(kernel: Kernel) -> bytes:
     return code
 
 
-def lay_out(arguments: Iterable[Any]) -> Memory:
+def lay_out(arguments: Iterable[Any]) -> MemoryImage:
     """One block for all arrays among arguments, which are arrays, numbers, structures of them and tuples of these.
 
     Pieces of memory follow in the order in which the arguments name them: the same arguments give the same block.
@@ -114,7 +114,7 @@ def lay_out(arguments: Iterable[Any]) -> Memory:
             bases[start] = len(image)
             image.extend(ctypes.string_at(start, end - start))
         places[one.ctypes.data] = bases[start] + one.ctypes.data - start
-    return Memory(places, bytes(image))
+    return MemoryImage(places, bytes(image))
 
 
 def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
@@ -130,7 +130,7 @@ def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
     return found
 
 
-def c_call(kernel: Kernel, arguments: Sequence[Any], memory: Memory, *, name: str) -> str:
+def c_call(kernel: Kernel, arguments: Sequence[Any], memory: MemoryImage, *, name: str) -> str:
     """A C function ``static int name(unsigned char *m, void *result)`` that calls the kernel; 0, or what it raised.
 
     Each array is numba's record of it: no owner, its numbers, where it lies in the block at m, shape and strides; each
@@ -153,7 +153,7 @@ def c_call(kernel: Kernel, arguments: Sequence[Any], memory: Memory, *, name: st
     )
 
 
-def _c_block(struct: ArrayStruct, memory: Memory, blocks: list[str]) -> str:
+def _c_block(struct: ArrayStruct, memory: MemoryImage, blocks: list[str]) -> str:
     """The name of a structure's words, whose declaration follows those of ``blocks``."""
     found: list[str] = []
     for one in struct.fields().values():
@@ -168,7 +168,7 @@ def _c_block(struct: ArrayStruct, memory: Memory, blocks: list[str]) -> str:
     return name
 
 
-def _c_values(one: Any, memory: Memory) -> list[tuple[str, str]]:
+def _c_values(one: Any, memory: MemoryImage) -> list[tuple[str, str]]:
     """Types and values of the C arguments that an array or a number is."""
     if isinstance(one, np.ndarray):
         numbers = [("int64_t", str(number)) for number in (*one.shape, *one.strides)]

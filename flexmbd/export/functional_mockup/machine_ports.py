@@ -51,7 +51,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservedVariable:
     """An output and the array's entry where it comes about."""
 
     variable: Variable
@@ -106,7 +106,7 @@ def drives_of(scene: CompiledScene, force: Given, name: str | None) -> list[Driv
     return found
 
 
-def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: Parts) -> list[Observed]:
+def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: Parts) -> list[ObservedVariable]:
     """The variables of an output; ``name`` as the user gave it. Frames are added to ``parts``.
 
     Raises:
@@ -135,7 +135,7 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
     for k, unit in enumerate(_units_of(of, type(output), len(names))):
         text = f"{type(output).__name__} of {scene.velocity_names[slots.v][k]}"
         variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=isinstance(output, Acceleration))
-        found.append(Observed(variable, array, places.start + k))
+        found.append(ObservedVariable(variable, array, places.start + k))
     return found
 
 
@@ -147,7 +147,7 @@ def _units_of(of: Connection | FlexibleBody | PseudoRigidBody, kind: Any, count:
     return [("rad" if angular else "m") + ending for angular in of.joint.angular]
 
 
-def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Parts) -> list[Observed]:
+def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Parts) -> list[ObservedVariable]:
     frame: Any = output.of
     kind: Any = type(output)
     if not isinstance(frame, Frame):
@@ -166,5 +166,5 @@ def _observed_frame(scene: CompiledScene, output: Output, name: str, parts: Part
     for column, axis in zip(range(*_COLUMNS[kind]), axes, strict=True):
         called = f"{name}.{_ENDINGS[kind].format(axis)}"
         variable = Variable(called, Causality.OUTPUT, unit, text, direct=kind is Acceleration)
-        found.append(Observed(variable, call.call.arguments[-1], column))
+        found.append(ObservedVariable(variable, call.call.arguments[-1], column))
     return found

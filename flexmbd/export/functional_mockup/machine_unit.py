@@ -10,12 +10,12 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.functional_mockup.kernel_code import Kernel, Memory, c_call, kernel_for, lay_out, object_code
+from flexmbd.export.functional_mockup.kernel_code import Kernel, MemoryImage, c_call, kernel_for, lay_out, object_code
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
     Given,
-    Observed,
+    ObservedVariable,
     drives_of,
     named,
     observed_by,
@@ -119,8 +119,8 @@ def _compiled(parts: Parts) -> dict[str, Kernel]:
 
 
 def _data(
-    parts: Parts, memory: Memory, code: Mapping[str, Kernel], drives: Sequence[Drive], observed: Sequence[Observed],
-    h: float,
+    parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], drives: Sequence[Drive],
+    observed: Sequence[ObservedVariable], h: float,
 ) -> str:  # fmt: skip
     """The numbers of model.h and machine.h, and the calls of the kernels, as C."""
     plan, state = parts.plan, parts.state
@@ -173,7 +173,7 @@ def _data(
     )
 
 
-def _calls(parts: Parts, memory: Memory, code: Mapping[str, Kernel]) -> str:
+def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel]) -> str:
     """The functions of machine.h as C."""
     calls = [("run", parts.run), ("refresh", parts.refresh)]
     calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]

@@ -23,7 +23,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.team import Alone, Team
+from flexmbd.multibody.team import Team
 
 FloatArray = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ class Callbacks:
     def keep_escaped(self, error: BaseException) -> None:
         """Take an exception that left a call outside of the user's function; other ranks learn it at the next call."""
         self._lost = error
-        if isinstance(self._team, Alone):
+        if self._team.size == 1:
             self.error, self._where = error, "a call of a user's function"
             self.flag[0] = kinds.FLAG_PYTHON
 

@@ -10,10 +10,8 @@ from slepc4py import SLEPc
 import numpy as np
 
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
-from flexmbd.continuum.matrices.eigen import TOLERANCE, Modes
+from flexmbd.continuum.matrices.eigen import TOLERANCE, BlockOperator, Modes
 from flexmbd.errors import ConvergenceError
-
-Solve = Callable[[FloatArray], FloatArray]
 
 # How often the basis is doubled to find what was missed, and restarts of one search.
 _TIMES, _RESTARTS = 4, 1000
@@ -30,7 +28,14 @@ class KrylovSchurSearch:
     """
 
     def __init__(
-        self, solve: Solve, stiffness: Solve, mass: PETSc.Mat, *, start: FloatArray, size: int, prefix: str
+        self,
+        solve: BlockOperator,
+        stiffness: BlockOperator,
+        mass: PETSc.Mat,
+        *,
+        start: FloatArray,
+        size: int,
+        prefix: str,
     ) -> None:
         """Nothing is computed yet; not collective.
 
@@ -178,7 +183,7 @@ def shift_after(eigenvalues: FloatArray, count: int) -> tuple[float, int]:
 class _Product:
     """A matrix by its product with a block."""
 
-    def __init__(self, product: Solve) -> None:
+    def __init__(self, product: BlockOperator) -> None:
         self._product = product
 
     def mult(self, _: PETSc.Mat, right: PETSc.Vec, left: PETSc.Vec) -> None:
@@ -188,7 +193,7 @@ class _Product:
 class _Inverse:
     """A preconditioner that is the inverse."""
 
-    def __init__(self, solve: Solve) -> None:
+    def __init__(self, solve: BlockOperator) -> None:
         self._solve = solve
 
     def apply(self, _: PETSc.PC, right: PETSc.Vec, left: PETSc.Vec) -> None:

@@ -39,7 +39,7 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
 from flexmbd.continuum import compat
-from flexmbd.continuum.contract.formulation import Quadrature, Term
+from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.finite_elements.assembly import integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 
@@ -94,7 +94,7 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
     return np.ascontiguousarray(model.comm.bcast(everywhere, root=0))
 
 
-def gradient_tensor(term: Term, u: fem.Function) -> FloatArray | None:
+def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
     """Second derivative at rest of an energy density with respect to the gradient of u. Collective.
 
     Args:
@@ -130,7 +130,7 @@ def gradient_tensor(term: Term, u: fem.Function) -> FloatArray | None:
     return next(found for found in mesh.comm.allgather(tensor) if found is not None)
 
 
-def _is_quadratic(term: Term, u: fem.Function) -> bool:
+def _is_quadratic(term: IntegralTerm, u: fem.Function) -> bool:
     """Whether the third derivative of a term at rest vanishes identically."""
     form = term[0] * ufl.dx(domain=u.function_space.mesh)
     for _ in range(3):
@@ -274,7 +274,7 @@ def _assembled(
     return total
 
 
-def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.Form, fem.Function]:
+def _directional(term: IntegralTerm, group: CellGroup, u: fem.Function) -> tuple[fem.Form, fem.Function]:
     """P(a; ., .) of one term as a bilinear form, and the field a. Collective."""
     density, rule = term
     a = fem.Function(u.function_space)
@@ -284,7 +284,7 @@ def _directional(term: Term, group: CellGroup, u: fem.Function) -> tuple[fem.For
     return fem.form(integral((integrand, rule), group, u.function_space.mesh)), a
 
 
-def _strains(term: Term) -> list[ufl.core.expr.Expr]:
+def _strains(term: IntegralTerm) -> list[ufl.core.expr.Expr]:
     """The strain measures that a density marks."""
     return [item for item in unique_pre_traversal(term[0]) if isinstance(item, ufl.classes.Variable)]
 
