@@ -13,8 +13,8 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, leniency):
     """Largest ratio of the local error (free,) to the tolerance: rtol per radian of the motion that causes it.
 
-    A vibration faster than the machine is measured per radian of its own, and its velocity by
-    its displacement, for it swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
+    A vibration faster than the machine that lasts is measured per radian of its own, and its velocity by
+    its displacement, for its error swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
     rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
     ``leniency``: 1, or 0 for what drifts, which is no vibration.
     """
@@ -23,9 +23,10 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = leniency * st.own_rate(own_rates[k], rates_before[k], machine_rate)
+        lenient = leniency * groups.lasting[g]
+        own = lenient * st.own_rate(own_rates[k], rates_before[k], machine_rate)
         # what changes within the step is one radian at least
-        share = min(1.0, h * max(machine_rate, own, leniency * own_rates[k]))
+        share = min(1.0, h * max(machine_rate, own, lenient * own_rates[k]))
         limit = max(state.numbers[st.TOLERANCE] * share, noise)
         speed = max(st.group_speed(groups, g, machine_rate), own * size)
         # modes that hardly move are differences of the whole motion, with its round-off

@@ -83,6 +83,9 @@ class Groups(ArrayStruct):
     """Scales of the error norm: a group of coordinates shares one scale.
 
     of: (nv,) group of each velocity.  kind: (ng,) kinds.GROUP_*.
+    lasting: (ng,) 1 where a vibration faster than the machine lasts, so that an error of its velocity swings and does
+        not drift: of modes, and of joints between which no force changes its stiffness.  Where a stop lets go in
+        mid-swing, the velocity's error stays.
     full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
     floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
     position, velocity, acceleration: (ng,) the largest magnitudes met so far.
@@ -90,6 +93,7 @@ class Groups(ArrayStruct):
 
     of: IntArray
     kind: IntArray
+    lasting: IntArray
     full: FloatArray
     floor: FloatArray
     position: FloatArray

@@ -12,9 +12,11 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
+from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
@@ -331,7 +333,9 @@ def new_snapshot(
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))
-    groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes)
+    kind = scene.group_kind
+    lasting = np.where(stiffness_may_change(scene.plan), kind == kinds.GROUP_MODAL, True).astype(np.int64)
+    groups = st.Groups(scene.group_of, kind, lasting, scene.group_full, scene.group_floor, *sizes)
     rows = np.array(start.choice.rows, np.int64)
     return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), rows, _kept(scene))
 

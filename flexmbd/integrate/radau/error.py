@@ -70,11 +70,12 @@ def _estimate(plan, state, groups, s, h):
 
 
 @kernel
-def widen_vibration_scales(state, s, h, machine_rate):
-    """Let Newton's corrections of a vibration be as large, in proportion, as its local error may be."""
+def widen_vibration_scales(state, groups, s, h, machine_rate):
+    """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(s.scale_x.shape[0]):
-        gain = min(1.0, h * max(machine_rate, state.memory[OWN_RATE, k])) / share
+        own = groups.lasting[groups.of[k]] * state.memory[OWN_RATE, k]
+        gain = min(1.0, h * max(machine_rate, own)) / share
         s.scale_x[k] *= gain
         s.scale_v[k] *= gain
 
@@ -84,8 +85,8 @@ def _ratio(plan, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance: rtol per radian of the motion that causes it.
 
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
-    the same as for other methods (Hairer & Wanner change tolerances alike).  A vibration faster than the machine is
-    measured per radian of its own, and its velocity by its displacement, for it swings and does not drift.
+    the same as for other methods (Hairer & Wanner change tolerances alike).  A vibration faster than the machine
+    that lasts is measured per radian of its own, and its velocity by its displacement, for it swings and does not drift.
 
     All that is true of smooth motions alone, in which e goes with the step's fourth power.  Where it is larger than
     that makes of the steps before, e itself counts as error, one that drifts, of an event that is over after the step:
@@ -100,7 +101,7 @@ def _ratio(plan, state, groups, s, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = st.own_rate(s.own_rate[k], state.memory[OWN_RATE, k], machine_rate)
+        own = groups.lasting[g] * st.own_rate(s.own_rate[k], state.memory[OWN_RATE, k], machine_rate)
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)

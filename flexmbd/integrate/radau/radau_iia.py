@@ -121,7 +121,7 @@ def _attempt(method, state, groups, h):
     rate = number[st.RATE]
     limit = max(number[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
     st.set_scales(state, groups, s, rate, limit)
-    widen_vibration_scales(state, s, h, rate)
+    widen_vibration_scales(state, groups, s, h, rate)
     solved = False
     if evaluate_stage_times(plan, work, state, s, h):
         solved = solve_step(plan, work, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))

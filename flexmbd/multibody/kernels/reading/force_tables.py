@@ -15,6 +15,8 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+_CHANGING = {kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_FRICTION, kinds.ON_FUNCTION, kinds.ON_STATE}
+
 
 @dataclass(frozen=True, eq=False)
 class ForceElements:
@@ -39,6 +41,11 @@ def force_elements(plan: Plan) -> ForceElements:
         plan.elements[:, k] for k in (at.EL_KIND, at.EL_TIME, at.EL_COUNT, at.EL_ADDRESS)
     )
     return ForceElements(kind, time, count, address)
+
+
+def stiffness_may_change(plan: Plan) -> bool:
+    """Whether a force's stiffness may change on the way, as that of a stop does."""
+    return not _CHANGING.isdisjoint(plan.elements[:, at.EL_KIND].tolist())
 
 
 def joint_force_times(plan: Plan) -> IntArray:
