@@ -14,8 +14,8 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
     """Largest ratio of the local error (free,) to the tolerance: rtol per radian of the motion that causes it.
 
     A vibration faster than the machine that lasts is measured per radian of its own, and its velocity by
-    its displacement, for its error swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's own
-    rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
+    its displacement, for its error swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's
+    own rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
     ``leniency``: 1, or 0 for what drifts, which is no vibration.
     """
     largest = 0.0

@@ -67,7 +67,7 @@ def pendulum(stop):
 @pytest.mark.parametrize("stop", STOPS)
 @pytest.mark.parametrize("method", METHODS)
 def test_impacts_are_as_exact_as_rtol_asks(method, stop):
-    """Two seconds hold up to ten impacts, each at a place that no step ends at: 1 to 50 rtol as a rule, 210 at the worst.
+    """Two seconds hold up to ten impacts, at places where no step ends: 1 to 50 rtol as a rule, 210 at the worst.
 
     A pendulum that meets no stop ends at 40 rtol after as long.
     """

@@ -86,7 +86,8 @@ def _ratio(plan, state, groups, s, h, machine_rate):
 
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
     the same as for other methods (Hairer & Wanner change tolerances alike).  A vibration faster than the machine
-    that lasts is measured per radian of its own, and its velocity by its displacement, for it swings and does not drift.
+    that lasts is measured per radian of its own, and its velocity by its displacement, for its error swings and does
+    not drift.
 
     All that is true of smooth motions alone, in which e goes with the step's fourth power.  Where it is larger than
     that makes of the steps before, e itself counts as error, one that drifts, of an event that is over after the step:

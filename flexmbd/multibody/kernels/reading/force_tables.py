@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_CHANGING = {kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_FRICTION, kinds.ON_FUNCTION, kinds.ON_STATE}
+_CHANGING = (kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_FRICTION, kinds.ON_FUNCTION, kinds.ON_STATE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def force_elements(plan: Plan) -> ForceElements:
 
 def stiffness_may_change(plan: Plan) -> bool:
     """Whether a force's stiffness may change on the way, as that of a stop does."""
-    return not _CHANGING.isdisjoint(plan.elements[:, at.EL_KIND].tolist())
+    return bool(np.isin(plan.elements[:, at.EL_KIND], _CHANGING).any())
 
 
 def joint_force_times(plan: Plan) -> IntArray:
