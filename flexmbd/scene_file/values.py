@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.multibody.functions.time_function import Beyond, Sine, Table, TimeFunction
+from flexmbd.multibody.functions.spline_table import Beyond, Table
+from flexmbd.multibody.functions.time_function import Sine, TimeFunction
 from flexmbd.scene_file.scene_description import GROUND, BodyName, FramePlace, JointName
 from flexmbd.toml_file import TomlSection
 

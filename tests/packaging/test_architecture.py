@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -40,3 +41,17 @@ def test_no_files_import_each_other():
     """Imports for types and inside functions included."""
     found = of_tools("tools/import_graph.py")
     assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_numba_s_inside_is_touched_in_one_room() -> None:
+    """All that numba and llvmlite are asked for, the kernels' base asks.
+    base = ROOT / "flexmbd" / "multibody" / "kernels" / "base"
+    found = set()
+    for path in (ROOT / "flexmbd").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules += [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            if any(module.split(".")[0] in ("numba", "llvmlite") for module in modules):
+                found.add(path)
+    assert {path.name for path in found if path.parent != base} == set()
+    assert len(found) > 5

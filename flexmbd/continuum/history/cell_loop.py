@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.tabulate import call_tabulate
 
 FloatArray = NDArray[np.float64]
 
@@ -66,20 +64,6 @@ class Room(NamedTuple):
     tensor: FloatArray
 
 
-@intrinsic
-def _call_tabulate(typingctx, address, pointers):  # type: ignore[no-untyped-def]
-    """Call void f(double*, double*, double*, double*, int*, uint8_t*, void*) at an address, the last three null."""
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        pointer = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [pointer] * 7).as_pointer()
-        given = [builder.inttoptr(builder.extract_value(args[1], k), pointer) for k in range(4)]
-        builder.call(builder.inttoptr(args[0], kind), [*given, *[ir.Constant(pointer, None)] * 3])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.UniTuple(types.int64, 4)), codegen
-
-
 @kernel
 def _tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
     """Let the kernel k write the first ``size`` entries of its tensor."""
@@ -95,7 +79,7 @@ def _tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
     for i in range(size):
         room.tensor[i] = 0.0
     pointers = room.tensor.ctypes.data, given, kernels.constants[k], room.coordinates.ctypes.data
-    _call_tabulate(kernels.addresses[k], pointers)
+    call_tabulate(kernels.addresses[k], pointers)
 
 
 @kernel

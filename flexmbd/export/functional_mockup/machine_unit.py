@@ -10,7 +10,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.functional_mockup.kernel_code import Kernel, MemoryImage, c_call, kernel_for, lay_out, object_code
+from flexmbd.export.functional_mockup.kernel_code import MemoryImage, c_call, lay_out
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
@@ -28,6 +28,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
+from flexmbd.multibody.kernels.base.object_code import Kernel, kernel_for, object_code
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.output_equations import Output
 from flexmbd.system import System

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate
 from flexmbd.multibody.functions.callback import Law
-from flexmbd.multibody.functions.time_function import Compiled, Signature
+from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 

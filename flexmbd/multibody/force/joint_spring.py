@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
-from flexmbd.multibody.functions.time_function import Table as Points
-from flexmbd.multibody.functions.time_function import spline
+from flexmbd.multibody.functions.spline_table import Table as Points
+from flexmbd.multibody.functions.spline_table import spline
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 

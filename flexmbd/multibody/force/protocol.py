@@ -13,7 +13,8 @@ from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.functions.callback import Law, StateFunction
-from flexmbd.multibody.functions.time_function import Compiled, TimeFunction
+from flexmbd.multibody.functions.compiled_function import Compiled
+from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import inspect
-import pickle
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import Enum
-from typing import Any, Union, overload
+from typing import Any, Union
 
 import numpy as np
-from numba import carray, cfunc, njit, types
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+from scipy.interpolate import PPoly
 
-from flexmbd.errors import SceneError, TableWarning
-from flexmbd.given import is_truth, numbers, refuse_no_truth
+from flexmbd.errors import SceneError
+from flexmbd.given import is_truth, numbers
+from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.fingerprint import fingerprint
+from flexmbd.multibody.functions.spline_table import Table, spline
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.compiling import pickled_function
 
 FloatArray = NDArray[np.float64]
 
@@ -32,75 +28,6 @@ class Sine:
     omega: float
     phase: float = 0.0
     offset: float = 0.0
-
-
-class Beyond(Enum):
-    """How a table goes on before its first point and after its last.
-
-    Attributes:
-        HOLD: it keeps the first and the last value.
-        LINEAR: it goes on straight, with the slopes that it has there.
-        EXTRAPOLATE: its first and last cubics go on, as far from the points as they may lead.
-    """
-
-    HOLD = "hold"
-    LINEAR = "linear"
-    EXTRAPOLATE = "extrapolate"
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """A cubic spline through the points (t, y); t in s, ascending.
-
-    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over; a
-    ``TableWarning`` tells where it does so by more than the points' whole range.
-
-    Attributes:
-        t: (n,) s.
-        y: (n,) values.
-        monotone: stay between neighbouring points, and level between equal ones (Fritsch and Butland 1984,
-            doi:10.1137/0905021); then only the first derivative is continuous, and a smooth function is met less well.
-        beyond: what it is before the first point and after the last. Held, its slope there is zero: a motion whose
-            points do not end at rest stops dead at the last of them, and the machine takes the impulse.
-    """
-
-    t: ArrayLike
-    y: ArrayLike
-    monotone: bool = field(default=False, kw_only=True)
-    beyond: Beyond = field(default=Beyond.HOLD, kw_only=True)
-
-
-class Signature(Enum):
-    """Signatures of compiled functions, by the number of their arguments."""
-
-    TIME = 1
-    LAW = 3
-    STATE = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Compiled:
-    """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s)."""
-
-    address: int
-    keep: Any
-    name: str
-    signature: Signature = Signature.TIME
-    code: str = ""  # tells it from others where addresses change from process to process
-    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
-    source: Any = None
-
-    def __deepcopy__(self, memo: object) -> Compiled:
-        """Itself: it never changes."""
-        return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """The Python function, by value, to be compiled where it is unpickled."""
-        return _compiled_again, (pickled_function(self.source), self.breaks)
-
-
-def _compiled_again(function: bytes, breaks: FloatArray) -> Compiled:
-    return compiled(pickle.loads(function), breaks=breaks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,73 +69,6 @@ class Piecewise:
 TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types are unknown to it)
     float, Sine, Table, PPoly, Compiled, Motion, Piecewise, Callable[[float], Any]
 ]
-
-
-def checked_breaks(breaks: ArrayLike, what: str) -> FloatArray:
-    """Declared breaks (k,), ascending; SceneError unless they are finite instants."""
-    try:
-        values = np.asarray(breaks, dtype=np.float64)
-    except (TypeError, ValueError) as reason:
-        raise SceneError(f"{what}: breaks must be instants (s), got {breaks!r}") from reason
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise SceneError(f"{what}: breaks must be a list of finite instants (s), got {breaks!r}")
-    return np.unique(values)
-
-
-@overload
-def compiled(function: Callable[..., Any], *, breaks: ArrayLike = ()) -> Compiled: ...
-
-
-@overload
-def compiled(function: None = None, *, breaks: ArrayLike = ()) -> Callable[[Callable[..., Any]], Compiled]: ...
-
-
-def compiled(
-    function: Callable[..., Any] | None = None, *, breaks: ArrayLike = ()
-) -> Compiled | Callable[[Callable[..., Any]], Compiled]:
-    """Compile a function with numba, to be called inside the step without Python.
-
-    ``f(t) -> float`` is a function of time; ``f(t, beta, rate) -> float`` a law on a joint coordinate;
-    ``f(t, x, v, out)`` writes the generalised forces (nv,) of the whole state into ``out``, which comes as zeros.
-    Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
-    numba would hand back a number in its place.
-
-    Args:
-        function: what to compile; where it is left out, as in ``@fm.compiled(breaks=[0.5])``, what follows.
-        breaks: instants (s) at which its value or slope jumps, as of ``flexmbd.Piecewise``.
-
-    Raises:
-        SceneError: it takes another number of arguments, or breaks are not instants.
-    """
-    if function is None:
-        return lambda following: compiled(following, breaks=breaks)
-    known = checked_breaks(breaks, function.__name__)
-    count = len(inspect.signature(function).parameters)
-    if count not in {s.value for s in Signature}:
-        raise SceneError(
-            f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate) or "
-            "f(t, x, v, out)"
-        )
-    signature = Signature(count)
-    if signature is Signature.STATE:
-        pointer = _state_pointer(njit(error_model="numpy")(function))
-    else:
-        pointer = cfunc(types.float64(*[types.float64] * count), error_model="numpy")(function)
-    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function)
-
-
-def _state_pointer(inner: Any) -> Any:
-    """The function of arrays behind a C function of their sizes and addresses."""
-    double = types.CPointer(types.float64)
-    kind = types.void(types.float64, types.int64, types.int64, double, double, double)
-
-    def outer(t, nx, nv, x, v, out):  # type: ignore[no-untyped-def]
-        force = carray(out, (nv,))
-        for k in range(nv):
-            force[k] = 0.0
-        inner(t, carray(x, (nx,)), carray(v, (nv,)), force)
-
-    return cfunc(kind, error_model="numpy")(outer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,58 +169,6 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         f"{what}: {type(function).__name__} is not a function of time; give a number, "
         "flexmbd.Table, flexmbd.Sine, a scipy PPoly, a compiled function or a callable"
     )
-
-
-def spline(table: Table, what: str) -> PPoly:
-    """A table as a piecewise cubic whose end pieces go on as the table is to.
-
-    Warns with a TableWarning where the cubics leave the range of the points by more than that range.
-
-    Raises:
-        SceneError: the table is none.
-    """
-    t, y = numbers(table.t), numbers(table.y)
-    if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
-        raise SceneError(f"{what}: a table needs numbers t and y, of one length, at least 2")
-    if not (np.isfinite(t).all() and np.isfinite(y).all() and (np.diff(t) > 0.0).all()):
-        raise SceneError(f"{what}: a table needs finite values and strictly ascending t")
-    if not isinstance(table.beyond, Beyond):
-        raise SceneError(
-            f"{what}: a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTRAPOLATE, got {table.beyond!r}"
-        )
-    refuse_no_truth(monotone=table.monotone)
-    inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
-    _warn_of_swings(inner, t, y, what)
-    if table.beyond is Beyond.EXTRAPOLATE:
-        return inner
-    # straight pieces at both ends, as wide as the table; the first begins where the line from its end is there
-    width = t[-1] - t[0]
-    ends = np.zeros((len(inner.c), 2))
-    if table.beyond is Beyond.LINEAR:
-        ends[-2] = inner(t[[0, -1]], 1)
-    ends[-1] = y[[0, -1]] - ends[-2] * [width, 0.0]
-    x = np.concatenate([[t[0] - width], t, [t[-1] + width]])
-    return PPoly(np.column_stack([ends[:, 0], inner.c, ends[:, 1]]), x)
-
-
-def _warn_of_swings(inner: PPoly, t: FloatArray, y: FloatArray, what: str) -> None:
-    turns = inner.derivative().roots(discontinuity=False, extrapolate=False)
-    turns = turns[np.isfinite(turns)]  # a piece that is constant has them everywhere
-    if len(turns) == 0:
-        return
-    values = inner(turns)
-    low, high = y.min(), y.max()
-    beyond = np.maximum(values - high, low - values)
-    worst = int(np.argmax(beyond))
-    # by less than the points' own range a smooth function's true extremes may lie outside of them; by more, the cubics
-    # make more of the curve than the points do
-    if beyond[worst] > high - low:
-        warnings.warn(
-            f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "
-            f"{values[worst]:.6g} at {turns[worst]:.6g}; fm.Table(t, y, monotone=True) stays between neighbours",
-            TableWarning,
-            stacklevel=2,
-        )
 
 
 def _piecewise(poly: PPoly, what: str) -> TimeRow:

@@ -14,7 +14,8 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Law, StateFunction
-from flexmbd.multibody.functions.time_function import Compiled, Piecewise, TimeFunction, as_row, checked_breaks
+from flexmbd.multibody.functions.compiled_function import Compiled, checked_breaks
+from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, as_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody

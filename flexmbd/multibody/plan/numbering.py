@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
-from flexmbd.multibody.functions.time_function import Compiled, TimeRow
+from flexmbd.multibody.functions.compiled_function import Compiled
+from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint, step_turn
 from flexmbd.multibody.kernels.base import kinds

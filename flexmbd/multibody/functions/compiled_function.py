@@ -1,0 +1,106 @@
+"""Functions of users that are compiled, to be called inside a step without Python, and their breaks."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.functions.fingerprint import fingerprint
+from flexmbd.multibody.kernels.base.compiling import pickled_function
+from flexmbd.multibody.kernels.base.user_functions import scalar_function, state_function
+
+FloatArray = NDArray[np.float64]
+
+
+class Signature(Enum):
+    """Signatures of compiled functions, by the number of their arguments."""
+
+    TIME = 1
+    LAW = 3
+    STATE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s)."""
+
+    address: int
+    keep: Any
+    name: str
+    signature: Signature = Signature.TIME
+    code: str = ""  # tells it from others where addresses change from process to process
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    source: Any = None
+
+    def __deepcopy__(self, memo: object) -> Compiled:
+        """Itself: it never changes."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The Python function, by value, to be compiled where it is unpickled."""
+        return _compiled_again, (pickled_function(self.source), self.breaks)
+
+
+def _compiled_again(function: bytes, breaks: FloatArray) -> Compiled:
+    return compiled(pickle.loads(function), breaks=breaks)
+
+
+def checked_breaks(breaks: ArrayLike, what: str) -> FloatArray:
+    """Declared breaks (k,), ascending; SceneError unless they are finite instants."""
+    try:
+        values = np.asarray(breaks, dtype=np.float64)
+    except (TypeError, ValueError) as reason:
+        raise SceneError(f"{what}: breaks must be instants (s), got {breaks!r}") from reason
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise SceneError(f"{what}: breaks must be a list of finite instants (s), got {breaks!r}")
+    return np.unique(values)
+
+
+@overload
+def compiled(function: Callable[..., Any], *, breaks: ArrayLike = ()) -> Compiled: ...
+
+
+@overload
+def compiled(function: None = None, *, breaks: ArrayLike = ()) -> Callable[[Callable[..., Any]], Compiled]: ...
+
+
+def compiled(
+    function: Callable[..., Any] | None = None, *, breaks: ArrayLike = ()
+) -> Compiled | Callable[[Callable[..., Any]], Compiled]:
+    """Compile a function with numba, to be called inside the step without Python.
+
+    ``f(t) -> float`` is a function of time; ``f(t, beta, rate) -> float`` a law on a joint coordinate;
+    ``f(t, x, v, out)`` writes the generalised forces (nv,) of the whole state into ``out``, which comes as zeros.
+    Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
+    numba would hand back a number in its place.
+
+    Args:
+        function: what to compile; where it is left out, as in ``@fm.compiled(breaks=[0.5])``, what follows.
+        breaks: instants (s) at which its value or slope jumps, as of ``flexmbd.Piecewise``.
+
+    Raises:
+        SceneError: it takes another number of arguments, or breaks are not instants.
+    """
+    if function is None:
+        return lambda following: compiled(following, breaks=breaks)
+    known = checked_breaks(breaks, function.__name__)
+    count = len(inspect.signature(function).parameters)
+    if count not in {s.value for s in Signature}:
+        raise SceneError(
+            f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate) or "
+            "f(t, x, v, out)"
+        )
+    signature = Signature(count)
+    if signature is Signature.STATE:
+        pointer = state_function(function)
+    else:
+        pointer = scalar_function(function, count)
+    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function)
