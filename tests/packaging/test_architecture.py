@@ -44,7 +44,7 @@ def test_no_files_import_each_other():
 
 
 def test_numba_s_inside_is_touched_in_one_room() -> None:
-    """All that numba and llvmlite are asked for, the kernels' base asks.
+    """All that numba and llvmlite are asked for, the kernels' base asks."""
     base = ROOT / "flexmbd" / "multibody" / "kernels" / "base"
     found = set()
     for path in (ROOT / "flexmbd").rglob("*.py"):
