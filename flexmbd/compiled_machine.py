@@ -302,7 +302,7 @@ class CompiledMachine:
         asked = [f"{name} {fingerprint(ask)}" for name, ask in outputs.items()]
         told_apart = (self.scene.digest(), values.digest(), options, asked, tuple(self.parameters))
         digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
-        study = Study(partial(self.run, settings), outputs, shared=not self.scene.calls_users)
+        study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared)
         return run_ensemble(
             study, values, digest, executor=executor, workers=workers, file=file, progress=progress
         )

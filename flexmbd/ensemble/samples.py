@@ -50,6 +50,8 @@ class Samples:
                 raise SceneError(f"sample {other[0]} has other parameters than sample 0: {[*self._rows[other[0]]]}")
         if self._count == 0:
             raise SceneError("samples hold no variant")
+        if not self.names:
+            raise SceneError("samples name no parameter of the machine")
 
     def __len__(self) -> int:
         """How many variants."""

@@ -27,6 +27,7 @@ from flexmbd.multibody.start.loop_closing import CLOSED
 from flexmbd.multibody.start.redundancy import forbidden_drives, minimum_norm_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
@@ -91,10 +92,9 @@ def run(
                     saves.write(checkpoint, team)
     seconds = time.perf_counter() - began
     mark_compiled(purpose)
-    trajectory = _finish(start, bodies, team, integration, seconds, compiled - set_out)
-    trajectory = replace(
-        trajectory, events=() if search is None else tuple(search.occurred), checkpoints=tuple(kept)
-    )
+    occurred = () if search is None else tuple(search.occurred)
+    times = seconds, compiled - set_out
+    trajectory = _finish(start, bodies, team, integration, times=times, events=occurred, checkpoints=tuple(kept))
     _refuse_forbidden_motion(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)
@@ -205,9 +205,12 @@ def _finish(
     bodies: Mapping[str, Body],
     team: Team,
     integration: Integration,
-    seconds: float,
-    compile_seconds: float,
+    *,
+    times: tuple[float, float],
+    events: tuple[Occurrence, ...],
+    checkpoints: tuple[Checkpoint, ...],
 ) -> Trajectory:
+    """The trajectory of an integration; ``times``: s of its stepping, and until its first steps."""
     t, x, v, a, multipliers = integration.series()
     count = integration.state.counts
     stats = Stats(
@@ -217,8 +220,8 @@ def _finish(
         iterations=int(count[st.ITERATIONS]),
         factorisations=int(count[st.FACTORISATIONS]),
         evaluations=int(count[st.EVALUATIONS]),
-        seconds=seconds,
-        compile_seconds=compile_seconds,
+        seconds=times[0],
+        compile_seconds=times[1],
         start_moved=start.moved,
         start_residual=start.residual,
         constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
@@ -230,7 +233,9 @@ def _finish(
         multipliers = minimum_norm_multipliers(scene, work, x, multipliers, independent=independent)
     beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
-    return Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team, interior_rows=beside, departures=departures)
+    return Trajectory(
+        scene, t, x, v, a, multipliers, stats, bodies, team, events, checkpoints, beside, departures
+    )
 
 
 def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:

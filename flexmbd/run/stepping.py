@@ -100,7 +100,7 @@ class Integration:
         self.state.counts[st.WATCH_ROWS] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
-        self.record = st.Record(np.zeros(rows), *(np.zeros((rows, size)) for size in sizes))
+        self.record = st.Record(np.empty(rows), *(np.empty((rows, size)) for size in sizes))
         self.stored: list[tuple[FloatArray, ...]] = []
         self._taken = 0
         self.interior_rows: list[InteriorRecord] = []
@@ -343,10 +343,10 @@ def new_snapshot(
 def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
     """A step that the method's starting error does not show in: the rate is the machine's."""
     scene = start.scene
-    rate = 1.0 / span
-    for k in scene.plan.free:
-        floor = scene.group_full[scene.group_of[k]]
-        rate = max(rate, abs(start.v[k]) / floor, np.sqrt(abs(start.a[k]) / floor))
+    free = scene.plan.free
+    floor = scene.group_full[scene.group_of[free]]
+    fastest = float((np.abs(start.v[free]) / floor).max(initial=0.0))
+    rate = max(1.0 / span, fastest, float(np.sqrt((np.abs(start.a[free]) / floor).max(initial=0.0))))
     return float(0.1 * rtol ** (1.0 / order) / rate)
 
 

@@ -96,6 +96,17 @@ class Callbacks:
 
         return self._keep(_StateThunk, thunk)
 
+    def beside(self) -> Callbacks:
+        """For a scene of other numbers, which may run beside this one: with a flag of its own.
+
+        This very object where Python callables take part, for they set its flag.
+        """
+        if self._kept:
+            return self
+        found = Callbacks(self._team)
+        found.codes = self.codes
+        return found
+
     @property
     def addresses(self) -> frozenset[int]:
         """Of all Python callables."""

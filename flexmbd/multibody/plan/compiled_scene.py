@@ -157,9 +157,9 @@ class CompiledScene:
         return digest.hexdigest()
 
     @property
-    def calls_users(self) -> bool:
-        """Whether functions of the user or interiors take part, whose failures and memories all runs share."""
-        return any(self.addresses) or self.interiors is not None
+    def is_shared(self) -> bool:
+        """Whether variants share what a run writes to: failures of Python callables, memories of interiors."""
+        return bool(self.callbacks.addresses) or self.interiors is not None
 
     def declared_breaks(self) -> FloatArray:
         """(k,) s, of functions of time, of laws and of forces of the state."""

@@ -77,13 +77,12 @@ def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     plan = without_forces(scene.plan)
     rest = np.zeros(scene.nv)
     none = np.zeros(len(plan.rows))
-    offset, column = np.zeros(scene.nv), np.zeros(scene.nv)
+    offset, columns = np.zeros(scene.nv), np.zeros((scene.nv, scene.nv))
     residual(plan, work, x, rest, rest, none, offset)
-    matrix = np.zeros((scene.nv, scene.nv))
-    for k, unit in enumerate(np.eye(scene.nv)):
+    for unit, column in zip(np.eye(scene.nv), columns, strict=True):
         residual(plan, work, x, rest, unit, none, column)
-        matrix[:, k] = column - offset
-    return 0.5 * (matrix + matrix.T)
+    columns -= offset
+    return 0.5 * (columns + columns.T)
 
 
 def mass_factor(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:

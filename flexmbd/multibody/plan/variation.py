@@ -89,9 +89,11 @@ class _Variation:
         full, floor = self._scene.group_full, self._scene.group_floor
         if self._extent != self._scene.extent or records:
             full, floor = self._scales()
+        callbacks = self._scene.callbacks.beside()
         return replace(
             self._scene,
-            plan=self._plan.replace(**self._new),
+            plan=self._plan.replace(**self._new, flag=callbacks.flag),
+            callbacks=callbacks,
             index=self._index,
             extent=self._extent,
             time_rows=self._scene.time_rows if self._times is None else tuple(self._times),

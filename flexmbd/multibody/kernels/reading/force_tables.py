@@ -77,7 +77,8 @@ def without_loads(plan: Plan) -> Plan:
 
 def without_forces(plan: Plan) -> Plan:
     """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
-    return keep_elements(plan, [kinds.ON_ENERGY]).replace(gravity=np.zeros(3))
+    elements = plan.elements[plan.elements[:, at.EL_KIND] == kinds.ON_ENERGY]
+    return plan.replace(forces=plan.forces[:0], elements=elements, gravity=np.zeros(3))
 
 
 def without_function(plan: Plan, address: int) -> Plan:
