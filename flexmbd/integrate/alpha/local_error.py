@@ -8,17 +8,19 @@ from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
 
 
 @kernel
-def _difference(plan, state, groups, s, h):
-    """Local error of position and velocity on the free coordinates, and each one's own rate.
+def _difference(plan, state, s, h):
+    """Local error of position and velocity on the free coordinates, and the accelerations' curvature.
 
     Against the integral of the parabola through the last three true accelerations, which is one
-    order better.  A coordinate's rate (1/s) is the frequency of a vibration with that curvature.
+    order better.
     """
     h_before = state.numbers[st.STEP_BEFORE]
     for j in range(plan.free.shape[0]):
@@ -32,7 +34,7 @@ def _difference(plan, state, groups, s, h):
         travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
         s.error_x[j] = (s.displacement[k] - h * state.v[k]) - travel
         s.error_v[0, j] = (s.v[k] - state.v[k]) - speed
-        s.own_rate[k] = vibration_rate(groups, k, curve)
+        s.curve[j] = curve
 
 
 @kernel
@@ -62,6 +64,29 @@ def _filter(plan, work, state, s):
         solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.error_v)
     else:
         solve_factored(plan, s, s.error_v)
+
+
+@kernel
+def _remove_across_rows(plan, state, s, vector):
+    """Remove from a vector (free,) what reactions of the rows would make: rows hold positions and velocities there."""
+    for i in range(plan.rows.shape[0]):
+        s.phi[i] = 0.0
+        for j in range(plan.free.shape[0]):
+            s.phi[i] += s.tangent.jacobian[i, plan.free[j]] * vector[j]
+    solve_semidefinite(
+        s.row_factors, s.row_rank[0], s.row_order, state.memory[step.ROW_LENGTH], s.phi, s.phi_rate, s.phi_rate2
+    )
+    for j in range(plan.free.shape[0]):
+        vector[j] -= st.reaction_acceleration(s.shift_direction, s.phi_rate2, j)
+
+
+@kernel
+def _holds_velocities(plan):
+    """Whether no row is an augmented Lagrangian's, which closes positions or velocities, not both."""
+    for i in range(plan.rows.shape[0]):
+        if is_augmented(plan.rows[i]):
+            return False
+    return True
 
 
 @kernel
@@ -96,10 +121,41 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
 
 
 @kernel
+def _put_own_rates(plan, groups, s):
+    """Each coordinate's own rate, the frequency of a vibration with that curvature."""
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        s.own_rate[k] = vibration_rate(groups, k, s.curve[j])
+
+
+@kernel
+def _across_rows(plan, state, groups, s, h, machine_rate):
+    """The ratio of the whole error, its part across the rows included, at most 1; leaves the error along the loops.
+
+    Rows hold positions and velocities, and accelerations and reactions swing about theirs.  What those swing by is of
+    the step's order, so the steps after it get shorter; but a shorter step would not take away what the steps before
+    have left, so it rejects none.  Where an augmented Lagrangian closes rows by their positions, velocities swing too,
+    and never cease.
+    """
+    largest = 0.0
+    if _holds_velocities(plan):
+        largest = min(1.0, _ratio(plan, state, groups, s, h, machine_rate, 1.0))
+    _remove_across_rows(plan, state, s, s.error_x)
+    _remove_across_rows(plan, state, s, s.error_v[0])
+    _remove_across_rows(plan, state, s, s.curve)
+    _put_own_rates(plan, groups, s)
+    return largest
+
+
+@kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
-    _difference(plan, state, groups, s, h)
+    _difference(plan, state, s, h)
     if state.counts[step.FILTERS] == 1:
         _filter(plan, work, state, s)
-    seen = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
-    return _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, seen)
+    _put_own_rates(plan, groups, s)
+    across = 0.0
+    if plan.rows.shape[0] > 0:
+        across = _across_rows(plan, state, groups, s, h, machine_rate)
+    along = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
+    return max(across, _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, along))

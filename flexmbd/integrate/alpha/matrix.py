@@ -126,6 +126,7 @@ def _measure_row_pivot(plan, state, s):
             for j in range(plan.free.shape[0]):
                 s.row_factors[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.shift_direction[k, j]
     rank = factor_rows(state, ROW_LENGTH, s.row_factors, s.row_order)
+    s.row_rank[0] = rank
     s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
 

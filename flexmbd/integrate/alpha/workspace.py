@@ -42,11 +42,13 @@ class AlphaWorkspace(ArrayStruct):
     known_reaction, row_force: (m,) of augmented rows, reaction of the passes before and what their gap adds (N or N m).
     residual: (nv,).  probe_acceleration: (nv,).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     unknown, equation: (n,) with n = free + 2 m.  matrix: (n, n) factors of the iteration matrix.
+    error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half its accelerations' second derivative.
     full_tangent: (nv, nv).  tree_matrix: (free, free) factors of the iteration matrix without rows.
     stiffness, rate_stiffness: (free, free), (m, free) derivatives by positions alone.
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
     shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
-    row_factors: (m, m) of C B^-1 C^T, with row_order (m,); least_pivot: (1,) of rows of unit length, 1 without rows.
+    row_factors: (m, m) of C B^-1 C^T, with row_order (m,) and row_rank (1,); least_pivot: (1,) of rows of unit length,
+    1 without rows.
     phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
     """
 
@@ -72,10 +74,12 @@ class AlphaWorkspace(ArrayStruct):
     shift_direction: FloatArray
     row_factors: FloatArray
     row_order: NDArray[np.int64]
+    row_rank: NDArray[np.int64]
     least_pivot: FloatArray
     correction: FloatArray
     error_x: FloatArray
     error_v: FloatArray
+    curve: FloatArray
     scale_x: FloatArray
     scale_v: FloatArray
     phi: FloatArray
@@ -122,10 +126,12 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         shift_direction=zeros((m, nu)),
         row_factors=zeros((m, m)),
         row_order=zeros(m, np.int64),
+        row_rank=zeros(1, np.int64),
         least_pivot=np.ones(1),
         correction=zeros((1, n)),
         error_x=zeros(nu),
         error_v=zeros((1, nu)),
+        curve=zeros(nu),
         scale_x=scales[0],
         scale_v=scales[1],
         phi=zeros(m),
