@@ -42,7 +42,7 @@ class AlphaWorkspace(ArrayStruct):
     known_reaction, row_force: (m,) of augmented rows, reaction of the passes before and what their gap adds (N or N m).
     residual: (nv,).  probe_acceleration: (nv,).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     unknown, equation: (n,) with n = free + 2 m.  matrix: (n, n) factors of the iteration matrix.
-    error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half its accelerations' second derivative.
+    error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half the second derivative of a.
     full_tangent: (nv, nv).  tree_matrix: (free, free) factors of the iteration matrix without rows.
     stiffness, rate_stiffness: (free, free), (m, free) derivatives by positions alone.
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
