@@ -41,7 +41,6 @@ import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
 from flexmbd.run.stepping import Integration, new_snapshot
-from flexmbd.run.trajectory import Stats
 
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None
@@ -124,7 +123,7 @@ class Run(NamedTuple):
     solve: float
     whole: float
     end: np.ndarray
-    stats: Stats
+    stats: fm.Stats
 
 
 def _run(scene: Scene, method: Method, rtol: float) -> Run | None:

@@ -24,8 +24,9 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, match_motion
 from flexmbd.multibody.team import Team
+from flexmbd.run.stats import NOTHING_SPENT
 from flexmbd.run.stepping import evaluate_inputs
-from flexmbd.run.trajectory import NOTHING_SPENT, Trajectory
+from flexmbd.run.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

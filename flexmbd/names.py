@@ -90,8 +90,8 @@ from flexmbd.run.event import Event as Event
 from flexmbd.run.event import Moment as Moment
 from flexmbd.run.event import Occurrence as Occurrence
 from flexmbd.run.settings import RunSettings as RunSettings
+from flexmbd.run.stats import Stats as Stats
 from flexmbd.run.stopped import SimulationError as SimulationError
 from flexmbd.run.stopped import SimulationInterrupted as SimulationInterrupted
-from flexmbd.run.trajectory import Stats as Stats
 from flexmbd.run.trajectory import Trajectory as Trajectory
 from flexmbd.system import System as System

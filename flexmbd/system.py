@@ -6,31 +6,25 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import NoneType
-from typing import Literal, TypeAlias, TypeVar, cast
+from typing import Literal, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.compiled_machine import CompiledMachine
-from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_other
+from flexmbd.given import refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
-from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
-from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.machine_assembly import MachineAssembly
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.energy_force import EnergyForce
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
-from flexmbd.multibody.joint.enforcement import Enforcement, Way
-from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
 from flexmbd.multibody.linear.output_equations import Output
@@ -39,10 +33,8 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
-from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
-from flexmbd.multibody.team import Alone, Team
 from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
@@ -54,163 +46,17 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _INTERIOR_MODES = InteriorModes()
-AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
-AnyForceT = TypeVar("AnyForceT", bound=Force)
-CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
-
 #: What may take other values in a compiled machine, by its name.
 NamedParameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
 
 
-@dataclass(eq=False)
-class System:
+class System(MachineAssembly):
     """A machine: bodies, joints, forces, gravity.
 
     Attributes:
         gravity: (3,) m/s^2, in inertial axes.
         team: the processes that run this machine side by side; alone by default.
     """
-
-    gravity: Sequence[float] = (0.0, 0.0, 0.0)
-    team: Team = field(default_factory=Alone)
-
-    def __post_init__(self) -> None:
-        self._weight()
-        self.ground = Ground()
-        self._bodies: list[Body] = []
-        self._continua: list[ContinuumBody] = []
-        self._connections: list[Connection] = []
-        self._forces: list[Force] = []
-        self._couplings: list[CoordinateCoupling] = []
-        # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
-        self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
-        self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
-        self._joint_names: dict[str, Connection] = {}
-
-    def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
-        """Put a body into the scene and return it.
-
-        Args:
-            body: a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody not yet in a scene.
-            name: unique name; by default "body 1", "body 2", ...
-
-        Raises:
-            SceneError: the name is taken, or the body is already in a scene.
-        """
-        bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
-        refuse_other(body, bodies, "a body", wanted="a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody")
-        chosen = name or body.name or f"body {len(self._bodies) + 1}"
-        if body in self._members:
-            raise SceneError(f"body {body.name!r} is already in this scene")
-        if chosen in self._body_names and self._body_names[chosen].name == chosen:
-            raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
-        body.name = chosen
-        self._members[body], self._body_names[chosen] = None, body
-        if isinstance(body, ContinuumBody):
-            self._continua.append(body)
-            for frame, part in zip(body.interior.frames, body.parts, strict=True):
-                self.add(part, name=f"{chosen}.{frame.name}")
-        else:
-            self._bodies.append(body)
-        return body
-
-    def connect(
-        self,
-        joint: Joint,
-        parent: Frame,
-        child: Frame,
-        *,
-        name: str | None = None,
-        way: Way | None = None,
-        enforce: Enforcement | None = None,
-    ) -> Connection:
-        """Join two frames; the joint's coordinates move ``child`` against ``parent``.
-
-        Args:
-            joint: fm.joint.Revolute(axis="z") and the like.
-            parent: a frame on a body or on the ground.
-            child: a frame on another body.
-            name: unique name; by default made of the joint's kind and the bodies.
-            way: fm.Way.COORDINATES or CONSTRAINTS; by default coordinates along the tree, in the
-                order of the joints, and constraints where a joint closes a loop.
-            enforce: what enforces a joint's constraints: fm.Multipliers(), fm.Penalty(...) or
-                fm.AugmentedLagrangian(...); where given, the joint goes by constraints.
-
-        Raises:
-            SceneError: both frames lie on one body, a frame is of another scene, the name is
-                taken, or the joint cannot go the way asked for.
-        """
-        refuse_other(joint, Joint, "a joint", wanted="a joint as fm.joint.Revolute(\"z\")")
-        for frame in (parent, child):
-            refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
-            self._refuse_foreign(frame)
-        kind = type(joint).__name__.lower()
-        chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
-        if parent.body is child.body:
-            raise SceneError(
-                f"joint {chosen!r} connects body {parent.body.name!r} to itself; a joint needs "
-                "two bodies"
-            )
-        if chosen in self._joint_names:
-            raise SceneError(f"the name {chosen!r} is taken; give the joint a name of its own")
-        connection = Connection(joint, parent, child, chosen, way, enforce)
-        self._members[connection], self._joint_names[chosen] = None, connection
-        self._connections.append(connection)
-        return connection
-
-    def add_force(self, force: AnyForceT) -> AnyForceT:
-        """Put a force element into the scene and return it.
-
-        Raises:
-            SceneError: it acts on a joint or frame of another scene, or one that cannot take it.
-        """
-        self._check_force(force)
-        self._forces.append(force)
-        return force
-
-    def _check_force(self, force: Force) -> None:
-        refuse_other(force, Force, "a force", wanted="a force element as fm.force.JointTorque(joint, 1.0)")
-        for connection in force.connections:
-            self._refuse_foreign_joint(connection)
-        for frame in force.frames:
-            self._refuse_foreign(frame)
-        force.check()
-
-    def _refuse_foreign_joint(self, connection: Connection) -> None:
-        if connection not in self._members:
-            raise SceneError(f"joint {connection.name!r} is not in this scene")
-
-    def _refuse_foreign(self, frame: Frame) -> None:
-        if frame.body not in self._members:
-            raise SceneError(
-                f"frame {frame.label} is on a body that is not in this scene; add the body first"
-            )
-
-    def couple(self, coupling: CouplingT) -> CouplingT:
-        """Put a coupling of joint coordinates into the scene and return it.
-
-        Args:
-            coupling: fm.joint.Gear(j1, j2, ratio) or fm.joint.RackAndPinion(j1, j2, radius).
-
-        Raises:
-            SceneError: it couples a joint of another scene, or is there already.
-        """
-        wanted = "fm.joint.Gear(...) or fm.joint.RackAndPinion(...)"
-        refuse_other(coupling, CoordinateCoupling, "a coupling", wanted=wanted)
-        for term in coupling.terms:
-            if term.connection not in self._members:
-                raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
-        if any(coupling.name == other.name for other in self._couplings):
-            raise SceneError(f"{coupling.name}: is in this scene already")
-        self._couplings.append(coupling)
-        return coupling
-
-    def _weight(self) -> FloatArray:
-        """Gravity (3,), m/s^2, as it is now."""
-        gravity = numbers(self.gravity)
-        if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
-        return gravity.copy()
 
     def compile(self, *, parameters: NamedParameters | None = None) -> CompiledMachine:
         """Compile the scene as it is now into the flat arrays of the machine that runs.
@@ -223,10 +69,14 @@ class System:
             SceneError: a body that nothing connects, a force or motion on a joint that has no coordinate, or a
                 parameter that does not fit the scene.
         """
-        return self._machine(self._compile(()), parameters)
+        named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
+        varied = [one.of for meant in named.values() for one in meant if isinstance(one, Parameter)]
+        return self._machine(self._compile((), varied=varied), named)
 
-    def _compile(self, more: Sequence[Force], *, without: Sequence[Force] = ()) -> CompiledScene:
-        """As ``compile``, with ``more`` forces and without others."""
+    def _compile(
+        self, more: Sequence[Force], *, without: Sequence[Force] = (), varied: Sequence[object] = ()
+    ) -> CompiledScene:
+        """As ``compile``, with ``more`` forces and without others; other values are to be given to ``varied``."""
         own = [force for force in self._forces if not any(force is one for one in without)]
         wanted = {id(c) for force in (*own, *more) for c in force.connections}
         wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
@@ -238,7 +88,7 @@ class System:
         gravity = self._weight()
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
         forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
-        return build(topology, self.ground, forces, self._couplings, gravity, self.team)
+        return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
@@ -259,10 +109,11 @@ class System:
             self._check_force(force)
         return self._start(self._compile(forces, without=instead_of), t)
 
-    def _machine(self, scene: CompiledScene, parameters: NamedParameters | None = None) -> CompiledMachine:
-        named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
+    def _machine(
+        self, scene: CompiledScene, named: Mapping[str, tuple[Parameter, ...]] | None = None
+    ) -> CompiledMachine:
         kept = with_given_start(scene, self._connections, self._bodies)
-        return CompiledMachine(kept, tuple(self._connections), tuple(self._bodies), named, self.team)
+        return CompiledMachine(kept, tuple(self._connections), tuple(self._bodies), named or {}, self.team)
 
     def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         return self._machine(scene).start_of(scene, t, about)

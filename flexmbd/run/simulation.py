@@ -31,9 +31,10 @@ from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
+from flexmbd.run.stats import Stats
 from flexmbd.run.stepping import Integration, Snapshot
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
-from flexmbd.run.trajectory import Stats, Trajectory
+from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 

@@ -37,6 +37,7 @@ from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
+from flexmbd.run.stats import Stats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,42 +47,6 @@ if TYPE_CHECKING:
     from flexmbd.visual import Drawn, StressModel
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Stats:
-    """Cost of a simulation, and how well it kept its constraints.
-
-    Attributes:
-        integrator: the method's name and options.
-        steps, rejected: accepted and rejected steps.
-        iterations: Newton iterations.
-        factorisations: of the iteration matrix.
-        evaluations: of the residual.
-        seconds: wall time of the stepping, compiling or loading its loop included.
-        compile_seconds: from the start of the integrator to the end of its first steps: compiling or loading
-            from the cache.
-        start_moved: (coordinate, from, to) that the consistent start changed; those of a ball or a free body are the
-            parts of its rotation vector (rad).
-        start_residual: largest constraint residual at the start (m or rad).
-        constraint_residual: largest constraint residual over the run, redundant rows included.
-    """
-
-    integrator: str
-    steps: int
-    rejected: int
-    iterations: int
-    factorisations: int
-    evaluations: int
-    seconds: float
-    compile_seconds: float
-    start_moved: tuple[tuple[str, float, float], ...]
-    start_residual: float
-    constraint_residual: float
-    start_elastic: float = 0.0
-
-
-NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

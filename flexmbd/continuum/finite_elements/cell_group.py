@@ -48,6 +48,12 @@ class CellGroup:
         return form_name(self.formulation)
 
     @property
+    def has_local_unknowns(self) -> bool:
+        """Whether the parameters leave equations to be solved at the points."""
+        form = self.formulation
+        return hasattr(form, "local_unknowns") and form.local_unknowns(self.parameters) is not None
+
+    @property
     def has_sections(self) -> bool:
         """Whether the formulation has cross-sections (`motion`), as beams and shells do."""
         return hasattr(self.formulation, "motion")

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source
+from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody, discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -367,7 +367,7 @@ class NonlinearModel(DiscretisedBody):
                 history.run(self._sum.array)
         except ConvergenceError as caught:
             error = caught
-        if any(group_has_local_unknowns(group) for group in self.groups):
+        if any(group.has_local_unknowns for group in self.groups):
             parallel.raise_collectively(self.comm, error)
 
     def _summed(self) -> FloatArray:
@@ -393,9 +393,3 @@ class NonlinearModel(DiscretisedBody):
     def present_mesh(self) -> AbstractContextManager[None]:
         """The mesh in the configuration that the formulations refer to, within a `with` block."""
         return nullcontext() if self._moved is None else self._moved.at(self.displacement)
-
-
-def group_has_local_unknowns(group: CellGroup) -> bool:
-    """Whether a group's parameters leave equations to be solved at the points."""
-    form = group.formulation
-    return hasattr(form, "local_unknowns") and form.local_unknowns(group.parameters) is not None

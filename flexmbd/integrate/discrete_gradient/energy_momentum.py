@@ -21,7 +21,8 @@ from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, ne
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
-from flexmbd.integrate.discrete_gradient.newton import bind, remember, solve_step
+from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
+from flexmbd.integrate.discrete_gradient.newton import bind, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales

@@ -39,9 +39,10 @@ class Bushing(BetweenFrames):
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
-        data = table.numbers(np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")]))
+        numbers = np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")])
+        data = table.numbers(numbers)
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(kinds.BETWEEN_BUSHING, self.what, f=f, g=g, data=data)
+        table.element(kinds.BETWEEN_BUSHING, self.what, f=f, g=g, data=data, acts=bool(numbers.any()))
 
     def _matrix(self, name: str) -> NDArray[np.float64]:
         given = np.asarray(getattr(self, name), dtype=np.float64)

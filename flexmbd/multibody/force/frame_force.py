@@ -66,8 +66,9 @@ class FrameForce(OffJoints):
         g, ground = table.frame(self.frame), table.ground()
         components = [*self.force, *self.torque]
         fixed = np.array([c if isinstance(c, (int, float)) else 0.0 for c in components])
-        if fixed.any():
-            table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(fixed))
+        acts = bool(fixed.any())
+        if acts or all(isinstance(c, (int, float)) for c in components):
+            table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(fixed), acts=acts)
         for unit, component, name in zip(np.eye(6), components, _NAMES, strict=True):
             if not isinstance(component, (int, float)):
                 time = table.time(component, f"{name} of {self.what}")

@@ -31,4 +31,5 @@ class JointDamper(OnCoordinate):
     def assemble(self, table: ElementTable) -> None:
         """One row, a spring without stiffness."""
         x, v = table.coordinate(self.connection, self.coordinate)
-        table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=table.numbers([0.0, 0.0, self.damping]))
+        data = table.numbers([0.0, 0.0, self.damping])
+        table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data, acts=self.damping > 0.0)

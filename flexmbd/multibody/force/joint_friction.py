@@ -58,4 +58,5 @@ class JointFriction(OnCoordinate):
         static = self.coulomb if self.static is None else self.static
         speed = 1.0 if self.stribeck is None else self.stribeck
         data = table.numbers([self.coulomb, static, self.regularisation, speed, self.viscous])
-        table.element(kinds.ON_FRICTION, self.what, x=x, v=v, data=data)
+        acts = max(self.coulomb, static, self.viscous) > 0.0
+        table.element(kinds.ON_FRICTION, self.what, x=x, v=v, data=data, acts=acts)

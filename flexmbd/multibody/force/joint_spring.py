@@ -48,7 +48,8 @@ class JointSpring(OnCoordinate):
         x, v = table.coordinate(self.connection, self.coordinate)
         if not isinstance(self.stiffness, Points):
             data = table.numbers([self.stiffness, self.rest, self.damping])
-            table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data)
+            acts = self.stiffness > 0.0 or self.damping > 0.0
+            table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data, acts=acts)
             return
         force = spline(self.stiffness, self.what)
         potential = force.antiderivative()

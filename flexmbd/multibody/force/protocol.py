@@ -72,9 +72,13 @@ class ElementTable(Protocol):
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0,
+        data: int = 0, count: int = 0, address: int = 0, acts: bool = True,
     ) -> None:
-        """Append a row of ``Plan.elements``; ``what`` is its name in messages."""
+        """Append a row of ``Plan.elements``; ``what`` is its name in messages.
+
+        Where its numbers are such that it never exerts anything, ``acts`` is False, and there is no row unless these
+        numbers are to vary.
+        """
 
 
 @runtime_checkable

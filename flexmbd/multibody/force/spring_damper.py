@@ -36,4 +36,5 @@ class SpringDamper(BetweenFrames):
         """One row."""
         data = table.numbers([self.stiffness, self.length, self.damping])
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(kinds.BETWEEN_SPRING, self.what, f=f, g=g, data=data)
+        acts = self.stiffness > 0.0 or self.damping > 0.0
+        table.element(kinds.BETWEEN_SPRING, self.what, f=f, g=g, data=data, acts=acts)

@@ -46,6 +46,7 @@ class SceneParts:
     couplings: tuple[CoordinateCoupling, ...]
     gravity: FloatArray
     team: Team
+    varied: tuple[object, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,7 @@ class CompiledScene:
         time_names: what each is for.
         callbacks: the Python callables among them.
         element_names: name of each row of ``plan.elements``.
+        idle_elements: names of those that never exert anything, and have no rows.
         extent: the machine's size (m).
         group_of, group_kind, group_full, group_floor: error-norm groups (see integrate.state.Groups).
         wrench_sources: forces on frames that the plan knows as generalised forces alone.
@@ -92,6 +94,7 @@ class CompiledScene:
     time_names: tuple[str, ...]
     callbacks: Callbacks
     element_names: tuple[str, ...]
+    idle_elements: tuple[str, ...]
     extent: float
     group_of: IntArray
     group_kind: IntArray
@@ -221,7 +224,7 @@ def _compiled_anew(
     breaks: tuple[FloatArray, ...],
 ) -> CompiledScene:
     """A scene of these parts with the numbers that it had and the addresses that its functions have now."""
-    whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team)
+    whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team, parts.varied)
     if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
         raise SceneError(
             "the scene has changed since it was compiled; copy or pickle the compiled scene before it is changed"
@@ -256,14 +259,24 @@ def build(
     couplings: Sequence[CoordinateCoupling],
     gravity: FloatArray,
     team: Team,
+    varied: Sequence[object] = (),
 ) -> CompiledScene:
     """Number the coordinates and fill the plan.
+
+    Args:
+        topology: tree and closures.
+        ground: the inertial frame's body.
+        forces: all force elements.
+        couplings: of joint coordinates.
+        gravity: (3,) m/s^2.
+        team: the processes that run the machine.
+        varied: what other values are to be given to: force elements among it keep their rows when they exert nothing.
 
     Raises:
         SceneError: a force on a joint that has no coordinate in the tree, or a prescribed joint
             that closes a loop.
     """
-    parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team)
+    parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
     reach = reaches(topology, masses)
     b = Numbering(ground, extent_of(reach), Callbacks(team))
@@ -271,7 +284,7 @@ def build(
         b.add_branch(branch, mass)
     rows = assemble_rows(b, topology, couplings)
     driven = _driven(b, topology)
-    table = assemble_forces(b, ground, forces)
+    table = assemble_forces(b, ground, forces, varied)
     assemble_penalties(b, rows, table)
     driven_v = {row[at.DRIVEN_V] for row in driven}
     free = [k for k in range(len(b.names)) if k not in driven_v]
@@ -316,6 +329,7 @@ def build(
         time_names=tuple(b.time_names),
         callbacks=b.callbacks,
         element_names=tuple(table.names),
+        idle_elements=tuple(table.idle),
         extent=b.extent,
         group_of=np.array(b.group_of, np.int64),
         group_kind=np.array([kind for kind, _, _ in b.groups], np.int64),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,14 +54,18 @@ class ForceTable:
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
+        idle: names of elements that never exert anything, and have no rows.
     """
 
-    def __init__(self, numbering: Numbering, ground: Body) -> None:
+    def __init__(self, numbering: Numbering, ground: Body, varied: Iterable[object] = ()) -> None:
         self.forces: list[list[int]] = []
         self.elements: list[list[int]] = []
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[PlacedInterior] = []
+        self.idle: list[str] = []
+        self._varied = IdentityMap((one, None) for one in varied)
+        self._may_vary = False
         self._numbering = numbering
         self._ground = ground
         self._bearings: list[Bearing] = []
@@ -76,6 +80,7 @@ class ForceTable:
         """Let a force element add its rows, and keep their places."""
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
         self._asked = []
+        self._may_vary = force in self._varied
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
         self.spans[force] = ForceSpan(data, times, tuple(self._asked))
@@ -215,9 +220,12 @@ class ForceTable:
 
     def element(
         self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0,
+        data: int = 0, count: int = 0, address: int = 0, acts: bool = True,
     ) -> None:
-        """Append a row of ``Plan.elements``."""
+        """Append a row of ``Plan.elements``, or a name to ``idle``."""
+        if not (acts or self._may_vary):
+            self.idle.append(what)
+            return
         self.elements.append([kind, f, g, x, v, time, data, count, address])
         self.names.append(what)
 
@@ -235,9 +243,14 @@ def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64
                 )
 
 
-def assemble_forces(numbering: Numbering, ground: Body, forces: Sequence[Force]) -> ForceTable:
-    """Let every force element add its rows, in the order in which they were added to the scene."""
-    table = ForceTable(numbering, ground)
+def assemble_forces(
+    numbering: Numbering, ground: Body, forces: Sequence[Force], varied: Iterable[object]
+) -> ForceTable:
+    """Let every force element add its rows, in the order in which they were added to the scene.
+
+    Those whose numbers are to vary, among ``varied``, add them whatever the numbers are now.
+    """
+    table = ForceTable(numbering, ground, varied)
     for force in forces:
         first, first_element = len(table.forces), len(table.elements)
         table.assemble(force)

@@ -261,6 +261,7 @@ class _Replay(ForceTable):
         self._of_substitutes = IdentityMap((index.now(body), body) for body in index.modes)
         self._rows = iter(frames)
         super().__init__(numbering, scene.parts.ground)
+        self._may_vary = True  # else it would not be here
 
     @property
     def laid(self) -> list[FloatArray]:

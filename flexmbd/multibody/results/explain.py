@@ -11,6 +11,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Penalty
 from flexmbd.multibody.joint.fixed import Fixed
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.forward_dynamics.shortcuts import shortcuts
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotation_kind
@@ -191,11 +192,26 @@ def _skipped(start: Start) -> list[str]:
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")
     skipped.extend(_unneeded_gyroscopics(start))
-    if len(plan.elements) == 0:
+    skipped.extend(_shorter_ways(start))
+    idle = start.scene.idle_elements
+    if idle:
+        names = list(dict.fromkeys(idle))
+        skipped.append(f"{len(idle)} force elements that exert nothing, their numbers being zero ({_shown(names)})")
+    elif len(plan.elements) == 0:
         skipped.append("force elements (none)")
-    if not plan.gravity.any():
-        skipped.append("gravity (zero)")
     return ["skipped: " + "; ".join(skipped)] if skipped else []
+
+
+def _shorter_ways(start: Start) -> list[str]:
+    """What forward dynamics leaves out for the directions of the joints."""
+    ways = shortcuts(start.scene.plan)
+    found = []
+    if ways.planar:
+        found.append("forces and moments out of the plane of the hinges, which are all parallel (forward dynamics)")
+    elif ways.aligned:
+        of = f"{ways.aligned} of {ways.joints} joints"
+        found.append(f"rotations between the axes of {of} and their rigid parents' (the identity; forward dynamics)")
+    return found
 
 
 def _unneeded_gyroscopics(start: Start) -> list[str]:
@@ -215,5 +231,10 @@ def _listed(names: list[str], whole: int) -> str:
     """Names of bodies, but no more than a few."""
     if len(names) == whole > 1:
         return f"all {whole} bodies"
+    return _shown(names)
+
+
+def _shown(names: list[str]) -> str:
+    """The first few names."""
     shown = ", ".join(names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

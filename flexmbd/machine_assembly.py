@@ -1,0 +1,183 @@
+"""MachineAssembly: bodies, joints, forces and couplings as a user puts them together, each checked as it comes in.
+
+Entered by ``system`` alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import numbers, refuse_other
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
+from flexmbd.multibody.joint.enforcement import Enforcement, Way
+from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.multibody.team import Alone, Team
+
+FloatArray = NDArray[np.float64]
+
+AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
+AnyForceT = TypeVar("AnyForceT", bound=Force)
+CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
+
+
+@dataclass(eq=False)
+class MachineAssembly:
+    """The parts of a machine.
+
+    Attributes:
+        gravity: (3,) m/s^2, in inertial axes.
+        team: the processes that run the machine side by side.
+    """
+
+    gravity: Sequence[float] = (0.0, 0.0, 0.0)
+    team: Team = field(default_factory=Alone)
+
+    def __post_init__(self) -> None:
+        self._weight()
+        self.ground = Ground()
+        self._bodies: list[Body] = []
+        self._continua: list[ContinuumBody] = []
+        self._connections: list[Connection] = []
+        self._forces: list[Force] = []
+        self._couplings: list[CoordinateCoupling] = []
+        # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
+        self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
+        self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
+        self._joint_names: dict[str, Connection] = {}
+
+    def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
+        """Put a body into the scene and return it.
+
+        Args:
+            body: a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody not yet in a scene.
+            name: unique name; by default "body 1", "body 2", ...
+
+        Raises:
+            SceneError: the name is taken, or the body is already in a scene.
+        """
+        bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
+        refuse_other(body, bodies, "a body", wanted="a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody")
+        chosen = name or body.name or f"body {len(self._bodies) + 1}"
+        if body in self._members:
+            raise SceneError(f"body {body.name!r} is already in this scene")
+        if chosen in self._body_names and self._body_names[chosen].name == chosen:
+            raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
+        body.name = chosen
+        self._members[body], self._body_names[chosen] = None, body
+        if isinstance(body, ContinuumBody):
+            self._continua.append(body)
+            for frame, part in zip(body.interior.frames, body.parts, strict=True):
+                self.add(part, name=f"{chosen}.{frame.name}")
+        else:
+            self._bodies.append(body)
+        return body
+
+    def connect(
+        self,
+        joint: Joint,
+        parent: Frame,
+        child: Frame,
+        *,
+        name: str | None = None,
+        way: Way | None = None,
+        enforce: Enforcement | None = None,
+    ) -> Connection:
+        """Join two frames; the joint's coordinates move ``child`` against ``parent``.
+
+        Args:
+            joint: fm.joint.Revolute(axis="z") and the like.
+            parent: a frame on a body or on the ground.
+            child: a frame on another body.
+            name: unique name; by default made of the joint's kind and the bodies.
+            way: fm.Way.COORDINATES or CONSTRAINTS; by default coordinates along the tree, in the
+                order of the joints, and constraints where a joint closes a loop.
+            enforce: what enforces a joint's constraints: fm.Multipliers(), fm.Penalty(...) or
+                fm.AugmentedLagrangian(...); where given, the joint goes by constraints.
+
+        Raises:
+            SceneError: both frames lie on one body, a frame is of another scene, the name is
+                taken, or the joint cannot go the way asked for.
+        """
+        refuse_other(joint, Joint, "a joint", wanted="a joint as fm.joint.Revolute(\"z\")")
+        for frame in (parent, child):
+            refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
+            self._refuse_foreign(frame)
+        kind = type(joint).__name__.lower()
+        chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
+        if parent.body is child.body:
+            raise SceneError(
+                f"joint {chosen!r} connects body {parent.body.name!r} to itself; a joint needs "
+                "two bodies"
+            )
+        if chosen in self._joint_names:
+            raise SceneError(f"the name {chosen!r} is taken; give the joint a name of its own")
+        connection = Connection(joint, parent, child, chosen, way, enforce)
+        self._members[connection], self._joint_names[chosen] = None, connection
+        self._connections.append(connection)
+        return connection
+
+    def add_force(self, force: AnyForceT) -> AnyForceT:
+        """Put a force element into the scene and return it.
+
+        Raises:
+            SceneError: it acts on a joint or frame of another scene, or one that cannot take it.
+        """
+        self._check_force(force)
+        self._forces.append(force)
+        return force
+
+    def _check_force(self, force: Force) -> None:
+        refuse_other(force, Force, "a force", wanted="a force element as fm.force.JointTorque(joint, 1.0)")
+        for connection in force.connections:
+            self._refuse_foreign_joint(connection)
+        for frame in force.frames:
+            self._refuse_foreign(frame)
+        force.check()
+
+    def _refuse_foreign_joint(self, connection: Connection) -> None:
+        if connection not in self._members:
+            raise SceneError(f"joint {connection.name!r} is not in this scene")
+
+    def _refuse_foreign(self, frame: Frame) -> None:
+        if frame.body not in self._members:
+            raise SceneError(
+                f"frame {frame.label} is on a body that is not in this scene; add the body first"
+            )
+
+    def couple(self, coupling: CouplingT) -> CouplingT:
+        """Put a coupling of joint coordinates into the scene and return it.
+
+        Args:
+            coupling: fm.joint.Gear(j1, j2, ratio) or fm.joint.RackAndPinion(j1, j2, radius).
+
+        Raises:
+            SceneError: it couples a joint of another scene, or is there already.
+        """
+        wanted = "fm.joint.Gear(...) or fm.joint.RackAndPinion(...)"
+        refuse_other(coupling, CoordinateCoupling, "a coupling", wanted=wanted)
+        for term in coupling.terms:
+            if term.connection not in self._members:
+                raise SceneError(f"{coupling.name}: joint {term.connection.name!r} is not in this scene")
+        if any(coupling.name == other.name for other in self._couplings):
+            raise SceneError(f"{coupling.name}: is in this scene already")
+        self._couplings.append(coupling)
+        return coupling
+
+    def _weight(self) -> FloatArray:
+        """Gravity (3,), m/s^2, as it is now."""
+        gravity = numbers(self.gravity)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
+        return gravity.copy()

@@ -1,0 +1,41 @@
+"""What a simulation cost, and how well it kept its constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Stats:
+    """Cost of a simulation, and how well it kept its constraints.
+
+    Attributes:
+        integrator: the method's name and options.
+        steps, rejected: accepted and rejected steps.
+        iterations: Newton iterations.
+        factorisations: of the iteration matrix.
+        evaluations: of the residual.
+        seconds: wall time of the stepping, compiling or loading its loop included.
+        compile_seconds: from the start of the integrator to the end of its first steps: compiling or loading
+            from the cache.
+        start_moved: (coordinate, from, to) that the consistent start changed; those of a ball or a free body are the
+            parts of its rotation vector (rad).
+        start_residual: largest constraint residual at the start (m or rad).
+        constraint_residual: largest constraint residual over the run, redundant rows included.
+    """
+
+    integrator: str
+    steps: int
+    rejected: int
+    iterations: int
+    factorisations: int
+    evaluations: int
+    seconds: float
+    compile_seconds: float
+    start_moved: tuple[tuple[str, float, float], ...]
+    start_residual: float
+    constraint_residual: float
+    start_elastic: float = 0.0
+
+
+NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
