@@ -62,7 +62,6 @@ def run(
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     budget = _Budget(limits_of(settings), integration, team, set_out)
-    t_start = integration.t
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
@@ -72,7 +71,7 @@ def run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
-    with _progress_bar(settings.progress and team.is_root, t_end - t_start) as bar:
+    with _progress_bar(settings.progress and team.is_root, t_end - integration.t) as bar:
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
