@@ -152,7 +152,7 @@ def test_steps_that_are_none(h):
 
 def test_the_page_on_pseudo_rigid_bodies():
     """Its blocks without other energies run; the block hangs at its corner, and F = R U."""
-    text = (Path(__file__).parents[2] / "docs" / "pseudo_rigid.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "pseudo_rigid.md").read_text(encoding="utf-8")
     names = {}
     for block in re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
         if "flexmbd.continuum" not in block:
