@@ -1,12 +1,16 @@
-"""Ensembles on one thread and on two, and a rigid chain's beside exudyn's ParameterVariation.
+"""Ensembles on one thread and on two, and a rigid chain's beside exudyn's ParameterVariation and MuJoCo's rollout.
 
     ./run python benchmarks/ensemble.py [--variants 200] [--quick]
 
 First, in turns, an ensemble on one thread and on two: the chain of ten links of `scenes.py` for 1 s, and a
-slider-crank whose rod is a reduced beam, for 0.5 s.  Then the same variants of the chain by exudyn, whose function of
-parameters builds the system anew for each, on one process and on two; its solver of the chain with error control,
-DOPRI5, with a tolerance for the tip to come out as near as here.  Needs a quiet machine with two processors.  MuJoCo's
-`rollout` varies initial states and controls of one model by fixed steps, not its masses: it cannot run these variants.
+slider-crank whose rod is a reduced beam, for 0.5 s.  What the machine has to give is measured beside it: two runs
+so long that they are compiled stepping alone, one after the other and on two threads.  Of the time of a variant, the
+share in which Python runs is told, too: threads cannot share that out.
+
+Then the same variants of the chain by exudyn, whose function of parameters builds the system anew for each, on one
+process and on two; its solver of the chain with error control, DOPRI5, with a tolerance for the tip to come out as near
+as here.  And by MuJoCo's `rollout` of models made beforehand, by the longest steps of its RK4 that bring the tip as
+near; `pip install "mujoco<4"`, without which it is left out.  Needs a quiet machine with two processors.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ RTOL = 1e-6
 TURNS = 5
 MASSES = (0.6, 0.65)  # kg, of the fifth link
 Frame = Any
+_PAIR = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)
 
 
 def chain_machine() -> tuple[fm.CompiledMachine, Frame]:
@@ -40,7 +45,7 @@ def chain_machine() -> tuple[fm.CompiledMachine, Frame]:
 def chain_tip(mass: float) -> np.ndarray:
     """(3,) m, where the tip is after 1 s, to far more digits than are compared."""
     machine, tip = chain_machine()
-    run = machine.simulate(1.0, rtol=1e-12, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8), mass=mass)
+    run = machine.simulate(1.0, rtol=1e-12, integrator=_PAIR, mass=mass)
     found: np.ndarray = run.position(tip)[-1]
     return found
 
@@ -75,6 +80,29 @@ def in_turns(
     times = [(wall(lambda: study(1)), wall(lambda: study(2))) for _ in range(TURNS)]
     one, two = zip(*times, strict=True)
     return list(one), list(two)
+
+
+def ceiling(machine: fm.CompiledMachine) -> None:
+    """How much faster two runs of compiled stepping alone are on two threads than one after the other."""
+
+    def two(workers: int) -> None:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(lambda _: machine.simulate(100.0, rtol=RTOL, integrator=_PAIR), range(2)))
+
+    two(1)
+    ratios = np.array([wall(lambda: two(1)) / wall(lambda: two(2)) for _ in range(TURNS)])
+    print(f"stepping alone: two threads {np.median(ratios):.2f} times one ({ratios.min():.2f} to {ratios.max():.2f})")
+
+
+def python_share(machine: fm.CompiledMachine, count: int) -> None:
+    """The share of a variant's time that is not stepping."""
+    shares = []
+    for mass in np.linspace(*MASSES, count):
+        began = time.perf_counter()
+        run = machine.simulate(1.0, rtol=RTOL, integrator=_PAIR, mass=mass)
+        shares.append(1.0 - run.stats.seconds / (time.perf_counter() - began))
+    low, middle, high = 100.0 * np.percentile(shares, [25.0, 50.0, 75.0])
+    print(f"chain of ten: {middle:.0f} % of a variant's time are Python's ({low:.0f} to {high:.0f})")
 
 
 def tell(name: str, one: list[float], two: list[float], count: int) -> None:
@@ -115,14 +143,10 @@ def exudyn_chain(given: dict[str, Any]) -> list[float]:
     return [float(part) for part in found]
 
 
-def beside_exudyn(count: int) -> None:
-    """ParameterVariation on one process and on two, and the error of both programs for the first mass."""
+def beside_exudyn(count: int, exact: np.ndarray, error: float) -> None:
+    """ParameterVariation on one process and on two, with a tip (3,) m as near the exact one, for the first mass."""
     from exudyn.processing import ParameterVariation
 
-    exact = chain_tip(MASSES[0])
-    machine, tip = chain_machine()
-    run = machine.simulate(1.0, rtol=RTOL, mass=MASSES[0])
-    error = float(np.linalg.norm(run.position(tip)[-1] - exact))
     for rtol in (1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
         told = exudyn_chain({"mass": MASSES[0], "functionData": {"rtol": rtol}})
         theirs = float(np.linalg.norm(np.array(told) - exact))
@@ -141,22 +165,46 @@ def beside_exudyn(count: int) -> None:
     tell("  exudyn, chain of ten", list(one), list(two), count)
 
 
+def beside_mujoco(count: int, exact: np.ndarray, error: float) -> None:
+    """MuJoCo's rollout on one thread and on two, with a tip (3,) m as near the exact one, for the first mass."""
+    try:
+        from ensemble_mujoco import Batch
+    except ImportError:
+        print('MuJoCo is not installed: pip install "mujoco<4"')
+        return
+    for steps in (round(250 * 2.0 ** (k / 4)) for k in range(24)):  # its error falls with the fourth power
+        theirs = float(np.linalg.norm(Batch([MASSES[0]], 1.0 / steps).tips(1)[0] - exact))
+        if theirs <= error:
+            break
+    print(f"errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in MuJoCo with {steps} steps")
+    batch = Batch(np.linspace(*MASSES, count), 1.0 / steps)
+    batch.tips(2)
+    times = [(wall(lambda: batch.tips(1)), wall(lambda: batch.tips(2))) for _ in range(TURNS)]
+    one, two = zip(*times, strict=True)
+    tell("  MuJoCo, chain of ten", list(one), list(two), count)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variants", type=int, default=200)
     parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the records")
-    parser.add_argument("--quick", action="store_true", help="the chain alone, without exudyn")
+    parser.add_argument("--quick", action="store_true", help="the chain alone, without other programs")
     given = parser.parse_args()
     count = given.variants
     machine, tip = chain_machine()
-    pair = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)
-    tell("chain of ten, 1 s", *in_turns(machine, {"mass": np.linspace(*MASSES, count)}, tip, 1.0, pair), count)
+    python_share(machine, count)
+    tell("chain of ten, 1 s", *in_turns(machine, {"mass": np.linspace(*MASSES, count)}, tip, 1.0, _PAIR), count)
     if given.quick:
         return
+    ceiling(machine)
+    exact = chain_tip(MASSES[0])
+    run = machine.simulate(1.0, rtol=RTOL, integrator=_PAIR, mass=MASSES[0])
+    error = float(np.linalg.norm(run.position(tip)[-1] - exact))
+    beside_mujoco(count, exact, error)
     machine, slider = crank_machine(given.folder)
     torques = {"torque": np.linspace(15.0, 25.0, count // 4)}
     tell("slider-crank of 20 modes, 0.5 s", *in_turns(machine, torques, slider, 0.5, fm.RadauIIA()), count // 4)
-    beside_exudyn(count)
+    beside_exudyn(count, exact, error)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from flexmbd.ensemble.executing import run_ensemble
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.samples import Samples
+from flexmbd.ensemble.stamp import meaning, program_stamp
 from flexmbd.ensemble.variants import Study, VariantOutput
 from flexmbd.errors import SceneError, StartWarning
 from flexmbd.given import is_truth, refuse_no_truth, refuse_other
@@ -90,10 +91,7 @@ class CompiledMachine:
         Raises:
             SceneError: a name is no parameter's; a value is not possible, or changes what is computed.
         """
-        unknown = [name for name in values if name not in self.parameters]
-        if unknown:
-            there = ", ".join(self.parameters) or "none: compile(parameters={...}) names them"
-            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {there}")
+        self._refuse_unknown(values)
         if not values:
             return self.scene
         now = self.scene.index.now
@@ -106,6 +104,12 @@ class CompiledMachine:
             return vary(self.scene, substitutes)
         except SceneError as reason:
             raise SceneError(f"with {told(values)}: {reason}") from reason
+
+    def _refuse_unknown(self, names: Iterable[object]) -> None:
+        unknown = [name for name in names if name not in self.parameters]
+        if unknown:
+            there = ", ".join(self.parameters) or "none: compile(parameters={...}) names them"
+            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {there}")
 
     def start(self, *, t: float = 0.0, **values: Any) -> Start:
         """The consistent start at time ``t`` (s) with these values of the parameters.
@@ -294,13 +298,12 @@ class CompiledMachine:
         if not (isinstance(outputs, Mapping) and outputs and all(map(callable, outputs.values()))):
             raise SceneError("outputs must be functions of a trajectory by their names, {'peak': lambda run: ...}")
         values = Samples(samples)
-        unknown = [name for name in values.names if name not in self.parameters]
-        if unknown:
-            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {', '.join(self.parameters)}")
+        self._refuse_unknown(values.names)
         method = integrator if isinstance(integrator, str) else integrator.name
         options = (t_end, rtol, h, t_start, method, max_step, max_steps)
         asked = [f"{name} {fingerprint(ask)}" for name, ask in outputs.items()]
-        told_apart = (self.scene.digest(), values.digest(), options, asked, tuple(self.parameters))
+        named = [(name, [meaning(one, self.scene) for one in of]) for name, of in self.parameters.items()]
+        told_apart = (program_stamp(), self.scene.digest(), values.digest(), options, asked, named)
         digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
         study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared)
         return run_ensemble(

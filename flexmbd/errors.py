@@ -45,6 +45,10 @@ class SceneError(FlexmbdError):
     """A scene is not well formed: a body, frame, joint or force does not fit."""
 
 
+class EnsembleError(FlexmbdError):
+    """An ensemble was broken off, for a worker of its executor died."""
+
+
 class AssemblyError(FlexmbdError):
     """The mechanism cannot be assembled: constraints contradict each other or the start."""
 

@@ -4,6 +4,7 @@ from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
+from flexmbd.errors import EnsembleError as EnsembleError
 from flexmbd.errors import ExportError as ExportError
 from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.errors import FormulationError as FormulationError

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, closing, nullcontext
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,19 @@ from typing import Any
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.results_file import WAITING, ResultsFile, new_file, opened_file
 from flexmbd.ensemble.samples import Samples
-from flexmbd.ensemble.variants import NumberedVariants, ProcessTasks, Study, ThreadTasks, VariantOutcome
-from flexmbd.errors import SceneError
+from flexmbd.ensemble.variants import (
+    NumberedVariants,
+    ProcessTasks,
+    Study,
+    TaskOutcome,
+    Tasks,
+    ThreadTasks,
+    VariantOutcome,
+)
+from flexmbd.errors import EnsembleError, FlexmbdError, SceneError
 
-_AT_ONCE = 8  # variants of a task, at most: short ones would else cost as much to hand over as to run
+_TASK = 0.1  # s that a task is to take: to hand one over costs a thousandth of that
+_MOST = 1000  # variants of a task
 _AHEAD = 2  # tasks that wait for each worker
 
 
@@ -38,16 +48,23 @@ def run_ensemble(
             results = opened_file(path, digest)
         else:
             results = _begun(study, samples, digest, path)
-        bar.update(len(samples) - int((results.state == WAITING).sum()))
+        waiting = [int(k) for k in (results.state == WAITING).nonzero()[0]]
+        bar.update(len(samples) - len(waiting))
         try:
-            own = ThreadPoolExecutor(count) if executor is None else nullcontext(executor)
-            with own as pool:
-                tasks = ThreadTasks(study) if isinstance(pool, ThreadPoolExecutor) else ProcessTasks(study)
-                for outcomes in _outcomes(pool, tasks, _waiting(results, samples, count), ahead=_AHEAD * count):
-                    _keep(results, outcomes)
-                    bar.update(len(outcomes))
+            if waiting:
+                own = ThreadPoolExecutor(count) if executor is None else nullcontext(executor)
+                with own as pool:
+                    tasks: Tasks = ThreadTasks(study) if isinstance(pool, ThreadPoolExecutor) else ProcessTasks(study)
+                    queue = _Queue(samples, waiting, count)
+                    with closing(_outcomes(pool, tasks, queue, ahead=_AHEAD * count)) as outcomes:
+                        for some in outcomes:
+                            _keep(results, some)
+                            bar.update(len(some))
+                results.write()
         except BaseException:
-            results.file.close()
+            with contextlib.suppress(FlexmbdError):  # the first error tells what happened
+                results.write()
+            results.close()
             raise
     return Ensemble(samples, results)
 
@@ -60,55 +77,81 @@ def _begun(study: Study, samples: Samples, digest: str, path: Path | None) -> Re
     """
     first: list[VariantOutcome] = []
     for k in range(len(samples)):
-        first += study.run([(k, samples[k])], nullcontext())
+        first += study.run([(k, samples[k])], nullcontext()).outcomes
         if not first[-1][2]:
             shapes = {name: value.shape for name, value in first[-1][1].items()}
             results = new_file(path, len(samples), shapes, samples.arrays, digest)
             _keep(results, first)
+            results.write()
             return results
     raise SceneError(f"all {len(samples)} variants failed; the first: {first[0][2]}")
 
 
 def _keep(results: ResultsFile, outcomes: Sequence[VariantOutcome]) -> None:
-    """Write the outcomes of a task; an output of another shape than the first variant's is a failure."""
-    outputs, failures = {}, {}
+    """Keep the outcomes of a task; an output of another shape than the first variant's is a failure."""
     for k, values, fault in outcomes:
-        other = [name for name, value in values.items() if value.shape != results.shape(name)]
+        other = [name for name, value in values.items() if value.shape != results.shapes[name]]
         if fault:
-            failures[k] = fault
+            results.fail(k, fault)
         elif other:
-            shape = values[other[0]].shape
-            there = results.shape(other[0])
-            failures[k] = f"output {other[0]!r} has the shape {shape}, that of the first variant {there}"
+            shape, there = values[other[0]].shape, results.shapes[other[0]]
+            results.fail(k, f"output {other[0]!r} has the shape {shape}, that of the first variant {there}")
         else:
-            outputs[k] = values
-    results.write(outputs, failures)
+            results.keep(k, values)
 
 
-def _waiting(results: ResultsFile, samples: Samples, workers: int) -> Iterator[NumberedVariants]:
-    """Tasks: the variants that have not been run, some at a time, in order."""
-    waiting = [int(k) for k in (results.state == WAITING).nonzero()[0]]
-    at_once = max(1, min(_AT_ONCE, len(waiting) // (4 * workers)))
-    for first in range(0, len(waiting), at_once):
-        yield [(k, samples[k]) for k in waiting[first : first + at_once]]
+class _Queue:
+    """Variants that have not been run, in order, as tasks of some variants each.
+
+    Short variants cost as much to hand over as to run: a task has as many as are done in ``_TASK``, by the time that
+    variants took so far, but few enough at the end that no worker waits long for another.
+    """
+
+    def __init__(self, samples: Samples, waiting: Sequence[int], workers: int) -> None:
+        self._samples, self._waiting, self._workers = samples, waiting, workers
+        self._first, self._done, self._seconds = 0, 0, 0.0
+
+    def took(self, variants: int, seconds: float) -> None:
+        """Note how long (s) a worker was busy with a task."""
+        self._done, self._seconds = self._done + variants, self._seconds + seconds
+
+    def __iter__(self) -> Iterator[NumberedVariants]:
+        """Tasks, each as large as it should be when it is asked for."""
+        while self._first < len(self._waiting):
+            at_once = int(_TASK * self._done / max(self._seconds, 1e-9))
+            left = len(self._waiting) - self._first
+            size = max(1, min(at_once, _MOST, left // (4 * self._workers)))
+            some = self._waiting[self._first : self._first + size]
+            self._first += size
+            yield [(k, self._samples[k]) for k in some]
 
 
-def _outcomes(
-    pool: Executor,
-    tasks: Callable[[NumberedVariants], list[VariantOutcome]],
-    rows: Iterator[NumberedVariants],
-    *,
-    ahead: int,
-) -> Iterator[list[VariantOutcome]]:
-    """The outcomes task by task as they come; no more than ``ahead`` tasks are handed over at a time."""
-    running: set[Future[list[VariantOutcome]]] = {pool.submit(tasks, some) for some in islice(rows, ahead)}
+def _outcomes(pool: Executor, tasks: Tasks, queue: _Queue, *, ahead: int) -> Generator[list[VariantOutcome]]:
+    """The outcomes task by task as they come; no more than ``ahead`` tasks are handed over at a time.
+
+    Raises:
+        EnsembleError: a worker died, or could not begin.
+    """
+    rows = iter(queue)
+    running: set[Future[TaskOutcome]] = set()
     try:
+        running |= {pool.submit(tasks, some) for some in islice(rows, ahead)}
         while running:
             finished, running = wait(running, return_when=FIRST_COMPLETED)
+            done = [future.result() for future in finished]
+            for one in done:
+                queue.took(len(one.outcomes), one.seconds)
             running |= {pool.submit(tasks, some) for some in islice(rows, len(finished))}
-            for future in finished:
-                yield future.result()
+            for one in done:
+                yield one.outcomes
+    except BrokenExecutor as reason:
+        raise EnsembleError(
+            f"a worker of the executor died ({reason}); with file=... the same call goes on where the ensemble stopped"
+        ) from reason
+    except Exception as reason:
+        raise EnsembleError(f"a worker of the executor failed ({type(reason).__name__}: {reason})") from reason
     finally:
+        tasks.stop()
         for future in running:
             future.cancel()
 

@@ -41,6 +41,12 @@ class Ensemble:
     def __init__(self, samples: Samples, file: ResultsFile) -> None:
         self._samples, self._file = samples, file
 
+    def __repr__(self) -> str:
+        """How many variants, how many of them failed, and the outputs."""
+        failed = int((self._file.state == FAILED).sum())
+        outputs = ", ".join(f"{name} {(len(self), *shape)}" for name, shape in self._file.shapes.items())
+        return f"<Ensemble of {len(self)} variants, {failed} failed: {outputs}>"
+
     def __len__(self) -> int:
         """How many variants there are, failed ones included."""
         return len(self._samples)
@@ -79,7 +85,7 @@ class Ensemble:
 
     def close(self) -> None:
         """Let go of the file; outputs cannot be asked for any more."""
-        self._file.file.close()
+        self._file.close()
 
     def __enter__(self) -> Ensemble:
         """Itself."""

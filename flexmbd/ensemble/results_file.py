@@ -7,7 +7,9 @@ which is written after it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,36 +28,90 @@ WAITING, DONE, FAILED = range(3)
 
 _VERSION = 1
 _TEXT = 400  # bytes of a failure's message
+_EVERY = 0.2  # s after which what came is written: what a killed process loses
 
 
 class ResultsFile:
-    """An open file of results; in memory where it has no path."""
+    """An open file of results; in memory where it has no path.
+
+    Outcomes are kept until a fraction of a second is over, and then written together: to write a row costs as much as
+    to run a short variant.
+
+    Attributes:
+        file: the open file.
+        state: (n,) of each variant.
+        names: of the outputs.
+        shapes: of one variant's outputs, by their names.
+    """
 
     def __init__(self, file: h5py.File) -> None:
         self.file = file
         self.state: NDArray[np.int8] = file["state"][()]
         self.names: tuple[str, ...] = tuple(file["outputs"])
+        self.shapes: dict[str, tuple[int, ...]] = {name: file["outputs"][name].shape[1:] for name in self.names}
+        self._outputs: dict[int, Mapping[str, FloatArray]] = {}
+        self._messages: dict[int, str] = {}
+        self._written = time.monotonic()
 
-    def write(self, outputs: Mapping[int, Mapping[str, FloatArray]], failures: Mapping[int, str]) -> None:
-        """Write the outputs of some variants, and why others failed, by their numbers."""
-        for k, values in outputs.items():
-            for name, value in values.items():
-                self.file["outputs"][name][k] = value
-        for k, message in failures.items():
-            self.file["message"][k] = message.encode()[:_TEXT]
-        self.file.flush()  # before their states say that they count
-        for k in (*outputs, *failures):
-            self.file["state"][k] = self.state[k] = FAILED if k in failures else DONE
-        self.file.flush()
+    def keep(self, k: int, outputs: Mapping[str, FloatArray]) -> None:
+        """Take the outputs of variant k; raises as ``write``."""
+        self._outputs[k] = outputs
+        self._write_in_time()
+
+    def fail(self, k: int, message: str) -> None:
+        """Take why variant k failed; raises as ``write``."""
+        self._messages[k] = message
+        self._write_in_time()
+
+    def _write_in_time(self) -> None:
+        if time.monotonic() > self._written + _EVERY:
+            self.write()
+
+    def write(self) -> None:
+        """Write what was taken.
+
+        Raises:
+            RecordError: the file cannot be written, as on a full disk.
+        """
+        outputs, messages = self._outputs, self._messages
+        self._outputs, self._messages = {}, {}
+        rows = sorted((*outputs, *messages))
+        if not rows:
+            return
+        try:
+            for stretch in _stretches(sorted(outputs)):
+                for name in self.names:
+                    found = np.array([outputs[k][name] for k in stretch])
+                    self.file["outputs"][name][stretch.start : stretch.stop] = found
+            for k, message in messages.items():
+                self.file["message"][k] = message.encode()[:_TEXT]
+            self.file.flush()  # before their states say that they count
+            for stretch in _stretches(rows):
+                now = np.array([FAILED if k in messages else DONE for k in stretch], np.int8)
+                self.file["state"][stretch.start : stretch.stop] = now
+                self.state[stretch.start : stretch.stop] = now
+            self.file.flush()
+        except (OSError, RuntimeError) as reason:
+            raise RecordError(f"the ensemble cannot be written to {self.file.filename}: {reason}") from reason
+        self._written = time.monotonic()
 
     def message(self, k: int) -> str:
         """Why variant k failed."""
         return bytes(self.file["message"][k]).decode(errors="replace")
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Of one variant's output."""
-        shape: tuple[int, ...] = self.file["outputs"][name].shape[1:]
-        return shape
+    def close(self) -> None:
+        """Let go of the file, which is to be whole already."""
+        with contextlib.suppress(OSError, RuntimeError):
+            self.file.close()
+
+
+def _stretches(rows: Sequence[int]) -> Iterator[range]:
+    """Rising numbers as ranges without gaps."""
+    first = 0
+    for k in range(1, len(rows) + 1):
+        if k == len(rows) or rows[k] != rows[k - 1] + 1:
+            yield range(rows[first], rows[k - 1] + 1)
+            first = k
 
 
 def new_file(
@@ -100,8 +156,8 @@ def opened_file(path: Path, digest: str) -> ResultsFile:
     if file.attrs["digest"] != digest:
         file.close()
         raise RecordError(
-            f"{path} is of another ensemble, of other samples, outputs, machine or options; choose another name, or "
-            "remove it"
+            f"{path} is of another ensemble, of other samples, outputs, machine or options, or of another flexmbd; "
+            "choose another name, or remove it"
         )
     return ResultsFile(file)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,10 +40,14 @@ class Samples:
                 raise SceneError(f"samples must be arrays of one length, got {lengths}")
             self._count = next(iter(lengths.values()), 0)
         else:
-            self._rows = list(given)
+            self._rows = list(given) if isinstance(given, Iterable) else [given]
             self._count = len(self._rows)
-            if not all(isinstance(row, Mapping) for row in self._rows):
-                raise SceneError("samples must be arrays by the parameters' names, or a list of mappings")
+            wrong = [row for row in self._rows if not isinstance(row, Mapping)]
+            if wrong:
+                raise SceneError(
+                    "samples must be arrays by the parameters' names, {'m': [1.0, 2.0]}, or a list of mappings, one a "
+                    f"variant, got {wrong[0]!r:.60}"
+                )
             self.names = tuple(self._rows[0]) if self._rows else ()
             other = [k for k, row in enumerate(self._rows) if set(row) != set(self.names)]
             if other:

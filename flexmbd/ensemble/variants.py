@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pickle
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,23 @@ VariantOutcome: TypeAlias = tuple[int, dict[str, FloatArray], str]
 NumberedVariants: TypeAlias = Sequence[tuple[int, Mapping[str, Any]]]
 
 
+class TaskOutcome(NamedTuple):
+    """What a task gives: the outcomes of its variants, and the seconds that its worker was busy with them."""
+
+    outcomes: list[VariantOutcome]
+    seconds: float
+
+
+class Tasks(Protocol):
+    """What an executor calls with variants to run."""
+
+    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
+        """Run variants."""
+
+    def stop(self) -> None:
+        """Begin no further variant, where that can be reached."""
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """What is done with each variant.
@@ -39,13 +57,18 @@ class Study:
     outputs: Mapping[str, VariantOutput]
     shared: bool
 
-    def run(self, rows: NumberedVariants, turn: AbstractContextManager[Any]) -> list[VariantOutcome]:
-        """Run variants one after the other, each in its ``turn``."""
+    def run(
+        self, rows: NumberedVariants, turn: AbstractContextManager[Any], goes_on: Callable[[], bool] = lambda: True
+    ) -> TaskOutcome:
+        """Run variants one after the other, each in its ``turn``, while ``goes_on``."""
+        began = time.perf_counter()
         found: list[VariantOutcome] = []
         for k, values in rows:
+            if not goes_on():
+                break
             with turn:
                 found.append(self._outcome(k, values))
-        return found
+        return TaskOutcome(found, time.perf_counter() - began)
 
     def _outcome(self, k: int, values: Mapping[str, Any]) -> VariantOutcome:
         doing = "the simulation"
@@ -54,12 +77,24 @@ class Study:
             answers: dict[str, FloatArray] = {}
             for name, ask in self.outputs.items():
                 doing = f"output {name!r}"
-                answers[name] = np.asarray(ask(run), dtype=np.float64)
+                answers[name] = _answer(ask(run))
         except FlexmbdError as reason:
             return k, {}, f"{doing}: {reason}"
         except Exception as reason:  # noqa: BLE001  (of the user's functions; the other variants go on)
             return k, {}, f"{doing}: {type(reason).__name__}: {reason}"
         return k, answers, ""
+
+
+def _answer(value: ArrayLike) -> FloatArray:
+    """An output as an array.
+
+    Raises:
+        SceneError: it is nothing of real numbers, as what a function without ``return`` gives.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "biuf":
+        raise SceneError(f"a number or an array of numbers is wanted, got {value!r:.60}")
+    return array.astype(np.float64)
 
 
 class ThreadTasks:
@@ -68,10 +103,15 @@ class ThreadTasks:
     def __init__(self, study: Study) -> None:
         self._study = study
         self._turn: AbstractContextManager[Any] = nullcontext() if study.shared else threading.Lock()
+        self._stopped = threading.Event()
 
-    def __call__(self, rows: NumberedVariants) -> list[VariantOutcome]:
+    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
         """Run variants."""
-        return self._study.run(rows, self._turn)
+        return self._study.run(rows, self._turn, lambda: not self._stopped.is_set())
+
+    def stop(self) -> None:
+        """Begin no further variant."""
+        self._stopped.set()
 
 
 class ProcessTasks:
@@ -91,9 +131,12 @@ class ProcessTasks:
                 "the ensemble on threads, or let outputs use what can be pickled"
             ) from reason
 
-    def __call__(self, rows: NumberedVariants) -> list[VariantOutcome]:
+    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
         """Run variants, in the process that unpickled this."""
         return _unpacked(self._packed).run(rows, nullcontext())
+
+    def stop(self) -> None:
+        """What other processes have begun they end."""
 
 
 _last: tuple[bytes, Study] | None = None

@@ -90,10 +90,9 @@ def run(
                     kept.append(checkpoint)
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
-    seconds = time.perf_counter() - began
+    times = time.perf_counter() - began, compiled - set_out
     mark_compiled(purpose)
     occurred = () if search is None else tuple(search.occurred)
-    times = seconds, compiled - set_out
     trajectory = _finish(start, bodies, team, integration, times=times, events=occurred, checkpoints=tuple(kept))
     _refuse_forbidden_motion(start, trajectory)
     _refuse_flat(watch, integration, trajectory)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -16,10 +18,10 @@ import h5py
 import numpy as np
 import pytest
 import varied_machine
-from varied_machine import COUNT, double_pendulum, samples, study
+from varied_machine import COUNT, NAP, double_pendulum, samples, study
 
 import flexmbd as fm
-from flexmbd.errors import RecordError, SceneError
+from flexmbd.errors import EnsembleError, RecordError, SceneError
 
 SCRIPT = varied_machine.__file__
 HELPERS = str(Path(SCRIPT).parent)
@@ -112,8 +114,46 @@ def test_a_killed_ensemble_goes_on(one_by_one, tmp_path):
     assert 5 <= before
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=250)
     assert int(done.stdout) == int(np.isfinite(one_by_one["angle"]).sum())
-    with study(file=file) as found:
+    with study(file=file, nap=NAP) as found:
         refuse_difference(found, one_by_one)
+
+
+def test_an_interrupted_ensemble_ends_at_once_and_goes_on(one_by_one, tmp_path):
+    """Ctrl-C on threads: no further variant begins, what was done is in the file, and the same call does the rest."""
+    file = tmp_path / "study.h5"
+    command = [sys.executable, SCRIPT, str(file), "threads"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 200.0
+    while states(file) < 5 and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=100)[1]
+    assert told.rstrip().endswith("KeyboardInterrupt")
+    assert 5 <= states(file) < COUNT
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=250)
+    assert done.stdout.startswith("<Ensemble of 60 variants, 9 failed: angle (60,), path (60, 7, 3)>")
+    with study(file=file, nap=NAP) as found:
+        refuse_difference(found, one_by_one)
+
+
+def test_a_worker_that_dies_is_told(tmp_path):
+    machine, outputs = double_pendulum()
+    here = os.getpid()
+    outputs["angle"] = lambda run: 1.0 if os.getpid() == here else os._exit(3)
+    given = {"rate": np.linspace(1.0, 2.0, 8)}
+    with ProcessPoolExecutor(1) as pool, pytest.raises(EnsembleError, match="a worker of the executor died"):
+        machine.ensemble(given, outputs, t_end=0.1, executor=pool, workers=1, file=tmp_path / "study.h5")
+    assert states(tmp_path / "study.h5") == 1
+
+
+def test_a_full_disk_is_told(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(RecordError, match="cannot be written to"):
+            study(file=tmp_path / "study.h5")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def states(file):
@@ -137,7 +177,7 @@ def test_a_finished_ensemble_runs_nothing(one_by_one, tmp_path):
         refuse_difference(found, one_by_one)
 
 
-def test_a_file_of_another_ensemble_is_refused(tmp_path):
+def test_a_file_of_another_ensemble_is_refused(tmp_path, monkeypatch):
     file = tmp_path / "study.h5"
     study(file=file, count=8).close()
     machine, outputs = double_pendulum()
@@ -155,11 +195,48 @@ def test_a_file_of_another_ensemble_is_refused(tmp_path):
             machine.ensemble(
                 values, asked, t_end=0.3, file=file, **{"integrator": fm.ExplicitRungeKutta(), **options}
             )
+    pin = machine.parameters["length"][0]
+    other = replace(machine, parameters={**machine.parameters, "length": machine.parameters["mass"], "mass": (pin,)})
+    with pytest.raises(RecordError, match="of another ensemble"):  # the same names mean other quantities
+        other.ensemble(given, outputs, t_end=0.3, file=file, integrator=fm.ExplicitRungeKutta())
+    with monkeypatch.context() as patched:
+        patched.setattr("flexmbd.compiled_machine.program_stamp", lambda: "0.0.1")
+        with pytest.raises(RecordError, match="or of another flexmbd"):
+            study(file=file, count=8)
     (tmp_path / "other.h5").write_bytes(b"no HDF5")
     with pytest.raises(RecordError, match="cannot be gone on with"):
         study(file=tmp_path / "other.h5", count=8)
     with pytest.raises(RecordError, match="cannot be written"):
         study(file=tmp_path / "nowhere" / "study.h5", count=8)
+
+
+@pytest.mark.parametrize("answer", [None, "1.0", 1j, [None, 1.0]])
+def test_outputs_that_are_no_numbers(answer):
+    machine, _ = double_pendulum()
+    with pytest.raises(SceneError, match="the first: output 'x': a number or an array of numbers is wanted"):
+        machine.ensemble({"rate": [1.0, 2.0]}, {"x": lambda run: answer}, t_end=0.1)
+
+
+def test_compiled_functions_side_by_side():
+    """Each variant has a flag of its own: one whose function gives no number fails, and no other."""
+    scene = fm.System()
+    wheel = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 2.0)), name="wheel")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), wheel.frame())
+    hinge.velocity = 0.0
+
+    @fm.compiled
+    def law(t, beta, rate):
+        return np.nan if beta > 1.0 else -0.1 * rate
+
+    scene.add_force(fm.force.JointLaw(hinge, law))
+    machine = scene.compile(parameters={"w": fm.parameter.InitialVelocity(hinge)})
+    rates = np.linspace(0.15, 3.95, 39)
+    outputs, method = {"end": lambda run: run.beta(hinge)[-1]}, fm.ExplicitRungeKutta()
+    with machine.ensemble({"w": rates}, outputs, t_end=0.5, integrator=method, workers=4) as found:
+        ends = rates * (1.0 - np.exp(-0.05 * 0.5)) / 0.05
+        np.testing.assert_array_equal(found.done, ends < 1.0)
+        np.testing.assert_allclose(found.output("end")[found.done], ends[found.done], rtol=1e-6)
+        assert all("gave no finite number" in one.message for one in found.failures)
 
 
 def test_machines_that_call_python_take_turns():
@@ -206,6 +283,15 @@ def test_values_of_other_kinds_by_mappings():
         ([], None, {}, "no variant"),
         ([{"mass": 1.0}, {"k": 1.0}], None, {}, "sample 1 has other parameters"),
         ([1.0], None, {}, "a list of mappings"),
+        (5, None, {}, "a list of mappings"),
+        ([("mass", 1.0)], None, {}, "a list of mappings"),
+        ("mass", None, {}, "a list of mappings"),
+        ([{}, {}], None, {}, "name no parameter"),
+        ({}, None, {}, "no variant"),
+        ({"mass": (m for m in [1.0])}, None, {}, "an array of finite numbers"),
+        ({"mass": ["1.0"]}, None, {}, "an array of finite numbers"),
+        ({"mass": [[1.0, 2.0]]}, None, {}, "all 1 variants failed; the first: .*mass must be positive"),
+        ({3: [1.0]}, None, {}, "no parameter 3"),
         ({"mass": [-1.0, -2.0]}, None, {}, "all 2 variants failed; the first: .*mass must be positive"),
         ({"mass": [1.0]}, {}, {}, "outputs must be functions"),
         ({"mass": [1.0]}, {"x": 3.0}, {}, "outputs must be functions"),

@@ -1,6 +1,7 @@
 """A driven double pendulum with parameters, for ensembles; by itself it is a process that can be killed.
 
     python varied_machine.py FILE         runs an ensemble on two processes into FILE, and prints how many it ran
+    python varied_machine.py FILE threads                                       the same on two threads
     mpirun -n 3 python -m mpi4py.futures varied_machine.py FILE mpi     the same on MPI workers
 """
 
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
@@ -19,6 +21,7 @@ from flexmbd.ensemble import Ensemble
 
 COUNT = 60
 TIMES = np.linspace(0.0, 0.3, 7)
+NAP = 0.03  # s, so that there is time to kill a process
 
 
 def double_pendulum() -> tuple[fm.CompiledMachine, dict[str, Any]]:
@@ -54,9 +57,17 @@ def samples(count: int = COUNT) -> dict[str, np.ndarray]:
     return {"mass": mass, "length": length, "k": rng.uniform(0.0, 9.0, count), "rate": rng.uniform(-3.0, 3.0, count)}
 
 
-def study(executor: Executor | None = None, count: int = COUNT, **options: Any) -> Ensemble:
-    """The ensemble of ``count`` variants."""
+def study(executor: Executor | None = None, count: int = COUNT, *, nap: float = 0.0, **options: Any) -> Ensemble:
+    """The ensemble of ``count`` variants, each of which takes at least ``nap`` seconds."""
     machine, outputs = double_pendulum()
+    if nap:
+        angle = outputs["angle"]
+
+        def late(run: fm.Trajectory) -> Any:
+            time.sleep(nap)
+            return angle(run)
+
+        outputs["angle"] = late
     method = fm.ExplicitRungeKutta()
     return machine.ensemble(
         samples(count), outputs, t_end=0.3, integrator=method, executor=executor, workers=2, **options
@@ -71,7 +82,11 @@ def main() -> None:
         with MPIPoolExecutor() as pool, study(pool, file=file) as found:
             print(int(found.done.sum()), pool.num_workers)
         return
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool, study(pool, file=file) as found:
+    if how == ["threads"]:
+        with study(file=file, nap=NAP) as found:
+            print(found)
+        return
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool, study(pool, file=file, nap=NAP) as found:
         print(int(found.done.sum()))
 
 
