@@ -10,6 +10,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import NoneType
 from typing import Any, Literal
 
 import numpy as np
@@ -50,7 +51,7 @@ from flexmbd.run.trajectory import Trajectory
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CompiledMachine:
     """A machine as it stands when it is compiled; made by ``System.compile``.
 
@@ -74,16 +75,27 @@ class CompiledMachine:
     team: Team
 
     def __post_init__(self) -> None:
-        taken = set(inspect.signature(CompiledMachine.simulate).parameters)
+        taken = set(inspect.signature(CompiledMachine.simulate).parameters) if self.parameters else set()
+        known: dict[str, str] = {}
         for name, meant in self.parameters.items():
             if not (isinstance(name, str) and name.isidentifier()) or name in taken:
                 raise SceneError(f"a parameter cannot be called {name!r}: simulate(...) takes it by its name")
+            if not meant:
+                raise SceneError(f"parameter {name!r} is of no quantity: its list is empty")
             for parameter in meant:
                 refuse_other(parameter, Parameter, f"parameter {name!r}", wanted="as fm.parameter.Mass(body)")
                 try:
                     parameter.check(self.scene)
                 except SceneError as reason:
                     raise SceneError(f"parameter {name!r}: {reason}") from reason
+                other = known.setdefault(meaning(parameter, self.scene), name)
+                if other != name:
+                    raise SceneError(f"parameters {other!r} and {name!r} are the same quantity; give it one name")
+
+    def __repr__(self) -> str:
+        """How many bodies and joints, and the parameters."""
+        named = ", ".join(self.parameters) or "none"
+        return f"<CompiledMachine of {len(self.bodies)} bodies, {len(self.connections)} joints; parameters: {named}>"
 
     def variant(self, values: Mapping[str, Any]) -> CompiledScene:
         """The compiled scene with these values of the parameters; those not given stay as compiled.
@@ -297,6 +309,10 @@ class CompiledMachine:
             refuse_other(executor, Executor, "executor", wanted="a concurrent.futures.Executor")
         if not (isinstance(outputs, Mapping) and outputs and all(map(callable, outputs.values()))):
             raise SceneError("outputs must be functions of a trajectory by their names, {'peak': lambda run: ...}")
+        for name in outputs:
+            if not isinstance(name, str) or not name.strip(".") or "/" in name:
+                raise SceneError(f"an output cannot be called {name!r}: the file has it by that name")
+        refuse_other(file, (str, Path, NoneType), "file", wanted="a path")
         values = Samples(samples)
         self._refuse_unknown(values.names)
         method = integrator if isinstance(integrator, str) else integrator.name

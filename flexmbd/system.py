@@ -69,6 +69,7 @@ class System(MachineAssembly):
             SceneError: a body that nothing connects, a force or motion on a joint that has no coordinate, or a
                 parameter that does not fit the scene.
         """
+        refuse_other(parameters, (Mapping, NoneType), "parameters", wanted='quantities by name, {"m": fm.parameter...}')
         named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
         varied = [one.of for meant in named.values() for one in meant if isinstance(one, Parameter)]
         return self._machine(self._compile((), varied=varied), named)

@@ -65,6 +65,7 @@ class Ensemble:
     @property
     def failures(self) -> tuple[Failure, ...]:
         """The variants that failed, with the values of their parameters."""
+        self._refuse_closed()
         rows = (int(k) for k in np.flatnonzero(self._file.state == FAILED))
         return tuple(Failure(k, self._samples[k], self._file.message(k)) for k in rows)
 
@@ -72,12 +73,17 @@ class Ensemble:
         """(n, ...) an output of all variants, or of ``rows`` of them alone.
 
         Raises:
-            SceneError: there is no output of that name.
+            SceneError: there is no output of that name, or the ensemble is closed.
         """
         if name not in self.names:
             raise SceneError(f"the ensemble has no output {name!r}; it has {', '.join(self.names)}")
+        self._refuse_closed()
         found: FloatArray = self._file.file["outputs"][name][rows]
         return found
+
+    def _refuse_closed(self) -> None:
+        if not self._file.file:  # h5py's files are false once they are closed
+            raise SceneError("the ensemble is closed: ask for outputs and failures before close()")
 
     def values(self, k: int) -> dict[str, Any]:
         """The values of the parameters of variant k."""

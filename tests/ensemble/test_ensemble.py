@@ -137,9 +137,9 @@ def test_an_interrupted_ensemble_ends_at_once_and_goes_on(one_by_one, tmp_path):
 
 
 def test_a_worker_that_dies_is_told(tmp_path):
-    machine, outputs = double_pendulum()
+    machine, _ = double_pendulum()
     here = os.getpid()
-    outputs["angle"] = lambda run: 1.0 if os.getpid() == here else os._exit(3)
+    outputs = {"angle": lambda run: 1.0 if os.getpid() == here else os._exit(3)}
     given = {"rate": np.linspace(1.0, 2.0, 8)}
     with ProcessPoolExecutor(1) as pool, pytest.raises(EnsembleError, match="a worker of the executor died"):
         machine.ensemble(given, outputs, t_end=0.1, executor=pool, workers=1, file=tmp_path / "study.h5")
@@ -295,6 +295,10 @@ def test_values_of_other_kinds_by_mappings():
         ({"mass": [-1.0, -2.0]}, None, {}, "all 2 variants failed; the first: .*mass must be positive"),
         ({"mass": [1.0]}, {}, {}, "outputs must be functions"),
         ({"mass": [1.0]}, {"x": 3.0}, {}, "outputs must be functions"),
+        ({"mass": [1.0]}, {3: np.sum}, {}, "an output cannot be called 3"),
+        ({"mass": [1.0]}, {"a/b": np.sum}, {}, "an output cannot be called 'a/b'"),
+        ({"mass": [1.0]}, {"": np.sum}, {}, "an output cannot be called ''"),
+        ({"mass": [1.0]}, None, {"file": 3}, "file must be a path"),
         ({"mass": [1.0]}, None, {"workers": 0}, "workers must be a positive number"),
         ({"mass": [1.0]}, None, {"executor": 3}, "executor must be"),
         ({"mass": [1.0]}, None, {"t_end": -1.0}, "t_end"),
@@ -305,6 +309,15 @@ def test_wrong_arguments(given, outputs, options, fault):
     machine, asked = double_pendulum()
     with pytest.raises(SceneError, match=fault):
         machine.ensemble(given, asked if outputs is None else outputs, **{"t_end": 0.1, **options})
+
+
+def test_a_closed_ensemble_says_so():
+    machine, outputs = double_pendulum()
+    found = machine.ensemble({"rate": [1.0]}, {"angle": outputs["angle"]}, t_end=0.1)
+    found.close()
+    for ask in (lambda: found.output("angle"), lambda: found.failures):
+        with pytest.raises(SceneError, match="the ensemble is closed"):
+            ask()
 
 
 def test_what_cannot_be_sent_is_refused():

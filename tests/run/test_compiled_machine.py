@@ -223,6 +223,12 @@ def test_parameters_that_no_machine_has():
         ({"p": vary.FrameOrigin(built.parameters["mass"].body.frame((1.0, 0.0, 0.0)))}, "no joint and no force"),
         ({"d": vary.PrescribedMotion(hinge)}, "has no prescribed motion"),
         ({"a": vary.InitialPosition(built.joint)}, "is not set"),
+        ({"k": []}, "its list is empty"),
+        ([built.parameters["mass"]], "parameters must be quantities by name"),
+        (
+            {"k": vary.OfForce(spring, "stiffness"), "c": [vary.OfForce(spring, "stiffness")]},
+            "'k' and 'c' are the same quantity",
+        ),
     ]
     for parameters, fault in cases:
         with pytest.raises(SceneError, match=fault):
