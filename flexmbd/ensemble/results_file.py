@@ -8,8 +8,11 @@ which is written after it.
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +31,7 @@ WAITING, DONE, FAILED = range(3)
 
 _VERSION = 1
 _TEXT = 400  # bytes of a failure's message
+_HEADERS = 1 << 16  # bytes of all else in the file
 _EVERY = 0.2  # s after which what came is written: what a killed process loses
 
 
@@ -129,13 +133,26 @@ def new_file(
         _lay_out(file, count, shapes, samples, digest)
         return ResultsFile(file)
     part = path.with_name(f"{path.name}.part")
+    numbers = sum(count * prod(shape) for shape in shapes.values()) + sum(values.size for values in samples.values())
     try:
+        _refuse_no_room(part, 8 * numbers + (1 + _TEXT) * count + _HEADERS)
         with h5py.File(part, "w") as file:
             _lay_out(file, count, shapes, samples, digest)
         part.replace(path)
         return ResultsFile(h5py.File(path, "r+"))
     except OSError as reason:
         raise RecordError(f"the ensemble cannot be written to {path}: {reason}") from reason
+
+
+def _refuse_no_room(path: Path, size: int) -> None:
+    """Raise OSError where ``size`` bytes have no room; HDF5 would take the process with it when it closes the file."""
+    with path.open("wb") as file:
+        if sys.platform == "linux":
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)
+            except OSError:
+                path.unlink()
+                raise
 
 
 def opened_file(path: Path, digest: str) -> ResultsFile:
