@@ -150,7 +150,7 @@ def test_a_full_disk_is_told(tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
-        with pytest.raises(RecordError, match="cannot be written to .*File too large"):
+        with pytest.raises(RecordError, match=r"cannot be written to .*File too large"):
             study(file=tmp_path / "study.h5")
         assert not list(tmp_path.iterdir())
     finally:
