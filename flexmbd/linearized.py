@@ -303,7 +303,7 @@ class LinearizedMachine:
             x=x,
             v=self.point.v + moved.real,
             a=(rate * moved).real,
-            multipliers=np.tile(self.point.multipliers, (instants, 1)),
+            row_multipliers=np.tile(self.point.multipliers, (instants, 1)),
             stats=NOTHING_SPENT,
             bodies=self.bodies,
             team=self.team,

@@ -24,7 +24,7 @@ from flexmbd.multibody.plan.scene_matrices import row_sizes
 from flexmbd.multibody.results.stretch_watch import StretchWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.loop_closing import CLOSED
-from flexmbd.multibody.start.redundancy import forbidden_drives, minimum_norm_multipliers
+from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Occurrence
@@ -192,7 +192,7 @@ def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Traj
 def _until(trajectory: Trajectory, row: int) -> Trajectory:
     """The trajectory's rows before ``row``."""
     t = trajectory.t[:row]
-    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "multipliers", "interior_rows")}
+    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "row_multipliers", "interior_rows")}
     kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
     events = tuple(e for e in trajectory.events if e.row < row)
     departures = tuple(d for d in trajectory.departures if d.row < row)
@@ -227,13 +227,11 @@ def _finish(
         start_elastic=start.strain.energy,
     )
     scene = start.unreduced
-    if start.scene.redundant:
-        work, independent = new_work(scene.plan), len(start.scene.plan.rows)
-        multipliers = minimum_norm_multipliers(scene, work, x, multipliers, independent=independent)
+    kept = tuple(start.choice.rows) if start.scene.redundant else None
     beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
     return Trajectory(
-        scene, t, x, v, a, multipliers, stats, bodies, team, events, checkpoints, beside, departures
+        scene, t, x, v, a, multipliers, stats, bodies, team, events, checkpoints, beside, departures, kept
     )
 
 

@@ -33,7 +33,7 @@ from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.scene_index import Slots
 from flexmbd.multibody.start.independent_rows import decompose_rows
-from flexmbd.multibody.start.redundancy import balancing_multipliers
+from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
@@ -60,8 +60,7 @@ class Trajectory:
         scene: the compiled scene, with its redundant rows.
         t: (nt,) s.
         x: (nt, nx) configurations.  v, a: (nt, nv) velocities and accelerations.
-        multipliers: (nt, m) reactions of the loop rows (N or N m), redundant rows included: the
-            smallest that do what the loops need.
+        row_multipliers: (nt, m) reactions of the loop rows (N or N m); of redundant rows any that act alike.
         stats: cost and residuals.
         bodies: name to body.
         team: who writes files.
@@ -70,6 +69,7 @@ class Trajectory:
         interior_rows: records of bodies with history at each instant; empty without any.
         departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
             just before.
+        kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
     """
 
     scene: CompiledScene
@@ -77,7 +77,7 @@ class Trajectory:
     x: FloatArray
     v: FloatArray
     a: FloatArray
-    multipliers: FloatArray
+    row_multipliers: FloatArray
     stats: Stats
     bodies: Mapping[str, Body]
     team: Team
@@ -85,6 +85,15 @@ class Trajectory:
     checkpoints: tuple[Checkpoint, ...] = ()
     interior_rows: tuple[InteriorRecord, ...] = ()
     departures: tuple[Departure, ...] = ()
+    kept_rows: tuple[int, ...] | None = None
+
+    @cached_property
+    def multipliers(self) -> FloatArray:
+        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike."""
+        if self.kept_rows is None:
+            return self.row_multipliers
+        work = new_work(self.scene.plan)
+        return minimum_norm_multipliers(self.scene, work, self.x, self.row_multipliers, kept=self.kept_rows)
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, position of the frame's origin in the inertial frame; or at times ``t`` (k,)."""
@@ -162,12 +171,12 @@ class Trajectory:
         if self.scene.interiors is not None:
             return None
         row = int(np.argmin(np.abs(self.t - t)))
-        if self.t[row] == t or not self.multipliers.shape[1]:
+        if self.t[row] == t or not self.row_multipliers.shape[1]:
             return self.multipliers[row]
         work = new_work(self.scene.plan)
         self.scene.forget_failure()
         evaluate_times(self.scene.plan, t, work.time)
-        rank = decompose_rows(self.scene, work, self.x[row]).rank
+        rank = sum(place.rank for place in decompose_rows(self.scene, work, self.x[row]))
         return balancing_multipliers(self.scene, work, x, v, a, rank=rank)
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:

@@ -138,6 +138,6 @@ def _explicit(
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
     own = state.replace(memory=np.zeros((N_MEMORY, scene.nv)))
-    set_row_scales(scene, own, work)
     method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
+    set_row_scales(scene, method.loops, own, work)
     return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))

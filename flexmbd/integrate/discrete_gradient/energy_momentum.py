@@ -103,7 +103,7 @@ class EnergyMomentum:
         plan = scene.plan
         stored = storing_plan(plan)
         scratch = step.new_workspace(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
-        loops = new_loops(plan, state)
+        loops = new_loops(plan, state, blockwise=False)
         bind(plan, stored, work, loops, state, groups, scratch)
 
         def drop_factors() -> None:
@@ -114,7 +114,7 @@ class EnergyMomentum:
             state.numbers[st.SAFETY] = SAFETY
             state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
             state.counts[step.NONCONSERVATIVE] = is_nonconservative(plan)
-            set_row_scales(scene, state, work)
+            set_row_scales(scene, loops, state, work)
             state.memory[step.BEFORE] = state.a
             momenta(plan, work, state.x, state.v, scratch.zeros, state.memory[step.MOMENTUM])
             forward_kinematics(plan, work, state.x, scratch.zeros, scratch.zeros)

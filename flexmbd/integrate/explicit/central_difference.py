@@ -82,7 +82,7 @@ class CentralDifference:
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY
-            set_row_scales(scene, state, work)
+            set_row_scales(scene, method.loops, state, work)
             if interiors is not None:
                 interiors.choose_step()
 

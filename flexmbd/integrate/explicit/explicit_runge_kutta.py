@@ -139,7 +139,7 @@ class ExplicitRungeKutta:
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY
-            set_row_scales(scene, state, work)
+            set_row_scales(scene, method.loops, state, work)
 
         return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors)
 

@@ -8,13 +8,14 @@ the shortest way in the mass metric.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_semidefinite, solve_semidefinite
+from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_block, factor_semidefinite, solve_block
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -24,7 +25,8 @@ from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_r
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import scaled_jacobian
+from flexmbd.multibody.plan.mass_solver import mass_solver, row_mobilities
+from flexmbd.multibody.plan.scene_matrices import constraint_slopes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -49,12 +51,13 @@ N_MEMORY = 2
 class Loops(ArrayStruct):
     """Work arrays of m constraint rows.
 
-    paths: C, U and Y of ``row_paths``.  row_factors: (m, m) factors of C M^-1 C^T, with the pivots row_order (m,).
-    row_scale: (m,) the largest norms of the rows of C at a step's end, in the metric of M^-1; row_norm: (m,) those at
-    hand.  usual_pivot: (1,) the largest value of the smallest pivot at a step's end.
+    paths: C, U and Y of ``row_paths``.  row_factors: (m, m) factors of the blocks of C M^-1 C^T, with the pivots
+    row_order (m,).  row_scale: (m,) the largest norms of the rows of C at a step's end, in the metric of M^-1;
+    row_norm: (m,) those at hand.  usual_pivot: (blocks,) the largest value of each block's smallest pivot at a step's
+    end.  rank: (blocks,) of the factors; effective_rank: (blocks,) of the directions in which reactions act.
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
     force, moved: (1, nv) generalised forces of the rows and the motion that they cause.  move: (nv,) correction.
-    rank: (1,) of the factors.  no_multipliers: (0,).
+    no_multipliers: (0,).
     """
 
     paths: RowPaths
@@ -72,19 +75,27 @@ class Loops(ArrayStruct):
     moved: FloatArray
     move: FloatArray
     rank: IntArray
+    effective_rank: IntArray
     no_multipliers: FloatArray
 
 
-def new_loops(plan: Plan, state: st.State) -> Loops:
-    """Allocate for the rows of ``plan``; scales lie in the first N_MEMORY rows of ``state.memory``."""
+def new_loops(plan: Plan, state: st.State, *, blockwise: bool = True) -> Loops:
+    """Allocate for the rows of ``plan``; scales lie in the first N_MEMORY rows of ``state.memory``.
+
+    All rows are one block where they are not to be factored ``blockwise``.
+    """
     m, nv = len(plan.rows), len(state.v)
+    paths = new_row_paths(plan)
+    if not blockwise and m:
+        paths = paths.replace(block=np.array([0, m]))
+    blocks = len(paths.block) - 1
     zeros = np.zeros
     return Loops(
-        paths=new_row_paths(plan),
+        paths=paths,
         row_factors=zeros((m, m)),
         row_order=zeros(m, np.int64),
         row_scale=state.memory[0, :m],
-        usual_pivot=state.memory[1, :1],
+        usual_pivot=state.memory[1, :blocks],
         row_norm=zeros(m),
         phi=zeros(m),
         rate=zeros(m),
@@ -94,12 +105,13 @@ def new_loops(plan: Plan, state: st.State) -> Loops:
         force=zeros((1, nv)),
         moved=zeros((1, nv)),
         move=zeros(nv),
-        rank=zeros(1, np.int64),
+        rank=zeros(blocks, np.int64),
+        effective_rank=zeros(blocks, np.int64),
         no_multipliers=zeros(0),
     )
 
 
-def set_row_scales(scene: CompiledScene, state: st.State, work: Work) -> None:
+def set_row_scales(scene: CompiledScene, loops: Loops, state: st.State, work: Work) -> None:
     """Set the scales at the start of an integration; ``work.time`` must be up to date.
 
     A row that a singular start leaves without effect takes the largest scale of the others.
@@ -107,12 +119,17 @@ def set_row_scales(scene: CompiledScene, state: st.State, work: Work) -> None:
     m = len(scene.plan.rows)
     if m == 0 or len(scene.plan.free) == 0:
         return
-    rows = scaled_jacobian(scene, work, state.x)
-    norms = np.linalg.norm(rows, axis=1)
+    mobilities = row_mobilities(constraint_slopes(scene, work, state.x), mass_solver(scene, work, state.x))
+    norms, least = np.zeros(m), np.ones(m)
+    for block, mobility in zip(scene.row_blocks, mobilities, strict=True):
+        norms[block.rows] = lengths = np.sqrt(np.diag(mobility))
+        unit = mobility / np.outer(*2 * [np.where(lengths > 0.0, lengths, 1.0)])
+        factors, _, rank, _ = scipy.linalg.lapack.dpstrf(unit, tol=RANK_FLOOR)
+        least[block.rows] = (np.diag(factors)[:rank] ** 2).min(initial=1.0)
     norms[norms == 0.0] = norms.max() if norms.any() else 1.0
-    pivots = np.abs(np.diag(scipy.linalg.qr((rows / norms[:, None]).T, mode="r", pivoting=True)[0])) ** 2
-    state.memory[0, :m] = norms
-    state.memory[1, 0] = pivots[pivots > RANK_FLOOR].min(initial=1.0)
+    loops.row_scale[:] = norms
+    for c, (first, last) in enumerate(pairwise(loops.paths.block)):
+        loops.usual_pivot[c] = least[first:last].min()
 
 
 @kernel
@@ -130,11 +147,14 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
     solve_rows(plan, work, aw, loops.paths, loops.row_factors)
     for i in range(m):
         loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
-    loops.rank[0] = factor_semidefinite(loops.row_factors, loops.row_order, loops.row_scale)
-    rank = loops.rank[0]
-    while rank > 1 and loops.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual_pivot[0]:
-        rank -= 1
-    minimum_norm_motion(plan, work, aw, loops, rank, loops.rate2, loops.move)
+    for c in range(loops.rank.shape[0]):
+        first = loops.paths.block[c]
+        rank = factor_block(loops.row_factors, first, loops.paths.block[c + 1], loops.row_order, loops.row_scale)
+        loops.rank[c] = rank
+        while rank > 1 and _pivot(loops, c, rank) < NO_REACTION * loops.usual_pivot[c]:
+            rank -= 1
+        loops.effective_rank[c] = rank
+    minimum_norm_motion(plan, work, aw, loops, loops.effective_rank, loops.rate2, loops.move)
     for i in range(m):
         multipliers[i] = loops.solution[i]
     for k in range(a.shape[0]):
@@ -142,15 +162,27 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
 
 
 @kernel
+def _pivot(loops, c, rank):
+    """The pivot of block c that the last of ``rank`` rows has; 0 without any."""
+    if rank == 0:
+        return 0.0
+    last = loops.paths.block[c] + rank - 1
+    return loops.row_factors[last, last] ** 2
+
+
+@kernel
 def update_row_scales(loops, state):
-    """Update the scales of the rows and of the smallest pivot by their last factorisation, at a step's end."""
+    """Update the scales of the rows and of the smallest pivots by their last factorisation, at a step's end."""
     for i in range(loops.row_scale.shape[0]):
         loops.row_scale[i] = max(loops.row_scale[i], loops.row_norm[i])
-    rank = loops.rank[0]
-    pivot = loops.row_factors[rank - 1, rank - 1] ** 2 if rank > 0 else 0.0
-    loops.usual_pivot[0] = max(loops.usual_pivot[0], pivot)
+    least = np.inf
+    for c in range(loops.rank.shape[0]):
+        pivot = _pivot(loops, c, loops.rank[c])
+        loops.usual_pivot[c] = max(loops.usual_pivot[c], pivot)
+        full = loops.rank[c] == loops.paths.block[c + 1] - loops.paths.block[c]
+        least = min(least, pivot if full else 0.0)
     if loops.row_norm.shape[0] > 0:
-        st.watch_pivot(state, pivot if rank == loops.row_norm.shape[0] else 0.0)
+        st.watch_pivot(state, least)
 
 
 @kernel
@@ -172,10 +204,13 @@ def factor_rows(state, length, matrix, order):
 
 @kernel
 def is_nearly_singular(loops):
-    """Whether the smallest pivot is well below its usual size."""
-    rank = loops.rank[0]
-    pivot = loops.row_factors[rank - 1, rank - 1] ** 2
-    return rank < loops.row_norm.shape[0] or pivot < _NEARLY_SINGULAR * loops.usual_pivot[0]
+    """Whether the smallest pivot of a block is well below its usual size."""
+    for c in range(loops.rank.shape[0]):
+        rank = loops.rank[c]
+        full = rank == loops.paths.block[c + 1] - loops.paths.block[c]
+        if not full or _pivot(loops, c, rank) < _NEARLY_SINGULAR * loops.usual_pivot[c]:
+            return True
+    return False
 
 
 @kernel
@@ -183,17 +218,18 @@ def project_onto_tangent(plan, work, aw, loops, out):
     """Project the tangent vector ``out`` (nv,) onto C out = 0, along M^-1 C^T."""
     for i in range(loops.phi.shape[0]):
         loops.phi[i] = row_times(loops.paths, i, out)
-    minimum_norm_motion(plan, work, aw, loops, loops.rank[0], loops.phi, loops.move)
+    minimum_norm_motion(plan, work, aw, loops, loops.rank, loops.phi, loops.move)
     for k in range(out.shape[0]):
         out[k] -= loops.move[k]
 
 
 @kernel
-def minimum_norm_motion(plan, work, aw, loops, rank, rows, out):
-    """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left."""
-    solve_semidefinite(
-        loops.row_factors, rank, loops.row_order, loops.row_scale, rows, loops.scratch, loops.solution
-    )
+def minimum_norm_motion(plan, work, aw, loops, ranks, rows, out):
+    """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left and the ranks of the blocks."""
+    for c in range(ranks.shape[0]):
+        first, last = loops.paths.block[c], loops.paths.block[c + 1]
+        factors, order, scale = loops.row_factors, loops.row_order, loops.row_scale
+        solve_block(factors, first, last, ranks[c], order, scale, rows, loops.scratch, loops.solution)
     for k in range(out.shape[0]):
         loops.force[0, k] = 0.0
     for i in range(rows.shape[0]):
@@ -216,7 +252,7 @@ def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v
     for _ in range(2 * _MAX_ITERATIONS):
         forward_kinematics(plan, work, x, v, v)
         constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-        minimum_norm_motion(plan, work, aw, loops, loops.rank[0], loops.phi if on_positions else loops.rate, loops.move)
+        minimum_norm_motion(plan, work, aw, loops, loops.rank, loops.phi if on_positions else loops.rate, loops.move)
         size = 0.0
         for k in range(v.shape[0]):
             g = groups.of[k]

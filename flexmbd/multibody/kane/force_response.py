@@ -14,7 +14,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
-from flexmbd.multibody.kernels.sampling.series import constraint_matrix
+from flexmbd.multibody.kernels.sampling.series import constraint_rates
 
 FloatArray = NDArray[np.float64]
 
@@ -58,8 +58,9 @@ class ForceResponse:
         solve_mass(plan, self.work, self._articulated, np.ascontiguousarray(forces), slopes)
         if m == 0:
             return UnitResponses(a, np.zeros(0), slopes, np.zeros((len(forces), 0)))
-        jacobian, yielding = np.zeros((m, self._nv)), np.zeros((m, self._nv))
-        constraint_matrix(plan, self.work, x, np.zeros(self._nv), np.zeros(self._nv), np.zeros((4, m)), jacobian)
+        rates, yielding = np.zeros((1, self._nv, m)), np.zeros((m, self._nv))
+        constraint_rates(plan, self.work, x[None], np.eye(self._nv), np.zeros(self._nv), np.zeros((4, m)), rates)
+        jacobian = np.ascontiguousarray(rates[0].T)
         solve_mass(plan, self.work, self._articulated, jacobian, yielding)
         values = np.zeros((3, m))
         forward_kinematics(plan, self.work, x, v, a)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
+from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock, blockwise_order, row_blocks
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
@@ -106,6 +108,11 @@ class CompiledScene:
     interiors: Interiors | None = None
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     varied: bool = False
+
+    @cached_property
+    def row_blocks(self) -> tuple[RowBlock, ...]:
+        """Blocks of constraint rows that share no free coordinate."""
+        return row_blocks(self.plan)
 
     @property
     def nx(self) -> int:
@@ -315,6 +322,8 @@ def build(
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
     )
+    order = blockwise_order(plan)
+    plan = plan.replace(rows=plan.rows[order])
     scene = CompiledScene(
         plan=plan,
         parts=parts,
@@ -322,8 +331,8 @@ def build(
         topology=topology,
         index=b.index,
         velocity_names=tuple(b.names),
-        row_names=tuple(rows.names),
-        row_owners=tuple(rows.owners),
+        row_names=tuple(rows.names[k] for k in order),
+        row_owners=tuple(rows.owners[k] for k in order),
         start=np.array(b.start, float),
         time_rows=tuple(b.times),
         time_names=tuple(b.time_names),

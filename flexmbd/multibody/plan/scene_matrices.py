@@ -13,10 +13,13 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinemat
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, coupling_rows, coupling_terms
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
-from flexmbd.multibody.kernels.sampling.series import constraint_matrix
+from flexmbd.multibody.kernels.sampling.series import constraint_rates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.row_slopes import RowSlopes
 
 FloatArray = NDArray[np.float64]
+
+_AT_ONCE = 64  # velocities by which slopes are taken in one call: memory in proportion to the machine
 
 
 def constraint_values(
@@ -32,11 +35,45 @@ def constraint_values(
 
 def constraint_jacobian(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """C (m, nv): rates of the rows per unit of each velocity."""
-    m = len(scene.plan.rows)
-    jacobian = np.zeros((m, scene.nv))
-    unit, rest = np.zeros((2, scene.nv))
-    constraint_matrix(scene.plan, work, x, unit, rest, np.zeros((4, m)), jacobian)
-    return jacobian
+    return constraint_slopes(scene, work, x).matrix()
+
+
+def constraint_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> RowSlopes:
+    """C block by block: rates of the rows per unit of each velocity."""
+    (slopes,) = slopes_at(scene, work, x[None])
+    return slopes
+
+
+def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes]:
+    """As ``constraint_slopes``, at each of several configurations (nt, nx).
+
+    Blocks share no free velocity, so all of them move by one velocity each at once: as many sweeps over the machine as
+    the largest block has, and one for each velocity that is driven.
+    """
+    blocks, m = scene.row_blocks, len(scene.plan.rows)
+    together = max((len(block.free) for block in blocks), default=0)
+    driven = sorted({int(k) for block in blocks for k in block.driven})
+    columns = [np.concatenate([block.free for block in blocks] or [np.zeros(0, np.int64)]), np.array(driven, np.int64)]
+    sweeps = [np.concatenate([np.arange(len(block.free)) for block in blocks] or [np.zeros(0, np.int64)])]
+    sweeps.append(together + np.arange(len(driven)))
+    column, sweep = np.concatenate(columns), np.concatenate(sweeps)
+    rates = np.zeros((len(x), together + len(driven), m))
+    rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
+    for first in range(0, rates.shape[1], _AT_ONCE):
+        last = min(first + _AT_ONCE, rates.shape[1])
+        velocities = np.zeros((last - first, scene.nv))
+        own = (sweep >= first) & (sweep < last)
+        velocities[sweep[own] - first, column[own]] = 1.0
+        found = np.zeros((len(x), last - first, m))
+        constraint_rates(scene.plan, work, x, velocities, rest, scratch, found)
+        rates[:, first:last] = found
+    parts = []
+    for block in blocks:
+        taken = np.concatenate([np.arange(len(block.free)), together + np.searchsorted(driven, block.driven)])
+        parts.append(rates[:, taken[:, None], block.rows].transpose(0, 2, 1))
+    return [
+        RowSlopes(blocks, tuple(np.ascontiguousarray(part[n]) for part in parts), (m, scene.nv)) for n in range(len(x))
+    ]
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:

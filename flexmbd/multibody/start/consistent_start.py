@@ -14,11 +14,11 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.mass_solver import mass_solver, row_mobilities
 from flexmbd.multibody.plan.scene_matrices import (
-    constraint_jacobian,
+    constraint_slopes,
     constraint_values,
     coordinate_sizes,
-    mass_factor,
     row_sizes,
 )
 from flexmbd.multibody.start.design_position import assemble_from_design
@@ -142,8 +142,8 @@ def _velocities(
 
     In a singular position rows lose their hold on velocities, and hold their squares instead.
     """
-    place = decompose_rows(reduced, work, x) if len(reduced.plan.rows) else None
-    if place is None or place.rank == len(reduced.plan.rows):
+    places = list(zip(reduced.row_blocks, decompose_rows(reduced, work, x), strict=True))
+    if all(place.rank == len(block.rows) for block, place in places):
         velocity = match_velocities(scene, work, x, v, held, given)
         return match_velocities(reduced, work, x, velocity, held, given)
     where = (
@@ -155,12 +155,15 @@ def _velocities(
     except (AssemblyError, SceneError) as reason:
         raise type(reason)(f"{reason}; {where}") from reason
     bend = constraint_values(reduced, work, x, velocity)[2] / row_sizes(reduced)
-    lost = place.left[:, place.rank :].T @ bend
+    lost = np.zeros(len(bend))  # what no acceleration changes
+    for block, place in places:
+        across = place.left[:, place.rank :]
+        lost[block.rows] = across @ (across.T @ bend[block.rows])
     rate = float(np.abs(velocity / coordinate_sizes(scene)).max(initial=0.0))
     # at rest what opens is round-off of the machine's own accelerations
     round_off = SAME_RATE * own_rate(reduced, work, x) ** 2
-    if np.abs(lost).max(initial=0.0) > max(_LEADS_ON * rate**2, round_off):
-        worst = reduced.row_names[int(np.argmax(np.abs(place.left[:, place.rank :] @ lost)))]
+    if np.linalg.norm(lost) > max(_LEADS_ON * rate**2, round_off):
+        worst = reduced.row_names[int(np.argmax(np.abs(lost)))]
         raise SceneError(
             f"the velocities set lead out of the loops at once: no accelerations keep {worst} closed; {where}, or set "
             "the velocities of all joints to those of one of the motions that leave this position"
@@ -218,20 +221,20 @@ def accelerations(
     force = np.zeros(scene.nv)
     residual(plan, work, x, v, a, np.zeros(m), force)
     scene.refuse_failed(work)
-    lower = mass_factor(scene, work, x)
-    scaled: FloatArray = scipy.linalg.solve_triangular(lower, -force[free], lower=True)
+    solve = mass_solver(scene, work, x)
+    a += solve(-force[None])[0]
     multipliers: FloatArray = np.zeros(m)
     if m and len(free):
-        gamma = constraint_values(scene, work, x, v, a)[2]
-        jacobian = scipy.linalg.solve_triangular(
-            lower, constraint_jacobian(scene, work, x)[:, free].T, lower=True
-        ).T
-        # rows of unit length, since those in rad differ from those in m by the square of the machine's size
-        lengths = np.linalg.norm(jacobian, axis=1)
-        lengths[lengths == 0.0] = 1.0
-        unit = jacobian / lengths[:, None]
-        tensions = scipy.linalg.lstsq(unit @ unit.T, unit @ scaled + gamma / lengths, cond=1e-13)[0]
-        multipliers = tensions / lengths
-        scaled = scaled - unit.T @ tensions
-    a[free] = scipy.linalg.solve_triangular(lower, scaled, lower=True, trans="T")
+        opening = constraint_values(scene, work, x, v, a)[2]
+        slopes = constraint_slopes(scene, work, x)
+        reaction = np.zeros((1, scene.nv))
+        for (block, part), mobility in zip(slopes, row_mobilities(slopes, solve), strict=True):
+            # rows of unit length, since those in rad differ from those in m by the square of the machine's size
+            lengths = np.sqrt(np.diag(mobility))
+            lengths[lengths == 0.0] = 1.0
+            unit = mobility / np.outer(lengths, lengths)
+            tensions = scipy.linalg.lstsq(unit, opening[block.rows] / lengths, cond=1e-13)[0]
+            multipliers[block.rows] = tensions / lengths
+            reaction[0, block.free] += part[:, : len(block.free)].T @ multipliers[block.rows]
+        a -= solve(reaction)[0]
     return a, multipliers

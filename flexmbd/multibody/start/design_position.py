@@ -99,7 +99,7 @@ def _rates(scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led
         rigid[slots.v] = False
     rest = np.zeros(scene.nv)
     return way + least_change(
-        slopes, slopes @ way, size=size, movable=rigid, cost=rest, before=rest, blurred=_open(scene, work, x)
+        slopes, slopes.times(way), size=size, movable=rigid, cost=rest, before=rest, blurred=_open(scene, work, x)
     )
 
 

@@ -1,7 +1,8 @@
-"""Independent constraint rows, found where the mechanism is regular.
+"""Independent constraint rows, found where the mechanism is regular, block by block.
 
-Of rows C = U S V^T, per full size of coordinates and rows, a choice of as many as the rank holds as firmly as the
-smallest singular value of its part of U says: 1 where the others add nothing, 0 where it alone has lost its rank.
+Of a block's rows C = U S V^T, per full size of coordinates and rows, a choice of as many as the rank holds as firmly
+as the smallest singular value of its part of U says: 1 where the others add nothing, 0 where it alone has lost its
+rank.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, coordinate_sizes, row_sizes
-from flexmbd.multibody.start.loop_closing import CLOSED, close_loops
+from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
+from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
 
 FloatArray = NDArray[np.float64]
 
@@ -62,6 +62,8 @@ class RowDecomposition:
 
     def independent(self) -> list[int]:
         """``rank`` rows that carry all others, the best-conditioned that pivoting finds."""
+        if self.rank == 0:
+            return []
         return self._pivoted(self.slopes, self.rank, self.blur * float(np.linalg.norm(self.slopes, 2)))
 
     def best_conditioned(self, rank: int) -> list[int]:
@@ -124,24 +126,38 @@ def better_rows(
         kept: (m,) rows.
         worth: the least gain that counts.
     """
-    place = decompose_rows(scene, work, x)
-    others = place.best_conditioned(len(kept))
-    return others if place.conditioning(others) > worth * place.conditioning(kept) else None
+    found: list[int] = []
+    for block, place in zip(scene.row_blocks, decompose_rows(scene, work, x), strict=True):
+        own = [k for k, row in enumerate(block.rows) if row in kept]
+        others = place.best_conditioned(len(own))
+        better = place.conditioning(others) > worth * place.conditioning(own)
+        found += [int(block.rows[k]) for k in (others if better else own)]
+    return sorted(found) if set(found) != set(kept) else None
 
 
-def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowDecomposition:
-    """The slopes of the scene's rows at x (nx,), with closed loops."""
-    free, m = scene.plan.free, len(scene.plan.rows)
-    rows = row_sizes(scene)
-    slopes = constraint_jacobian(scene, work, x)[:, free] * coordinate_sizes(scene)[free] / rows[:, None]
-    left, found, _ = scipy.linalg.svd(slopes)
+def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowDecomposition]:
+    """The slopes of each block of the scene's rows at x (nx,), with closed loops."""
+    if len(scene.plan.rows) == 0:
+        return []
+    rows, sizes = row_sizes(scene), coordinate_sizes(scene)
+    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
+    holds = constraint_rows(scene.plan).holds_position
+    found = []
+    for block, part in constraint_slopes(scene, work, x).over(rows):
+        slopes = part[:, : len(block.free)] * sizes[block.free]
+        blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), _ROUND_OFF)
+        found.append(_decomposed(slopes, holds[block.rows], blur))
+    return found
+
+
+def _decomposed(slopes: FloatArray, holds: NDArray[np.bool_], blur: float) -> RowDecomposition:
+    """The decomposition of slopes (m, free) known to ``blur``."""
+    m, free = slopes.shape
+    left, found = scipy.linalg.svd(slopes)[:2] if free else (np.eye(m), np.zeros(0))
     largest = max(float(found.max(initial=0.0)), 1e-300)
     sigma = np.zeros(m)
     sigma[: len(found)] = found / largest
-    phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
-    blur = max(_BLUR * float(np.abs(phi).max(initial=0.0)), _ROUND_OFF)
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
-    holds = constraint_rows(scene.plan).holds_position
     return RowDecomposition(slopes, holds, left, sigma, blur / min(largest, 1.0))
 
 
@@ -150,47 +166,59 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoi
 
     Redundancy is a property of the mechanism, not of one position: at singular ones fewer rows are independent, and
     where loops are closed roughly more seem to be.  So the rank counts where it is clear, and the largest one does;
-    looked at are the start and, unless all rows are independent there, positions beside it on the loops.
+    looked at are the start and, unless all rows are independent there, positions beside it on the loops.  Each block
+    of rows is a mechanism by itself.
 
     Args:
         scene: with all its rows.
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a configuration with closed loops.
     """
-    m = len(scene.plan.rows)
-    if m == 0 or len(scene.plan.free) == 0:
+    if len(scene.plan.rows) == 0 or len(scene.plan.free) == 0:
         return RowChoice([], True)  # what motions drive altogether needs no row, nor can one hold it
-    here = decompose_rows(scene, work, x)
-    places = [here]
-    if not (here.is_clear and here.rank == m):
-        places += _regular_positions(scene, work, x)
+    places = [[here] for here in decompose_rows(scene, work, x)]
+    blocks = scene.row_blocks
+    unclear = [k for k, (here,) in enumerate(places) if not (here.is_clear and here.rank == len(blocks[k].rows))]
+    for k, beside in _regular_positions(scene, work, x, unclear).items():
+        places[k] += beside
+    choices = [_choice(of_block) for of_block in places]
+    rows = [int(block.rows[k]) for block, choice in zip(blocks, choices, strict=True) for k in choice.rows]
+    return RowChoice(sorted(rows), all(choice.for_good for choice in choices))
+
+
+def _choice(places: Sequence[RowDecomposition]) -> RowChoice:
+    """Independent rows of a block by what they are at several positions, the start first."""
     clear = [place for place in places if place.is_clear]
     if not clear:
         return RowChoice(min(places, key=lambda place: place.blur).independent(), False)
     best = max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1]))
     # what is so at two places taken at random is no matter of the position
     regular = [place for place in clear if place.rank == best.rank]
-    return RowChoice(best.independent(), best.rank == m or (len(regular) > 1 and all(map(best.carries, regular))))
+    whole = best.rank == len(best.sigma)
+    return RowChoice(best.independent(), whole or (len(regular) > 1 and all(map(best.carries, regular))))
 
 
-def _regular_positions(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowDecomposition]:
-    """Regular positions on the loops near x."""
+def _regular_positions(
+    scene: CompiledScene, work: Work, x: FloatArray, wanted: Sequence[int]
+) -> dict[int, list[RowDecomposition]]:
+    """Of blocks ``wanted`` the decompositions at regular positions on the loops near x."""
     generator = np.random.default_rng(0)
     size = np.zeros(scene.nv)
     size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
     for slots in scene.index.modes.values():
         size[slots.v] = 0.0
-    found: list[RowDecomposition] = []
-    for trial in range(_TRIALS):
+    found: dict[int, list[RowDecomposition]] = {k: [] for k in wanted}
+    for trial in range(_TRIALS if wanted else 0):
         near = np.empty_like(x)
         retract(scene.plan, x, (1 + trial) * _BESIDE * size * generator.uniform(-1.0, 1.0, scene.nv), near)
-        try:
-            closing = close_loops(scene, work, near, np.zeros(scene.nv, bool))
-        except AssemblyError:
+        closing, gap = close_as_far(scene, work, near, np.zeros(scene.nv, bool))
+        if closing.left_open > CLOSED:
             continue
-        place = decompose_rows(scene, work, closing.x)
-        if closing.left_open <= CLOSED and place.is_clear:
-            found.append(place)
-        if len(found) == _PLACES:
+        places = decompose_rows(scene, work, closing.x)
+        for k, of_block in found.items():
+            closed = np.abs(gap[scene.row_blocks[k].rows]).max() <= CLOSED
+            if closed and places[k].is_clear and len(of_block) < _PLACES:
+                of_block.append(places[k])
+        if all(len(of_block) == _PLACES for of_block in found.values()):
             break
     return found

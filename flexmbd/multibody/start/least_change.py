@@ -6,6 +6,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.multibody.plan.row_slopes import RowSlopes
+
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -14,7 +16,7 @@ _FAR = 0.05  # slopes of gaps are trusted as of gaps of this share of the machin
 
 
 def least_change(
-    slopes: FloatArray,
+    slopes: RowSlopes,
     gap: FloatArray,
     *,
     size: FloatArray,
@@ -23,7 +25,9 @@ def least_change(
     before: FloatArray,
     blurred: float | None = None,
 ) -> FloatArray:
-    """The step s (n,) by which slopes s = - gap, by least squares, and |cost (before + s)| is least; last |s / size|.
+    """The step s (nv,) by which slopes s = - gap, by least squares, and |cost (before + s)| is least; last |s / size|.
+
+    Each block of rows has its own.  What no row holds moves back by what it has cost, to where it costs nothing.
 
     Slopes change by some share of the gap until it is closed, so of directions in which they are smaller than that
     nothing is known: a step there counts no more than the gap (Levenberg and Marquardt's damping, which vanishes with
@@ -31,20 +35,31 @@ def least_change(
     step anywhere.
 
     Args:
-        slopes: (k, n) per unit of each coordinate, of shares of the machine's size.
-        gap: (k,) such shares, or their rates.
-        size: (n,) full size of each coordinate, its own unit.
-        movable: (n,) which may change.
-        cost: (n,) root of what the square of a unit costs; 0: nothing.
-        before: (n,) what they have changed already.
+        slopes: of m rows per unit of each of nv coordinates, of shares of the machine's size.
+        gap: (m,) such shares, or their rates.
+        size: (nv,) full size of each coordinate, its own unit.
+        movable: (nv,) which may change, free ones alone.
+        cost: (nv,) root of what the square of a unit costs; 0: nothing.
+        before: (nv,) what they have changed already.
         blurred: how far slopes are off, as a share; by default the gap, for these are slopes of positions.
 
     Returns:
-        (n,), zero where not movable.
+        (nv,), zero where not movable.
     """
-    step = np.zeros(len(size))
-    scaled = slopes[:, movable] * size[movable]
-    price = cost[movable] * size[movable]
+    step = np.where(movable & (cost > 0.0), -before, 0.0)
+    for block, part in slopes:
+        moves = movable[block.free]
+        k = block.free[moves]
+        if len(k):
+            scaled = part[:, : len(block.free)][:, moves] * size[k]
+            step[k] = size[k] * _shares(scaled, gap[block.rows], cost[k] * size[k], before[k] / size[k], blurred)
+    return step
+
+
+def _shares(
+    scaled: FloatArray, gap: FloatArray, price: FloatArray, before: FloatArray, blurred: float | None
+) -> FloatArray:
+    """The step (n,) of a block, as shares of full size; ``scaled`` (k, n), ``price`` and ``before`` are per such."""
     priced = price > 0.0
     u, sigma, vt = scipy.linalg.svd(scaled, full_matrices=bool(priced.any()))
     rank = int(np.sum(sigma > _RANK * max(sigma.max(initial=0.0), 1e-300)))
@@ -58,7 +73,6 @@ def least_change(
     part = -vt[:rank].T @ (shares * (u[:, :rank].T @ gap))
     if priced.any():
         idle = vt[int(np.sum(sigma > max(doubt, _RANK * sigma.max(initial=0.0)))) :].T
-        wanted = -(before[movable] / size[movable] + part)[priced] * price[priced]
+        wanted = -(before + part)[priced] * price[priced]
         part = part + idle @ scipy.linalg.lstsq(price[priced, None] * idle[priced], wanted, cond=1e-12)[0]
-    step[movable] = part * size[movable]
-    return step
+    return np.asarray(part, dtype=np.float64)

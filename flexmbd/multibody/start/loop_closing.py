@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
@@ -17,11 +16,12 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.mass_solver import mass_solver
+from flexmbd.multibody.plan.row_slopes import RowSlopes
 from flexmbd.multibody.plan.scene_matrices import (
-    constraint_jacobian,
+    constraint_slopes,
     constraint_values,
     coordinate_sizes,
-    mass_factor,
     modal_stiffness,
     row_sizes,
 )
@@ -111,9 +111,27 @@ def close_loops(
         AssemblyError: nothing closes the loops.
         SceneError: they close, but not with what the user gave.
     """
+    best, gap = close_as_far(scene, work, x, held, given)
+    if _largest(gap) > CLOSED:
+        if given.positions:
+            near = close_loops(scene, work, x, held).x  # or what is open is not the given coordinates' fault
+            _refuse("positions", coordinate_names(given.positions), given.position_gaps(scene, work, near), "m or rad")
+        worst = int(np.argmax(np.abs(gap)))
+        raise AssemblyError(
+            f"the mechanism cannot be assembled: {scene.row_names[worst]} stays open by "
+            f"{abs(gap[worst]) * row_sizes(scene)[worst]:.3e} (m or rad); check lengths, frames and the joint "
+            "positions set"
+        )
+    return best
+
+
+def close_as_far(
+    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: GivenCoordinates = NOTHING_GIVEN
+) -> tuple[Closing, FloatArray]:
+    """As ``close_loops``, as far as the loops can be closed; and the gaps left (m,), over the machine's size."""
     best = Closing(x, np.zeros(scene.nv), 0.0)
     if len(scene.plan.rows) == 0 and not given.positions:
-        return best
+        return best, np.zeros(0)
     gap = _gaps(scene, work, x, given)
     for stage in _stages(scene, held, np.sqrt(modal_stiffness(scene))):
         if _largest(gap) <= _ROUND_OFF:
@@ -131,17 +149,7 @@ def close_loops(
                 best, gap = Closing(trial, change, left_open), left
             if _largest(gap) <= CLOSED:
                 break
-    if _largest(gap) > CLOSED:
-        if given.positions:
-            near = close_loops(scene, work, x, held).x  # or what is open is not the given coordinates' fault
-            _refuse("positions", coordinate_names(given.positions), given.position_gaps(scene, work, near), "m or rad")
-        worst = int(np.argmax(np.abs(gap)))
-        raise AssemblyError(
-            f"the mechanism cannot be assembled: {scene.row_names[worst]} stays open by "
-            f"{abs(gap[worst]) * row_sizes(scene)[worst]:.3e} (m or rad); check lengths, frames and the joint "
-            "positions set"
-        )
-    return best
+    return best, gap
 
 
 def close_rigidly(
@@ -191,12 +199,13 @@ def _gaps(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordinat
     return np.concatenate([gaps, given.position_gaps(scene, work, x) / given.position_sizes(scene)])
 
 
-def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordinates) -> FloatArray:
+def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordinates) -> RowSlopes:
     """Rates of ``_gaps`` per unit of each velocity."""
     slopes = loop_slopes(scene, work, x)
     if not given.positions:
         return slopes
-    return np.vstack([slopes, given.position_slopes(scene, work, x) / given.position_sizes(scene)[:, None]])
+    more = given.position_slopes(scene, work, x) / given.position_sizes(scene)[:, None]
+    return RowSlopes.of_matrix(np.vstack([slopes.matrix(), more]), scene.plan.free)
 
 
 def _gauss_newton(
@@ -234,11 +243,12 @@ def match_velocities(
     if len(scene.plan.rows) == 0 and not given.velocities:
         return v
     open_ = _largest(_gaps(scene, work, x, NOTHING_GIVEN))
-    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
+    slopes = constraint_slopes(scene, work, x).over(row_sizes(scene))
     gap = constraint_values(scene, work, x, v)[1] / row_sizes(scene)
     if given.velocities:
         sizes = given.velocity_sizes(scene)
-        slopes = np.vstack([slopes, given.velocity_slopes(scene, work, x) / sizes[:, None]])
+        more = given.velocity_slopes(scene, work, x) / sizes[:, None]
+        slopes = RowSlopes.of_matrix(np.vstack([slopes.matrix(), more]), scene.plan.free)
         gap = np.concatenate([gap, given.velocity_gaps(scene, work, x, v) / sizes])
     size = coordinate_sizes(scene)
     rate = max(_largest(v / size), _largest(gap))  # 1/s, the machine's
@@ -251,7 +261,7 @@ def match_velocities(
         step = least_change(
             slopes, gap, size=size, movable=stage.movable, cost=stage.cost, before=change, blurred=open_
         )
-        left = gap + slopes @ step
+        left = gap + slopes.times(step)
         if _largest(left) < _WORTH * _largest(gap):
             change, gap = change + step, left
     if _largest(gap) <= CLOSED * rate or _largest(gap) <= SAME_RATE * own_rate(scene, work, x):
@@ -279,5 +289,5 @@ def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
     if len(free):
         force = np.zeros(scene.nv)
         residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
-        pull[free] = scipy.linalg.cho_solve((mass_factor(scene, work, x), True), force[free])
+        pull[free] = mass_solver(scene, work, x)(force[None])[0, free]
     return float(np.sqrt(np.abs(pull / coordinate_sizes(scene)).max(initial=0.0)))

@@ -18,7 +18,8 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, row_sizes
+from flexmbd.multibody.plan.row_slopes import RowSlopes
+from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, row_sizes
 
 FloatArray = NDArray[np.float64]
 
@@ -34,13 +35,18 @@ def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     return gaps
 
 
-def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
-    """(m, nv) rates of ``loop_gaps`` per unit of each velocity; none of rows that hold velocities alone."""
-    slopes = constraint_jacobian(scene, work, x) / row_sizes(scene)[:, None]
-    slopes[~constraint_rows(scene.plan).holds_position] = 0.0
+def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> RowSlopes:
+    """Rates of ``loop_gaps`` (m,) per unit of each velocity; none of rows that hold velocities alone."""
+    slopes = constraint_slopes(scene, work, x).over(row_sizes(scene))
+    holds = constraint_rows(scene.plan).holds_position
+    for block, part in slopes:
+        part[~holds[block.rows]] = 0.0
     forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
-    for rows, frames, _, per_spin in list(_far_turned(scene, work)):
-        slopes[rows] = per_spin @ _spins(scene, work, x, *frames)
+    turned = list(_far_turned(scene, work))
+    block_of = {int(row): k for k, block in enumerate(slopes.blocks) for row in block.rows} if turned else {}
+    for rows, frames, _, per_spin in turned:
+        block, part = slopes.blocks[block_of[int(rows[0])]], slopes.parts[block_of[int(rows[0])]]
+        part[np.searchsorted(block.rows, rows)] = per_spin @ _spins(scene, work, x, frames, block.velocities)
     return slopes
 
 
@@ -56,14 +62,16 @@ def _far_turned(
     index = table.index
     unturned = table.kind == kinds.ROW_AXIS
     aligned = (table.kind == kinds.ROW_DIRECTION) & np.isin(index, _ALIGNING)
-    for frames in {(int(table.f[k]), int(table.g[k])): None for k in np.flatnonzero(unturned | aligned)}:
+    pairs: dict[tuple[int, int], list[int]] = {}
+    for k in np.flatnonzero(unturned | aligned):
+        pairs.setdefault((int(table.f[k]), int(table.g[k])), []).append(int(k))
+    for frames, own in pairs.items():
         R = np.reshape(relative_motion(scene.plan, work, *frames)[1], (3, 3))
-        own = table.between(*frames)
-        rows = np.flatnonzero(own & unturned)
+        rows = np.array([k for k in own if unturned[k]])
         if len(rows) and np.trace(R) < 1.0:
             theta = np.array(rotation_vector(tuple(R.ravel())))
             yield rows, frames, theta[index[rows]], _rates_of_rotation_vector(theta)[index[rows]]
-        rows = np.flatnonzero(own & aligned)
+        rows = np.array([k for k in own if aligned[k]])
         if len(rows) and R[2, 2] < 0.0:
             # the shortest turn of z onto z'; opposed, any about an axis across them
             across = np.hypot(R[0, 2], R[1, 2])
@@ -81,10 +89,15 @@ def _rates_of_rotation_vector(theta: FloatArray) -> FloatArray:
     return slopes
 
 
-def _spins(scene: CompiledScene, work: Work, x: FloatArray, f: int, g: int) -> FloatArray:
-    """(3, nv) angular velocity of frame row g against f, in f's axes, per unit of each velocity."""
-    spins = np.zeros((3, scene.nv))
-    for k, unit in enumerate(np.eye(scene.nv)):
-        forward_kinematics(scene.plan, work, x, unit, np.zeros(scene.nv))
-        spins[:, k] = relative_motion(scene.plan, work, f, g)[3]
+def _spins(
+    scene: CompiledScene, work: Work, x: FloatArray, frames: tuple[int, int], velocities: NDArray[np.int64]
+) -> FloatArray:
+    """(3, n) angular velocity of the second frame row against the first, in its axes, per unit of each velocity."""
+    spins = np.zeros((3, len(velocities)))
+    unit, rest = np.zeros((2, scene.nv))
+    for n, k in enumerate(velocities):
+        unit[k] = 1.0
+        forward_kinematics(scene.plan, work, x, unit, rest)
+        spins[:, n] = relative_motion(scene.plan, work, *frames)[3]
+        unit[k] = 0.0
     return spins

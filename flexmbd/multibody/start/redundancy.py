@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,
+    constraint_slopes,
     coordinate_sizes,
     mass_factor,
     row_sizes,
+    slopes_at,
 )
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.loop_closing import CLOSED
 
 FloatArray = NDArray[np.float64]
 
+_AT_ONCE = 256  # instants whose slopes are held at once
+
 
 def minimum_norm_multipliers(
-    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray, *, independent: int
+    scene: CompiledScene, work: Work, x: FloatArray, multipliers: FloatArray, *, kept: Sequence[int]
 ) -> FloatArray:
     """Spread the reactions of rows over all rows.
 
@@ -35,20 +42,35 @@ def minimum_norm_multipliers(
         work: scratch, with ``work.time`` of any instant.
         x: (nt, nx) configurations.
         multipliers: (nt, m) any that do it (N or N m), those of independent rows and zeros.
-        independent: how many of the rows are.
+        kept: as many independent rows as there are, of each block of rows.
 
     Returns:
         (nt, m) N or N m.
     """
-    rows = row_sizes(scene)
-    spread = np.zeros_like(multipliers)
-    for k, (place, reaction) in enumerate(zip(x, multipliers, strict=True)):
-        # multipliers by their rows' sizes are all of one unit; what lies in the rows' own space is all that acts
-        found = decompose_rows(scene, work, place)
-        round_off = max(found.slopes.shape) * np.finfo(float).eps
-        own = found.left[:, : min(independent, int(np.sum(found.sigma > round_off)))]
-        spread[k] = own @ (own.T @ (reaction * rows)) / rows
+    spread = multipliers.copy()
+    for first in range(0, len(x), _AT_ONCE):
+        own = slice(first, first + _AT_ONCE)
+        slopes = slopes_at(scene, work, x[own])
+        for k, block in enumerate(scene.row_blocks):
+            rank = int(np.isin(block.rows, kept).sum())
+            if 0 < rank < len(block.rows):
+                parts = np.array([one.parts[k][:, : len(block.free)] for one in slopes])
+                spread[own, block.rows] = _smallest(scene, block, parts, spread[own, block.rows], rank)
     return spread
+
+
+def _smallest(
+    scene: CompiledScene, block: RowBlock, slopes: FloatArray, multipliers: FloatArray, rank: int
+) -> FloatArray:
+    """(nt, k) the smallest multipliers of a block's rows by their slopes (nt, k, free)."""
+    rows, sizes = row_sizes(scene)[block.rows], coordinate_sizes(scene)[block.free]
+    # multipliers by their rows' sizes are all of one unit; what lies in the rows' own space is all that acts
+    left, sigma, _ = np.linalg.svd(slopes * sizes / rows[:, None], full_matrices=False)
+    round_off = max(slopes.shape[1:]) * np.finfo(float).eps
+    acts = sigma > round_off * sigma.max(axis=1, initial=0.0, keepdims=True)
+    acts[:, rank:] = False
+    shares = np.where(acts, np.einsum("tki,tk->ti", left, multipliers * rows), 0.0)
+    return np.asarray(np.einsum("tki,ti->tk", left, shares) / rows)
 
 
 def balancing_multipliers(
@@ -93,8 +115,12 @@ def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a regular configuration with closed loops.
     """
-    place = decompose_rows(full, work, x)
-    driven = np.setdiff1d(np.arange(full.nv), full.plan.free)
-    slopes = constraint_jacobian(full, work, x)[:, driven] * coordinate_sizes(full)[driven] / row_sizes(full)[:, None]
-    left_open = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)
-    return [full.velocity_names[k] for k in driven[left_open > CLOSED * np.abs(slopes).max(initial=0.0)]]
+    rows, sizes = row_sizes(full), coordinate_sizes(full)
+    left_open, largest = np.zeros(full.nv), 0.0
+    places = decompose_rows(full, work, x)
+    for (block, part), place in zip(constraint_slopes(full, work, x).over(rows), places, strict=True):
+        slopes = part[:, len(block.free) :] * sizes[block.driven]
+        across = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)
+        left_open[block.driven] = np.maximum(left_open[block.driven], across)
+        largest = max(largest, float(np.abs(slopes).max(initial=0.0)))
+    return [full.velocity_names[k] for k in np.flatnonzero(left_open > CLOSED * largest)]

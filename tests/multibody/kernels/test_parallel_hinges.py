@@ -32,8 +32,8 @@ def solve_semidefinite(matrix, rank, order, scale, rhs, scratch, out):
 
 
 @entry_kernel
-def respond(plan, work, aw, loops, rank, rows, out):
-    loop_dynamics.minimum_norm_motion(plan, work, aw, loops, rank, rows, out)
+def respond(plan, work, aw, loops, rows, out):
+    loop_dynamics.minimum_norm_motion(plan, work, aw, loops, loops.rank, rows, out)
 
 
 def parallel_tree(seed, *, twisted=False):
@@ -156,7 +156,8 @@ def test_respond_solves_the_loops():
     rank = factor_semidefinite(loops.row_factors, loops.row_order, loops.row_scale)
     rates = np.arange(1.0, m + 1.0)
     moved = np.zeros(n)
-    respond(kept, work, aw, loops, rank, rates, moved)
+    loops.rank[0] = rank
+    respond(kept, work, aw, loops, rates, moved)
     assert rank == m
     np.testing.assert_allclose(loops.paths.jacobian @ moved, rates, atol=1e-11)
     force = np.linalg.lstsq(loops.paths.jacobian.T, mass_matrix(compiled, work, x) @ moved, rcond=None)[0]

@@ -23,6 +23,13 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
+from flexmbd.multibody.kernels.forward_dynamics.row_blocks import (
+    JOINT_VELOCITIES,
+    block_bounds,
+    bodies_on_paths,
+    row_blocks,
+    row_bodies,
+)
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_relative, relative_pose
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
@@ -37,7 +44,8 @@ class RowPaths(ArrayStruct):
     """Which bodies each of m rows visits, and which rows visit each body.
 
     first: (m + 1,) where a row's bodies begin in ``body``, outermost first.
-    visited: (bodies + 1,) where a body's rows begin in ``row``, in rising order.
+    visited: (bodies + 1,) where the rows of a body that is eliminated begin in ``row``, in rising order.
+    block: (blocks + 1,) where stretches of rows begin that are coupled among themselves alone.
     slots: (bodies, 5) of its joint the first velocity, the number of velocities, how many of them are eliminated; first
     velocity and number of its modes.
     jacobian: (m, nv) C.  joint_force, joint_acceleration: (m, nv) U and Y.  All are zero off the paths.
@@ -47,6 +55,7 @@ class RowPaths(ArrayStruct):
     body: IntArray
     visited: IntArray
     row: IntArray
+    block: IntArray
     slots: IntArray
     jacobian: FloatArray
     joint_force: FloatArray
@@ -55,42 +64,32 @@ class RowPaths(ArrayStruct):
 
 def new_row_paths(plan: Plan) -> RowPaths:
     """Find the paths of the rows of ``plan``."""
-    paths = [_path(plan, row) for row in plan.rows]
-    rows_of = [[r for r, path in enumerate(paths) if b in path] for b in range(len(plan.tree))]
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    paths = [sorted(bodies_on_paths(parents, row_bodies(plan, row)), reverse=True) for row in plan.rows]
     driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
-    freedoms = {kinds.FIXED: 0, kinds.SPHERICAL: 3, kinds.FREE: 6}
     slots = np.zeros((len(plan.tree), 5), np.int64)
-    rows: Any = plan.tree.tolist()
-    for i, tree in enumerate(rows):
-        count = freedoms.get(tree[at.JOINT], 1)
+    trees: Any = plan.tree.tolist()
+    for i, tree in enumerate(trees):
+        count = JOINT_VELOCITIES.get(tree[at.JOINT], 1)
         slots[i, :3] = tree[at.JOINT_V], count, 0 if tree[at.JOINT_V] in driven else count
         if tree[at.FLEX] >= 0:
             slots[i, 3:] = tree[at.MODAL_V], plan.flex[tree[at.FLEX], at.N_MODES]
+    moving: Any = (slots[:, 2] + slots[:, 4] > 0).tolist()
+    rows_of: list[list[int]] = [[] for _ in trees]
+    for r, path in enumerate(paths):
+        for b in path:
+            if moving[b]:
+                rows_of[b].append(r)
     shape = (len(plan.rows), len(plan.free) + len(plan.driven))
     return RowPaths(
-        *_flattened([sorted(path, reverse=True) for path in paths]),
+        *_flattened(paths),
         *_flattened(rows_of),
+        block_bounds(row_blocks(plan), len(plan.rows)),
         slots,
         np.zeros(shape),
         np.zeros(shape),
         np.zeros(shape),
     )
-
-
-def _path(plan: Plan, row: IntArray) -> set[int]:
-    """Tree rows of the bodies between a constraint row's ends and the ground."""
-    if row[at.ROW_KIND] == kinds.ROW_COUPLING:
-        o = row[at.ROW_DATA]
-        ends = [int(b) for b in plan.data[o + 2 :: 2][: int(plan.data[o])]]
-    else:
-        ends = [int(plan.frame_of[row[f], at.FRAME_BODY]) for f in (at.ROW_F, at.ROW_G)]
-    path: set[int] = set()
-    for end in ends:
-        body = end
-        while body >= 0:
-            path.add(body)
-            body = int(plan.tree[body, at.PARENT])
-    return path
 
 
 def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
@@ -100,15 +99,16 @@ def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
 
 @entry_kernel
 def solve_rows(plan, work, aw, paths, small):
-    """Write C, U, Y into ``paths`` and the lower triangle of C M^-1 C^T into ``small`` (m, m).
+    """Write C, U, Y into ``paths`` and the lower triangles of the blocks of C M^-1 C^T into ``small`` (m, m).
 
     Of the forward dynamics at hand, whose factors are in ``aw``, and of the kinematics in ``work``.
     """
-    for i in range(small.shape[0]):
-        _unit_reaction(plan, work, paths, i)
-        _propagate_row(plan, aw, paths, i)
-        for j in range(i + 1):
-            small[i, j] = 0.0
+    for c in range(paths.block.shape[0] - 1):
+        for i in range(paths.block[c], paths.block[c + 1]):
+            _unit_reaction(plan, work, paths, i)
+            _propagate_row(plan, aw, paths, i)
+            for j in range(paths.block[c], i + 1):
+                small[i, j] = 0.0
     for b in range(paths.slots.shape[0]):
         for p in range(paths.visited[b], paths.visited[b + 1]):
             i = paths.row[p]

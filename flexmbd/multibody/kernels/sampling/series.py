@@ -136,17 +136,16 @@ def largest_residuals(plan, work, t, x, rest, scratch, out):
 
 
 @entry_kernel
-def constraint_matrix(plan, work, x, unit, rest, scratch, out):
-    """out (m, nv): rates of the rows per unit of each velocity.
+def constraint_rates(plan, work, x, velocities, rest, scratch, out):
+    """out (nt, k, m): rates of the rows by each of the velocities (k, nv), at each configuration x (nt, nx).
 
-    ``unit`` and ``rest`` are (nv,) zeros, ``scratch`` (4, m).
+    ``rest`` is (nv,) zeros, ``scratch`` (4, m).  What prescribed motions add is left out.
     """
-    forward_kinematics(plan, work, x, rest, rest)
-    constraints(plan, work, scratch[0], scratch[3], scratch[2])  # rates of prescribed rows
-    for k in range(unit.shape[0]):
-        unit[k] = 1.0
-        forward_kinematics(plan, work, x, unit, rest)
-        constraints(plan, work, scratch[0], scratch[1], scratch[2])
-        unit[k] = 0.0
-        for i in range(out.shape[0]):
-            out[i, k] = scratch[1, i] - scratch[3, i]
+    for n in range(x.shape[0]):
+        forward_kinematics(plan, work, x[n], rest, rest)
+        constraints(plan, work, scratch[0], scratch[3], scratch[2])  # rates of prescribed rows
+        for k in range(velocities.shape[0]):
+            forward_kinematics(plan, work, x[n], velocities[k], rest)
+            constraints(plan, work, scratch[0], scratch[1], scratch[2])
+            for i in range(out.shape[2]):
+                out[n, k, i] = scratch[1, i] - scratch[3, i]

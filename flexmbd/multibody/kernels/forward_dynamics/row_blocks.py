@@ -1,0 +1,127 @@
+"""Blocks of constraint rows: rows of two blocks share no free coordinate, and neither's reactions move the other.
+
+Two rows are coupled, by C or by C M^-1 C^T, where the paths from their frames to the ground share a body that is free
+to move.  So the branches that stand on the ground, joined where a loop runs through two of them, are the blocks: C,
+C M^-1 C^T and their factors are found block by block, at a cost that grows with the number of blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
+
+#: Velocities of a joint, by its kind; one of those not named.
+JOINT_VELOCITIES = {kinds.FIXED: 0, kinds.SPHERICAL: 3, kinds.FREE: 6}
+
+
+@dataclass(frozen=True, eq=False)
+class RowBlock:
+    """A block of rows.
+
+    Attributes:
+        rows: (k,) rising.
+        free, driven: velocities of the bodies on the rows' paths, each rising.  The free ones are of no other block.
+    """
+
+    rows: IntArray
+    free: IntArray
+    driven: IntArray
+
+    @property
+    def velocities(self) -> IntArray:
+        """(n,) the free ones, then the driven ones."""
+        return np.concatenate([self.free, self.driven])
+
+
+def row_bodies(plan: Plan, row: IntArray) -> tuple[int, ...]:
+    """Tree rows of the bodies, -1 for the ground, that a constraint row is about."""
+    if row[at.ROW_KIND] == kinds.ROW_COUPLING:
+        o = row[at.ROW_DATA]
+        return tuple(int(b) for b in plan.data[o + 2 :: 2][: int(plan.data[o])])
+    return int(plan.frame_of[row[at.ROW_F], at.FRAME_BODY]), int(plan.frame_of[row[at.ROW_G], at.FRAME_BODY])
+
+
+def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
+    """The blocks of the rows of ``plan``, by their first rows.  Rows that nothing free moves are one block more."""
+    velocities = _velocities(plan)
+    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    branch: list[int] = []  # the body nearest to the ground that is free to move; -1: none is
+    for i, parent in enumerate(parents):
+        inner = branch[parent] if parent >= 0 else -1
+        moves = any(k not in driven for k in velocities[i])
+        branch.append(inner if inner >= 0 else i if moves else -1)
+    ends = [row_bodies(plan, row) for row in plan.rows]
+    joined = {i: i for i in (-1, *branch)}
+    for bodies in ends:
+        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
+        for b in moving[1:]:
+            joined[_root(joined, b)] = _root(joined, moving[0])
+    members: dict[int, list[int]] = {}
+    for r, bodies in enumerate(ends):
+        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
+        members.setdefault(_root(joined, moving[0]) if moving else -1, []).append(r)
+    found = []
+    for rows in members.values():
+        path = bodies_on_paths(parents, {b for r in rows for b in ends[r]})
+        own = sorted(k for b in path for k in velocities[b])
+        free = [k for k in own if k not in driven]
+        held = [k for k in own if k in driven]
+        found.append(RowBlock(*(np.array(part, np.int64) for part in (rows, free, held))))
+    return tuple(found)
+
+
+def blockwise_order(plan: Plan) -> IntArray:
+    """(m,) the rows of ``plan``, those of one block next to each other; as they are where they lie so already."""
+    blocks = row_blocks(plan)
+    if len(blocks) < 2:
+        return np.arange(len(plan.rows))
+    return np.concatenate([block.rows for block in blocks])
+
+
+def block_bounds(blocks: tuple[RowBlock, ...], count: int) -> IntArray:
+    """(c + 1,) where stretches of the ``count`` rows begin and end, none of which parts a block."""
+    last = np.zeros(count, np.int64)
+    for block in blocks:
+        last[block.rows] = block.rows[-1]
+    ends = np.flatnonzero(np.maximum.accumulate(last) == np.arange(count)) + 1
+    return np.concatenate([np.zeros(1, np.int64), ends])
+
+
+def _velocities(plan: Plan) -> list[list[int]]:
+    """The velocities of each body of the tree: of its joint and its modes."""
+    found = []
+    trees: Any = plan.tree.tolist()
+    for tree in trees:
+        first = tree[at.JOINT_V]
+        count = JOINT_VELOCITIES.get(tree[at.JOINT], 1)
+        own = [*range(first, first + count)]
+        if tree[at.FLEX] >= 0:
+            own += range(tree[at.MODAL_V], tree[at.MODAL_V] + int(plan.flex[tree[at.FLEX], at.N_MODES]))
+        found.append(own)
+    return found
+
+
+def _root(joined: dict[int, int], b: int) -> int:
+    """Who stands for all that b is joined with."""
+    while joined[b] != b:
+        joined[b] = joined[joined[b]]
+        b = joined[b]
+    return b
+
+
+def bodies_on_paths(parents: list[int], ends: Iterable[int]) -> set[int]:
+    """The bodies between these and the ground."""
+    path: set[int] = set()
+    for body in ends:
+        while body >= 0 and body not in path:
+            path.add(body)
+            body = parents[body]
+    return path
