@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
+from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 
 IN_PLANE = "out of the plane of the hinges"
 IDENTITY = "rotations between the axes of"
@@ -121,3 +123,23 @@ def test_a_force_may_vanish_in_a_variant() -> None:
     found = machine.simulate(0.1, integrator=method, push=(0.0, 0.0, 0.0))
     np.testing.assert_allclose(found.x[-1], without.x[-1], rtol=1e-9)
     assert np.abs(machine.simulate(0.1, integrator=method).x[-1] - without.x[-1]).max() > 1e-3
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("stretched", [(), (1, 2)])
+def test_resting_frames_leave_springs_and_dampers(damping: float, stretched: tuple[int, ...]) -> None:
+    """K q + D dq/dt where nothing stiffens; on a frame that rests there is no more."""
+    record = particle_body(3, modes=4, damping=damping, stretched=stretched).record
+    scene = fm.System()
+    body = scene.add(fm.FlexibleBody(record))
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("root"))
+    text = scene.explain()
+    assert ("modal damping (zero)" in text) == (damping == 0.0)
+    assert ("geometric stiffening (in no record" in text) == (not stretched)
+    assert "Coriolis and centrifugal terms" in text
+    compiled = scene.compile().scene
+    rng = np.random.default_rng(1)
+    q, rate, out = rng.standard_normal(4) * 0.1, rng.standard_normal(4), np.zeros(compiled.nv)
+    residual(compiled.plan, new_work(compiled.plan), q, rate, np.zeros(4), np.zeros(0), out)
+    linear = record.stiffness * q + record.damping @ rate
+    assert np.allclose(out, linear, rtol=1e-12, atol=1e-12) == (not stretched)
