@@ -32,7 +32,7 @@ from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynam
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
-LINKS = 10
+LINKS, STRAINS = 10, 5
 FORWARD, RESIDUAL = "forward dynamics", "residual"
 
 
@@ -108,6 +108,13 @@ def damped(plan: Plan) -> Plan:
     return plan.replace(flex=flex, modal=np.concatenate([plan.modal, np.zeros(n * n)]))
 
 
+def stretched(plan: Plan) -> Plan:
+    """The plan with membrane strains that are zero."""
+    flex, n = plan.flex.copy(), int(plan.flex[0, at.N_MODES])
+    flex[0, at.STRETCH], flex[0, at.N_STRETCH] = len(plan.modal), STRAINS
+    return plan.replace(flex=flex, modal=np.concatenate([plan.modal, np.zeros(STRAINS * (n + n * (n + 1) // 2))]))
+
+
 def out_of_plane(aw: to.ArticulatedWork) -> None:
     """Let the recursion run in space."""
     aw.planar[0] = 0
@@ -133,6 +140,7 @@ def cases(folder: Path) -> list[Case]:
         Case("gyroscopic terms (one principal axis)", f"{ten}, one slide", spatial, turning(spatial.plan)),
         Case("20 springs of zero stiffness", f"{ten}, parallel hinges", idle.compile().scene, kept),
         Case("modal damping (zero)", f"{beam_text}, hinge", hinged, damped(hinged.plan)),
+        Case(f"{STRAINS} membrane strains (none)", f"{beam_text}, hinge", hinged, stretched(hinged.plan)),
         Case("Coriolis and centrifugal terms", f"{beam_text}, slide", sliding, turning(sliding.plan)),
     ]
 
