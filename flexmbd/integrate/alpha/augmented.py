@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from flexmbd.integrate.alpha.step import solve_step
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.plan_entries import (
@@ -24,7 +25,7 @@ _PASSES = 100
 _LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
 
 
-@kernel
+@deferred_kernel(FLAG)
 def _is_open(plan, work, s):
     """Whether the gap of a row exceeds its tolerance at the step's end in ``s``."""
     forward_kinematics(plan, work, s.x, s.v, s.a)
@@ -38,7 +39,7 @@ def _is_open(plan, work, s):
     return False
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def _next_pass(plan, s, factor, first):
     """Add the reaction to the last pass's gap to the known reactions; return Aitken's factor.
 

@@ -10,6 +10,7 @@ from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, 
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
@@ -98,11 +99,9 @@ def _ratio(plan, state, groups, s, h, machine_rate, leniency):
     )
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     """The error's ratio where data act in the step, see ``data_loads``."""
-    if ratio > 1.0 or s.data.known[0] == 0:
-        return ratio
     h_before = state.numbers[st.STEP_BEFORE] if state.counts[step.KNOWN_STEPS] > 0 else 0.0
     found = find_defects(plan, state, h, h_before, s.data.defect)
     if found == STRAIGHT:
@@ -128,7 +127,7 @@ def _put_own_rates(plan, groups, s):
         s.own_rate[k] = vibration_rate(groups, k, s.curve[j])
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def _across_rows(plan, state, groups, s, h, machine_rate):
     """The ratio of the whole error, its part across the rows included, at most 1; leaves the error along the loops.
 
@@ -158,4 +157,6 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
     if plan.rows.shape[0] > 0:
         across = _across_rows(plan, state, groups, s, h, machine_rate)
     along = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
-    return max(across, _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, along))
+    if along <= 1.0 and s.data.known[0] == 1:
+        along = _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, along)
+    return max(across, along)

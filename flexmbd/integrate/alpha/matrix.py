@@ -16,6 +16,7 @@ from flexmbd.integrate.alpha.workspace import (
 from flexmbd.integrate.explicit.loop_dynamics import factor_rows
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
@@ -130,6 +131,25 @@ def _measure_row_pivot(plan, state, s):
     s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
 
+@deferred_kernel(FLAG)
+def _put_shifts(plan, state, s, per_x, per_v):
+    """Find the motion by a unit reaction, along which positions are shifted, and fill its columns.
+
+    False if the tree's matrix is singular.
+    """
+    for i in range(plan.free.shape[0]):
+        for j in range(plan.free.shape[0]):
+            s.tree_matrix[i, j] = s.matrix[i, j]
+        for k in range(plan.rows.shape[0]):
+            s.shift_direction[k, i] = s.matrix[i, plan.free.shape[0] + k]
+    if factor(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes) != 0:
+        return False
+    solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.shift_direction)
+    _measure_row_pivot(plan, state, s)
+    _put_shift_columns(plan, state, s, per_x, per_v)
+    return True
+
+
 @kernel
 def linearise(plan, work, state, s, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
@@ -141,18 +161,8 @@ def linearise(plan, work, state, s, h):
     state.numbers[STEP_FACTORED] = h
     state.numbers[CONTRACTION] = 1.0
     _put_derivatives(plan, work, s, per_x, per_v)
-    if m > 0:
-        # the motion by a unit reaction, along which positions are shifted
-        for i in range(nu):
-            for j in range(nu):
-                s.tree_matrix[i, j] = s.matrix[i, j]
-            for k in range(m):
-                s.shift_direction[k, i] = s.matrix[i, nu + k]
-        if factor(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes) != 0:
-            return False
-        solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.shift_direction)
-        _measure_row_pivot(plan, state, s)
-        _put_shift_columns(plan, state, s, per_x, per_v)
+    if m > 0 and not _put_shifts(plan, state, s, per_x, per_v):
+        return False
     for i in range(n):
         for j in range(n):
             if not np.isfinite(s.matrix[i, j]):

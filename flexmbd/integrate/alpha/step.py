@@ -33,6 +33,7 @@ from flexmbd.integrate.alpha.workspace import (
     is_unshifted,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -83,28 +84,35 @@ def update_end(plan, work, state, s, h, unknown):
 def evaluate_step(plan, work, state, s, h, unknown, equation):
     """Evaluate the step's equations at ``unknown``."""
     nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
-    per_x, per_v = coefficients(state.numbers, h)
     update_end(plan, work, state, s, h, unknown)
     residual(plan, work, s.x, s.v, s.a, s.multipliers, s.residual)
     state.counts[st.EVALUATIONS] += 1
     for j in range(nu):
         equation[j] = s.residual[plan.free[j]]
-    if m > 0:
-        constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
-        for i in range(m):
-            if is_unshifted(plan, state, i):
-                equation[nu + i] = unknown[nu + m + i]
-            else:
-                equation[nu + i] = s.phi[i] / per_x
-            equation[nu + m + i] = s.phi_rate[i] / per_v
-            if holds_position_alone(plan, state, i):
-                equation[nu + m + i] = s.phi[i] / per_x
-            if is_augmented(plan.rows[i]):
-                # the reaction is that of the pass before and of stiffness and damping
-                k, c = augmented_stiffness(plan.data, plan.rows[i])
-                gap = s.known_reaction[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
-                equation[nu + m + i] = gap / (k * per_x + c * per_v)
+    if plan.rows.shape[0] > 0:
+        _evaluate_rows(plan, work, state, s, h, unknown, equation)
+
+
+@deferred_kernel()
+def _evaluate_rows(plan, work, state, s, h, unknown, equation):
+    """The equations of the rows; ``work`` must hold the motion."""
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    per_x, per_v = coefficients(state.numbers, h)
+    constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+    for i in range(m):
+        if is_unshifted(plan, state, i):
+            equation[nu + i] = unknown[nu + m + i]
+        else:
+            equation[nu + i] = s.phi[i] / per_x
+        equation[nu + m + i] = s.phi_rate[i] / per_v
+        if holds_position_alone(plan, state, i):
+            equation[nu + m + i] = s.phi[i] / per_x
+        if is_augmented(plan.rows[i]):
+            # the reaction is that of the pass before and of stiffness and damping
+            k, c = augmented_stiffness(plan.data, plan.rows[i])
+            gap = s.known_reaction[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+            equation[nu + m + i] = gap / (k * per_x + c * per_v)
 
 
 @kernel

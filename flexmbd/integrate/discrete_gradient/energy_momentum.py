@@ -33,6 +33,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -259,10 +260,10 @@ def _is_driven_by_data(plan):
     return False
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
     """The error's ratio where data act in the step, see ``data_loads``."""
-    if ratio > 1.0 or s.data.known[0] == 0 or _is_driven_by_data(plan):
+    if _is_driven_by_data(plan):
         return ratio
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data.defect)
     if found == STRAIGHT:
@@ -310,7 +311,9 @@ def _local_error(plan, work, state, groups, s, a_end, h, rate):
     for j in range(plan.free.shape[0]):
         s.error_v[j] = s.correction[0, j]
     ratio = _ratio(plan, state, groups, s, h, rate, 1.0)
-    return _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
+    if ratio <= 1.0 and s.data.known[0] == 1:
+        return _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
+    return ratio
 
 
 @kernel

@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
 from flexmbd.multibody.kernels.reading.plan_entries import (
@@ -193,7 +194,7 @@ def _strain_gradient(modal, o, q, out):
         o += i + 1
 
 
-@kernel
+@deferred_kernel()
 def average_strain(plan, s, h):
     """Make the forces of the modes' second-order strains those of the mean strain, in place of the middle's.
 
@@ -216,7 +217,7 @@ def average_strain(plan, s, h):
                 s.stored_gradient[qv + j] += force * s.modal_scratch[0, j]
 
 
-@kernel
+@deferred_kernel()
 def vary_average_strain(plan, s, h):
     """Add h / 2 times the derivative by u of the forces that ``average_strain`` adds to ``s.full_matrix``."""
     for i in range(plan.tree.shape[0]):

@@ -12,6 +12,7 @@ from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL,
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite, solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place
@@ -92,9 +93,15 @@ def close_velocities(plan, loops, s):
     solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.mass_rhs)
     for j in range(plan.free.shape[0]):
         s.v_end[plan.free[j]] = s.mass_rhs[0, j]
+    if plan.rows.shape[0] > 0:
+        _close_loops(plan, loops, s)
+
+
+@deferred_kernel()
+def _close_loops(plan, loops, s):
+    """Project ``s.v_end`` and ``s.p_end`` onto the loops."""
     m = plan.rows.shape[0]
-    if m == 0:
-        return
+    p = s.p_end
     _factor_rows(plan, loops, s)
     for i in range(m):
         loops.phi[i] = -s.row_end[i, 1]
@@ -124,8 +131,14 @@ def accelerate_end(plan, work, loops, s):
     solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.mass_rhs)
     for j in range(plan.free.shape[0]):
         s.a_end[plan.free[j]] = s.mass_rhs[0, j]
-    if plan.rows.shape[0] == 0:
-        return
+    if plan.rows.shape[0] > 0:
+        _add_reactions(plan, work, loops, s)
+
+
+@deferred_kernel()
+def _add_reactions(plan, work, loops, s):
+    """Find the multipliers at the tree's accelerations ``s.a_end`` and add what they cause."""
+    none = s.zero_multipliers
     call_separate(s.kernels[RESIDUAL], (plan, work, s.x_end, s.v_end, s.a_end, none, s.scratch_v))
     call_separate(s.kernels[CONSTRAINTS], (plan, work, loops.phi, loops.rate, loops.rate2))
     rank = loops.rank[0]

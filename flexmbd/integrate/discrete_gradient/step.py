@@ -28,6 +28,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     UNRESOLVED,
 )
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
@@ -78,13 +79,14 @@ def _evaluate_middle(plan, stored_plan, work, s, x, p, h, split):
     else:
         for k in range(s.gradient.shape[0]):
             s.stored_gradient[k] = s.gradient[k]
-    average_strain(plan, s, h)
+    if plan.flex.shape[0] > 0:
+        average_strain(plan, s, h)
     if s.nu.shape[0] > 0:
         _evaluate_rows(plan, work, s, h)
     return balance_momenta(plan, p, s, h)
 
 
-@kernel
+@deferred_kernel()
 def _evaluate_rows(plan, work, s, h):
     """Residuals of the rows: of position at the end, over h; of velocity in the middle, which ``work`` must hold."""
     free = plan.free.shape[0]

@@ -207,7 +207,7 @@ def new_workspace(
                 address_of(
                     tangent_after_residual, (plan, work, tangent, x, v, v, rows, 0.0, 0.0, 0.0, full)
                 ),
-                address_of(constraints, (plan, work, rows, rows, rows)),
+                address_of(constraints, (plan, work, rows, rows, rows)) if m else 0,
                 address_of(write_potential, (plan, work, x, energy)),
                 *[0] * (N_KERNEL - PLACE),
             ]

@@ -11,6 +11,7 @@ from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADR
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.integrate.radau.stages import NEWTON_ITERATIONS, OWN_RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
@@ -155,7 +156,7 @@ def _respond(plan, work, state, s):
     solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     """The error's ratio where data act in the step: what they do is no vibration, and what is missed of them counts."""
     if _find(plan, state, s, h, CURVATURE, 0.0, s.data.defect):

@@ -138,7 +138,8 @@ def new_workspace(
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
     kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
-    kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
+    if m > 0:
+        kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
     kernels[TANGENT_AFTER_RESIDUAL] = address_of(
         tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
     )

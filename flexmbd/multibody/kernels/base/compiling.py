@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core import caching, serialize
+from numba.core.registry import CPUDispatcher
 
 from flexmbd.multibody.kernels.base.pipeline import EntryCompiler, PartCache, PartCompiler
 
@@ -205,8 +206,23 @@ def kernel(function: F) -> F:
 
 
 def entry_kernel(function: F) -> F:
-    """Compile ``function`` as a kernel that Python calls as well, at its first call."""
-    return _cached(function, pipeline_class=EntryCompiler)
+    """Compile ``function`` as a kernel that Python calls as well, at its first call.
+
+    Kernels that call it get it as a part, as if it were a ``kernel``: its own machine code is for Python alone.
+    """
+    dispatcher = _cached(function, pipeline_class=EntryCompiler)
+    dispatcher.__class__ = _Entry
+    dispatcher.part = _part(function)
+    return dispatcher
+
+
+class _Entry(CPUDispatcher):
+    part: Any
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What kernels call."""
+        return self.part._numba_type_
 
 
 def separate_kernel(function: F) -> F:
@@ -233,9 +249,11 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     """``function`` compiled by numba with the options of all kernels, and ``options``."""
     dispatcher = njit(cache=True, **_OPTIONS, **options)(function)
     store = dispatcher._cache
+    base = store._impl.filename_base
     if options.get("pipeline_class") is PartCompiler:
         store._impl = PartCache(function)
-    stamp, base = store._impl.locator.get_source_stamp(), store._impl.filename_base
+        base += ".part"
+    stamp = store._impl.locator.get_source_stamp()
     store._cache_file = _CheckedFiles(store.cache_path, base, stamp)
     return dispatcher
 

@@ -82,6 +82,9 @@ class EntryLibrary(JITCodeLibrary):
                 one.linkage = "internal"
                 # LLVM may change what it takes, and the loader finds local functions by their names, too
                 one.name = f"{one.name}.{mark}"
+        for one in self._final_module.global_variables:
+            if one.linkage == llvm.Linkage.linkonce_odr:  # addresses of deferred kernels: each entry has its own
+                one.linkage = "internal"
         self._optimize_final_module()
         self._final_module.verify()
         self._finalize_final_module()

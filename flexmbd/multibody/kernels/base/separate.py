@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import typeof, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 
@@ -47,7 +48,9 @@ def call_separate(typingctx, address, arguments):
         values = [builder.extract_value(args[1], k) for k in range(len(kinds))]
         kind = context.call_conv.get_function_type(types.none, kinds)
         function = builder.inttoptr(args[0], ir.PointerType(kind))
-        context.call_conv.call_function(builder, function, types.none, kinds, values)
+        status, _ = context.call_conv.call_function(builder, function, types.none, kinds, values)
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
         return context.get_dummy_value()
 
     return types.void(types.int64, arguments), codegen

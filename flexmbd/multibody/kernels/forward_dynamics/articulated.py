@@ -11,6 +11,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics.inward import gather_bias_forces, gather_inertia
 from flexmbd.multibody.kernels.forward_dynamics.outward import propagate_accelerations, propagate_velocities
 from flexmbd.multibody.kernels.forward_dynamics.parallel_hinges import planar_dynamics
@@ -47,20 +48,28 @@ def run_forward_dynamics(plan, work, aw, x, v, a, multipliers):
     for i in range(plan.driven.shape[0]):
         a[plan.driven[i, at.DRIVEN_V]] = work.time[plan.driven[i, at.DRIVEN_TIME], 2]
     loaded = False
-    if multipliers.shape[0] + plan.elements.shape[0] + plan.forces.shape[0] > 0:
+    if multipliers.shape[0] + plan.elements.shape[0] > 0:
         loaded = _add_applied_loads(plan, work, aw, x, v, multipliers)
+    for i in range(plan.forces.shape[0]):
+        required[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
     if aw.planar[0] == 1:
         planar_dynamics(plan.gravity, aw, work.body, x, v, a, loaded)
         return
+    _accelerate_bodies(plan, work, aw, x, v, a, loaded)
+
+
+@deferred_kernel()
+def _accelerate_bodies(plan, work, aw, x, v, a, loaded):
+    """The three passes, for trees that are not of parallel hinges."""
     propagate_velocities(plan, aw, x, v, a)
     gather_inertia(plan, work, aw, v, loaded)
     start = (-plan.gravity[0], -plan.gravity[1], -plan.gravity[2])
     propagate_accelerations(plan, aw, start, v, 1.0, a)
 
 
-@kernel
+@deferred_kernel(FLAG)
 def _add_applied_loads(plan, work, aw, x, v, multipliers):
-    """Put applied forces and reactions into ``aw.required`` and, if it returns true, the bodies' wrenches.
+    """Put the forces of elements and reactions into ``aw.required`` and, if it returns true, the bodies' wrenches.
 
     Only wrenches between frames need poses in the world.
     """
@@ -79,8 +88,6 @@ def _add_applied_loads(plan, work, aw, x, v, multipliers):
             load_couplings(plan, multipliers, required)
     if plan.elements.shape[0] > 0:
         subtract_coordinate_forces(plan, work, x, v, required)
-    for i in range(plan.forces.shape[0]):
-        required[plan.forces[i, at.FORCE_V]] -= work.time[plan.forces[i, at.FORCE_TIME], 0]
     return loaded
 
 

@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.algebra.spatial import add6, load6, skew, store6, sub6, sub9, symmetric_times
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import TUPLE3, deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.interface_elimination import (
     add_child_inertia,
@@ -54,7 +55,7 @@ def left_jacobian_matrix(theta):
     return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
 
 
-@kernel
+@deferred_kernel(TUPLE3)
 def deform_interface(plan, aw, slot, x, v, w):
     """Write pose and bias accelerations of an interface; return its angular velocity, in B.
 
@@ -81,7 +82,7 @@ def deform_interface(plan, aw, slot, x, v, w):
     return add3(w, spin)
 
 
-@kernel
+@deferred_kernel()
 def prepare_body(plan, aw, k, x, v, w):
     """Write the rigid inertia, coupling and bias forces of flexible body k.
 
@@ -156,7 +157,7 @@ def modal_wrench(plan, aw, k, share):
     return torque, force
 
 
-@kernel
+@deferred_kernel()
 def accelerate_modes(plan, aw, k, angular, linear, share, a):
     """Write the modal accelerations of body k, and the accelerations of its interfaces."""
     info = aw.flex[k]

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
@@ -200,7 +201,7 @@ def _propagate_row(plan, aw, paths, i):
             _propagate_row_modes(plan, aw, paths, i, aw.link[b, to.FLEX])
 
 
-@kernel
+@deferred_kernel()
 def _propagate_row_modes(plan, aw, paths, i, k):
     """The modes' part of ``_propagate_row``, after flexible body k has passed its wrench on."""
     accelerate_modes(plan, aw, k, _ZERO3, _ZERO3, 0.0, paths.joint_acceleration[i])

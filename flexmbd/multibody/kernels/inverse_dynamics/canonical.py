@@ -29,6 +29,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
     elements_energy,
@@ -60,11 +61,18 @@ def _body_momentum(plan, i, x, v, none, row, out):
         first = load3(rigid, at.FIRST_MOMENT)
         add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
     else:
-        n = plan.flex[tree[at.FLEX], at.N_MODES]
-        qx = tree[at.MODAL_X]
-        qv = tree[at.MODAL_V]
-        flexible_inertia(plan, i, x[qx : qx + n], none[:n], v[qv : qv + n], row, out[qv : qv + n])
+        _modal_momentum(plan, i, x, v, none, row, out)
     store3(row, at.B_W, w)
+
+
+@deferred_kernel()
+def _modal_momentum(plan, i, x, v, none, row, out):
+    """``_body_momentum`` of flexible body i, whose work row is that of a body at rest."""
+    tree = plan.tree[i]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    flexible_inertia(plan, i, x[qx : qx + n], none[:n], v[qv : qv + n], row, out[qv : qv + n])
 
 
 @entry_kernel
@@ -129,19 +137,27 @@ def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
             wrench[i, k] = row[at.B_F + k]
         weight = rotate_back(load9(row, at.B_R), scale3(-1.0, g))
         if tree[at.FLEX] >= 0:
-            flex = plan.flex[tree[at.FLEX]]
-            n = flex[at.N_MODES]
-            qx = tree[at.MODAL_X]
-            qv = tree[at.MODAL_V]
-            # -dT/dq is the modal force that the motion requires with all of v held, with half of the Coriolis force
-            store3(row, at.B_DW, _ZERO)
-            store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
-            force = out[qv : qv + n]
-            flexible_inertia(plan, i, x[qx : qx + n], half[qv : qv + n], none[:n], row, force)
-            scratch = work.generalized[qv : qv + n]
-            elastic_forces(plan.modal, flex, x[qx : qx + n], v[qv : qv + n], scratch, force)
+            _write_modal_gradient(plan, work, i, x, v, half, none, weight, out)
         store3(row, at.B_F, scale3(plan.rigid[i, at.MASS], weight))
         store3(row, at.B_T, cross3(_first_moment(plan, i, x), weight))
+
+
+@deferred_kernel()
+def _write_modal_gradient(plan, work, i, x, v, half, none, weight, out):
+    """The part of the modes of flexible body i in ``_write_momenta``; ``weight``: of a unit mass, required."""
+    tree = plan.tree[i]
+    row = work.body[i]
+    flex = plan.flex[tree[at.FLEX]]
+    n = flex[at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    # -dT/dq is the modal force that the motion requires with all of v held, with half of the Coriolis force
+    store3(row, at.B_DW, _ZERO)
+    store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
+    force = out[qv : qv + n]
+    flexible_inertia(plan, i, x[qx : qx + n], half[qv : qv + n], none[:n], row, force)
+    scratch = work.generalized[qv : qv + n]
+    elastic_forces(plan.modal, flex, x[qx : qx + n], v[qv : qv + n], scratch, force)
 
 
 @kernel
@@ -154,35 +170,41 @@ def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
     R_BF = load9(row, at.F_R)
     l_B = rotate(R_BF, l_F)
     h_B = rotate(R_BF, h_F)
-    o = plan.frame_of[f, at.FRAME_MODES]
     place = load3(row, at.F_P)
-    if o >= 0:
-        body = work.body[b]
-        w = load3(body, at.B_W)
-        speed = add3(load3(body, at.B_V), add3(cross3(w, place), load3(row, at.F_V)))
-        spin = add3(w, load3(row, at.F_W))
-        theta = load3(row, at.F_THETA)
-        tree = plan.tree[b]
-        n = plan.flex[tree[at.FLEX], at.N_MODES]
-        qv = tree[at.MODAL_V]
-        _, rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
-        turn = left_jacobian_transposed(theta, h_B)
-        slide = cross3(w, l_B)
-        twist = sub3(
-            left_jacobian_transposed(theta, add3(cross3(speed, l_B), cross3(spin, h_B))),
-            rotate(left_jacobian_torque_derivative(theta, h_B), rate),
-        )
-        modal = plan.modal
-        for k in range(n):
-            t0, t1, t2 = modal[o + k], modal[o + n + k], modal[o + 2 * n + k]
-            r0, r1, r2 = modal[o + 3 * n + k], modal[o + 4 * n + k], modal[o + 5 * n + k]
-            p[qv + k] += t0 * l_B[0] + t1 * l_B[1] + t2 * l_B[2] + r0 * turn[0] + r1 * turn[1] + r2 * turn[2]
-            out[qv + k] += (
-                t0 * slide[0] + t1 * slide[1] + t2 * slide[2] + r0 * twist[0] + r1 * twist[1] + r2 * twist[2]
-            )
+    if plan.frame_of[f, at.FRAME_MODES] >= 0:
+        _pass_momentum_to_modes(plan, work, f, v, l_B, h_B, p, out)
     row = wrench[b]
     store3(row, 0, add3(load3(row, 0), l_B))
     store3(row, 3, add3(load3(row, 3), add3(h_B, cross3(place, l_B))))
+
+
+@deferred_kernel()
+def _pass_momentum_to_modes(plan, work, f, v, l_B, h_B, p, out):
+    """The part of the modes in ``_pass_momentum`` at a frame that deforms, momenta in the body's axes."""
+    row = work.frame[f]
+    b = plan.frame_of[f, at.FRAME_BODY]
+    o = plan.frame_of[f, at.FRAME_MODES]
+    body = work.body[b]
+    w = load3(body, at.B_W)
+    speed = add3(load3(body, at.B_V), add3(cross3(w, load3(row, at.F_P)), load3(row, at.F_V)))
+    spin = add3(w, load3(row, at.F_W))
+    theta = load3(row, at.F_THETA)
+    tree = plan.tree[b]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qv = tree[at.MODAL_V]
+    _, rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
+    turn = left_jacobian_transposed(theta, h_B)
+    slide = cross3(w, l_B)
+    twist = sub3(
+        left_jacobian_transposed(theta, add3(cross3(speed, l_B), cross3(spin, h_B))),
+        rotate(left_jacobian_torque_derivative(theta, h_B), rate),
+    )
+    modal = plan.modal
+    for k in range(n):
+        t0, t1, t2 = modal[o + k], modal[o + n + k], modal[o + 2 * n + k]
+        r0, r1, r2 = modal[o + 3 * n + k], modal[o + 4 * n + k], modal[o + 5 * n + k]
+        p[qv + k] += t0 * l_B[0] + t1 * l_B[1] + t2 * l_B[2] + r0 * turn[0] + r1 * turn[1] + r2 * turn[2]
+        out[qv + k] += t0 * slide[0] + t1 * slide[1] + t2 * slide[2] + r0 * twist[0] + r1 * twist[1] + r2 * twist[2]
 
 
 @kernel
@@ -231,7 +253,8 @@ def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
         out[k] = 0.0
     forward_kinematics(plan, work, x, v, none)
     _write_momenta(plan, work, x, v, half, none, wrench, p, out)
-    load_constraints(plan, work, multipliers, out)
+    if plan.rows.shape[0] > 0:
+        load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
         load_elements(plan, work, out)
     backward_forces(plan, work, out)

@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.constraint_laws import (
     row_value,
@@ -126,7 +127,7 @@ def constraints(plan, work, position, velocity, acceleration):
                 position[i] = wrap(position[i])
 
 
-@kernel
+@deferred_kernel()
 def load_constraints(plan, work, multipliers, out):
     """Add the reactions of the rows' multipliers (N or N m) to the wrenches required of both frames' bodies.
 

@@ -28,6 +28,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
 from flexmbd.multibody.kernels.physics.constraint_laws import row_value, row_wrench, wrap
@@ -145,7 +146,7 @@ def _subtract_user_forces(plan, work, i, x, v, out):
         out[k] -= force[k]
 
 
-@kernel
+@deferred_kernel()
 def subtract_coordinate_forces(plan, work, x, v, out):
     """Subtract from ``out`` (nv,) the generalised forces of all elements that act on coordinates."""
     for i in range(plan.elements.shape[0]):
@@ -246,7 +247,7 @@ def element_wrench(plan, work, row, d, R, rate, spin):
     return force, torque
 
 
-@kernel
+@deferred_kernel()
 def load_elements(plan, work, out):
     """Subtract the wrenches of all elements between frames from those required of both frames' bodies."""
     for i in range(plan.elements.shape[0]):
@@ -263,7 +264,7 @@ def load_elements(plan, work, out):
         )
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def elements_energy(plan, work, x):
     """Energy that all elements store (J); ``work`` holds the motion."""
     energy = 0.0

@@ -28,6 +28,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import (
@@ -39,17 +40,21 @@ from flexmbd.multibody.kernels.physics.inertial_forces import (
 from flexmbd.multibody.kernels.physics.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
 
 
-@kernel
-def deform_frame(fixed, modal, o, q, qd, qdd, row):
-    """Write pose and motion of a frame, whose modes stand from ``o``, against its body into its work row.
+@deferred_kernel()
+def deform_frame(plan, work, f, x, v, a):
+    """Write pose and motion of a frame, which deforms, against its body into its work row.
 
     The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
     d theta/dt is exact, so that forces do the work that the motion shows.
     """
-    n = q.shape[0]
-    shift, theta = modal_sum(modal, o, n, q)
-    velocity, theta_rate = modal_sum(modal, o, n, qd)
-    acceleration, theta_rate2 = modal_sum(modal, o, n, qdd)
+    o = plan.frame_of[f, at.FRAME_MODES]
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qx, qv = tree[at.MODAL_X], tree[at.MODAL_V]
+    fixed, row = plan.frames[f], work.frame[f]
+    shift, theta = modal_sum(plan.modal, o, n, x[qx : qx + n])
+    velocity, theta_rate = modal_sum(plan.modal, o, n, v[qv : qv + n])
+    acceleration, theta_rate2 = modal_sum(plan.modal, o, n, a[qv : qv + n])
     store3(row, at.F_P, add3(load3(fixed, at.FRAME_P), shift))
     store9(row, at.F_R, compose(exp_rotation(theta), load9(fixed, at.FRAME_R)))
     store3(row, at.F_THETA, theta)
@@ -115,17 +120,13 @@ def frame_motion(plan, work, f):
 def forward_kinematics(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
+        if plan.frame_of[f, at.FRAME_MODES] >= 0:
+            deform_frame(plan, work, f, x, v, a)
+            continue
         fixed = plan.frames[f]
         row = work.frame[f]
-        o = plan.frame_of[f, at.FRAME_MODES]
-        if o < 0:
-            store3(row, at.F_P, load3(fixed, at.FRAME_P))
-            store9(row, at.F_R, load9(fixed, at.FRAME_R))
-            continue
-        tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
-        n = plan.flex[tree[at.FLEX], at.N_MODES]
-        qx, qv = tree[at.MODAL_X], tree[at.MODAL_V]
-        deform_frame(fixed, plan.modal, o, x[qx : qx + n], v[qv : qv + n], a[qv : qv + n], row)
+        store3(row, at.F_P, load3(fixed, at.FRAME_P))
+        store9(row, at.F_R, load9(fixed, at.FRAME_R))
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
@@ -183,16 +184,23 @@ def write_inertial_wrenches(plan, work, x, v, a, out):
                 work.body[i],
             )
         else:
-            flex = plan.flex[tree[at.FLEX]]
-            n = flex[at.N_MODES]
-            qx = tree[at.MODAL_X]
-            qv = tree[at.MODAL_V]
-            q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-            if tree[at.ROTATION] == kinds.NONROTATING:
-                nonrotating_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
-            else:
-                flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
-            elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
+            _write_flexible_wrench(plan, work, i, x, v, a, out)
+
+
+@deferred_kernel()
+def _write_flexible_wrench(plan, work, i, x, v, a, out):
+    """``write_inertial_wrenches`` of flexible body i, with its elastic forces."""
+    tree = plan.tree[i]
+    flex = plan.flex[tree[at.FLEX]]
+    n = flex[at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
+    if tree[at.ROTATION] == kinds.NONROTATING:
+        nonrotating_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
+    else:
+        flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+    elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
 
 
 @entry_kernel
@@ -209,19 +217,24 @@ def load_frame(plan, work, f, force_F, torque_F, out):
     R_BF = load9(row, at.F_R)
     force = rotate(R_BF, force_F)
     torque = rotate(R_BF, torque_F)
-    o = plan.frame_of[f, at.FRAME_MODES]
-    if o >= 0:
-        tree = plan.tree[b]
-        n = plan.flex[tree[at.FLEX], at.N_MODES]
-        qv = tree[at.MODAL_V]
-        turn = left_jacobian_transposed(load3(row, at.F_THETA), torque)
-        add_frame_forces(plan.modal, o, n, force, turn, out[qv : qv + n])
+    if plan.frame_of[f, at.FRAME_MODES] >= 0:
+        _load_modes(plan, work, f, force, torque, out)
     store3(body, at.B_F, add3(load3(body, at.B_F), force))
     store3(
         body,
         at.B_T,
         add3(load3(body, at.B_T), add3(torque, cross3(load3(row, at.F_P), force))),
     )
+
+
+@deferred_kernel()
+def _load_modes(plan, work, f, force, torque, out):
+    """Add the modal forces of a wrench on a frame that deforms, in the body's axes, to ``out`` (nv,)."""
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qv = tree[at.MODAL_V]
+    turn = left_jacobian_transposed(load3(work.frame[f], at.F_THETA), torque)
+    add_frame_forces(plan.modal, plan.frame_of[f, at.FRAME_MODES], n, force, turn, out[qv : qv + n])
 
 
 @kernel

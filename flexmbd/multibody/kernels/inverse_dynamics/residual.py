@@ -35,7 +35,8 @@ def residual(plan, work, x, v, a, multipliers, out):
         out[k] = 0.0
     forward_kinematics(plan, work, x, v, a)
     write_inertial_wrenches(plan, work, x, v, a, out)
-    load_constraints(plan, work, multipliers, out)
+    if plan.rows.shape[0] > 0:
+        load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
         load_elements(plan, work, out)
     backward_forces(plan, work, out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 
 
 @summing_kernel
@@ -51,7 +52,7 @@ def add_elastic_forces(plan, flex, q, qd, scratch, out):
     elastic_forces(plan.modal, flex, q, qd, scratch, out)
 
 
-@kernel
+@deferred_kernel(NUMBER)
 def elastic_energy(plan, flex, q):
     """Strain energy: K q^2 / 2, and of each membrane strain e + s of `stretch` ((e + s)^2 - e^2) / 2."""
     modal = plan.modal

@@ -10,6 +10,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rot
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -225,7 +226,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     _clear_path(tw, count)
 
 
-@kernel
+@deferred_kernel()
 def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
     tw.jacobian[:] = 0.0
@@ -241,7 +242,7 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
         first = last
 
 
-@kernel
+@deferred_kernel()
 def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
     for i in range(plan.elements.shape[0]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.native import call_law, call_state
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import coordinate_law
 from flexmbd.multibody.kernels.physics.energies import add_energy_block
@@ -59,7 +60,7 @@ def _add_state_columns(plan, work, tw, address, x, v, per_x, per_v, matrix):
                 matrix[j, k] -= sign * work.generalized[j] / (2.0 * step)
 
 
-@kernel
+@deferred_kernel()
 def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
     """Subtract from the tangent the derivatives of all forces on coordinates."""
     for i in range(plan.elements.shape[0]):

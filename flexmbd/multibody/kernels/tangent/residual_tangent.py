@@ -12,6 +12,7 @@ from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
@@ -52,13 +53,20 @@ def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         if tree[at.FLEX] < 0:
             rigid_composite(plan, work, tw, i)
         else:
-            n = plan.flex[tree[at.FLEX], at.N_MODES]
-            qx = tree[at.MODAL_X]
-            qv = tree[at.MODAL_V]
-            q = x[qx : qx + n]
-            flexible_composite(plan, work, tw, i, q, v[qv : qv + n], a[qv : qv + n])
-            modal_columns(plan, work, tw, i, per_x, per_v, per_a)
-            add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix)
+            _add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix)
+
+
+@deferred_kernel()
+def _add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix):
+    """Moments of flexible body i, and all about its own modes."""
+    tree = plan.tree[i]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    q = x[qx : qx + n]
+    flexible_composite(plan, work, tw, i, q, v[qv : qv + n], a[qv : qv + n])
+    modal_columns(plan, work, tw, i, per_x, per_v, per_a)
+    add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix)
 
 
 @kernel
@@ -109,7 +117,7 @@ def _joint_block(tw, kind, o, matrix):
                 matrix[o + r, o + k] += _projection_product(tw, o + r, tw.motion, o + k)
 
 
-@kernel
+@deferred_kernel()
 def _mode_block(tw, edge, n, first, start, stop, matrix):
     """Unknowns start .. stop - 1 of a body outboard of a frame, with the n modes that move the frame."""
     for r in range(start, stop):
@@ -167,7 +175,8 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
     matrix[:, :] = 0.0
     _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
-    add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+    if plan.rows.shape[0] > 0:
+        add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
     if plan.elements.shape[0] > 0:
         add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
         add_laws(plan, work, tw, x, v, per_x, per_v, matrix)

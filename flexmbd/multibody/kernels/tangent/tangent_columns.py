@@ -29,6 +29,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import column
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
@@ -202,7 +203,7 @@ def _add_frame_block(plan, tw, f, first, n, matrix):
         add_product(s, tw.mode_moments, 6, 0, row)
 
 
-@kernel
+@deferred_kernel()
 def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
     """Columns of a body's modes as far as they move its frame f with what ``row`` sums up there.
 
