@@ -136,6 +136,17 @@ def _is_writable(folder: str) -> bool:
         return False
 
 
+def is_cache_writable() -> bool:
+    """Whether kernels can be kept in ``cache_folder()``."""
+    return _is_writable(str(cache_folder()))
+
+
+def kernels_written() -> int:
+    """Return the number of kernels, parts of others included, that this process has put into the cache."""
+    return len(_written)
+
+
+_written: list[str] = []
 caching.CacheImpl._locator_classes.insert(0, _KernelCacheLocator)
 
 
@@ -300,6 +311,7 @@ class _CheckedFiles(caching.IndexDataCacheFile):
 
     def _save_data(self, name: str, data: Any) -> None:
         self._write(name, data)
+        _written.append(name)
 
 
 def _closed(dispatcher: Any) -> Any:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from numba import types
-
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.algebra.spatial import (
     add6,
@@ -30,7 +28,7 @@ from flexmbd.multibody.kernels.algebra.spatial import (
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.deferred import TUPLE3, TUPLE6, TUPLE9, deferred_kernel
+from flexmbd.multibody.kernels.base.deferred import INERTIA_AND_WRENCH, WRENCH, deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import eliminate_modes, modal_wrench
 from flexmbd.multibody.kernels.forward_dynamics.hinge import eliminate_hinge
@@ -205,7 +203,7 @@ def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one
     return shift_symmetric(r, a, b, shifted), shifted, m, shift_torque(r, torque, force), force
 
 
-@deferred_kernel(types.Tuple((TUPLE6, TUPLE9, TUPLE6, TUPLE3, TUPLE3)))
+@deferred_kernel(INERTIA_AND_WRENCH)
 def _condense_modes(plan, aw, i, a, b, m, torque, force):
     """Articulated inertia and bias force of flexible body i with its modes eliminated, about G in G's axes.
 
@@ -282,7 +280,7 @@ def propagate_forces(plan, aw, i, rhs):
             put3(gathered, parent, to.G_FORCE, add3(row3(gathered, parent, to.G_FORCE), force))
 
 
-@deferred_kernel(types.Tuple((TUPLE3, TUPLE3)))
+@deferred_kernel(WRENCH)
 def _condense_modal_forces(plan, aw, i, rhs, torque, force):
     """Bias force about G of flexible body i: modal forces of ``rhs`` and wrenches of children, modes eliminated."""
     k = aw.link[i, to.FLEX]
