@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.time_functions import integrals, piecewise
-from flexmbd.multibody.kernels.reading.force_tables import holds_data
+from flexmbd.multibody.kernels.reading.force_tables import data_functions
 from flexmbd.multibody.kernels.reading.plan_entries import data_place, driven_place, driven_time
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +37,8 @@ class DataLoads(ArrayStruct):
 
     defect: (times, 3) in units of each function's value, rate and acceleration.
     push: (nv,) generalised forces that the defects make.  other, a: (nv,).
-    known: (1,) whether any function of time is data; kernel: (1,) then the address of `push_of_defects`.
+    known: (1,) whether any function of time that counts is data; kernel: (1,) then the address of `push_of_defects`.
+    counts: (times,) which functions count.
     """
 
     defect: FloatArray
@@ -45,14 +46,19 @@ class DataLoads(ArrayStruct):
     other: FloatArray
     a: FloatArray
     known: NDArray[np.int64]
+    counts: NDArray[np.int64]
     kernel: NDArray[np.int64]
 
 
-def new_data_loads(plan: Plan, nv: int) -> DataLoads:
-    """Allocate the work arrays for ``plan``, for methods that do not `push`."""
-    known = np.array([holds_data(plan)], np.int64)
+def new_data_loads(plan: Plan, nv: int, *, motions: bool = True) -> DataLoads:
+    """Allocate the work arrays for ``plan``, for methods that do not `push`.
+
+    ``motions``: whether a step can miss anything of prescribed motions.
+    """
+    counts = data_functions(plan, motions=motions)
+    known = np.array([counts.any()], np.int64)
     defect, (push, other, a) = np.zeros((len(plan.times), 3)), np.zeros((3, nv))
-    return DataLoads(defect, push, other, a, known, np.zeros(1, np.int64))
+    return DataLoads(defect, push, other, a, known, counts, np.zeros(1, np.int64))
 
 
 def with_push(data: DataLoads, plan: Plan, work: Work, nx: int) -> DataLoads:
@@ -88,22 +94,23 @@ def mean_and_noise(plan, i, begin, end):
 
 
 @kernel
-def find_defects(plan, state, h, h_before, defect):
-    """Fill ``defect`` (times, 3): by how much the trapezoidal rule misses each function's mean over the step.
+def find_defects(plan, state, h, h_before, data):
+    """Fill ``data.defect`` (times, 3): by how much the trapezoidal rule misses each function's mean over the step.
 
     Or what the curvature of its values at both ends and at the step's before, h_before (s) earlier (0: none), makes of
     that, if it is more: by so much the estimate of the error takes it for bent.  Returns STRAIGHT where all are zero,
     but for round-off, MISSED where the samples tell less than there is.
     """
     found = STRAIGHT
+    defect = data.defect
     begin = state.numbers[st.TIME]
     end = st.function_time(state.numbers, state.numbers[st.STEP_END])
     for i in range(plan.times.shape[0]):
         for c in range(3):
             defect[i, c] = 0.0
-        o, pieces = data_place(plan.times[i])
-        if pieces == 0:
+        if data.counts[i] == 0:
             continue
+        o, pieces = data_place(plan.times[i])
         mean, noise = mean_and_noise(plan, i, begin, end)
         first = piecewise(plan.time_data, o, pieces, begin)
         last = piecewise(plan.time_data, o, pieces, end)

@@ -103,7 +103,7 @@ def _ratio(plan, state, groups, s, h, machine_rate, leniency):
 def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     """The error's ratio where data act in the step, see ``data_loads``."""
     h_before = state.numbers[st.STEP_BEFORE] if state.counts[step.KNOWN_STEPS] > 0 else 0.0
-    found = find_defects(plan, state, h, h_before, s.data.defect)
+    found = find_defects(plan, state, h, h_before, s.data)
     if found == STRAIGHT:
         return ratio
     if found == SAMPLED and _ratio(plan, state, groups, s, h, machine_rate, 0.0) <= 1.0:

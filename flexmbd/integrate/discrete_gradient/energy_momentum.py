@@ -42,7 +42,7 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
-from flexmbd.multibody.kernels.reading.plan_entries import data_place, driven_time, spin_of, time_of_row
+from flexmbd.multibody.kernels.reading.plan_entries import driven_time, spin_of, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
@@ -251,21 +251,13 @@ def _ratio(plan, state, groups, s, h, rate, leniency):
     return filtered_ratio(plan, state, groups, s.error_x, s.error_v, s.own_rate, rates, h, rate, 0.0, leniency)
 
 
-@kernel
-def _is_driven_by_data(plan):
-    """Whether a prescribed motion is data: jumps of its rate within rtol, which are no breaks, are impulses here."""
-    for i in range(plan.driven.shape[0]):
-        if data_place(plan.times[driven_time(plan.driven[i])])[1] > 0:
-            return True
-    return False
-
-
 @deferred_kernel(NUMBER)
 def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
-    """The error's ratio where data act in the step, see ``data_loads``."""
-    if _is_driven_by_data(plan):
-        return ratio
-    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data.defect)
+    """The error's ratio where loads that are data act in the step, see ``data_loads``.
+
+    Of motions a step misses nothing: its driven velocities are what they travel over its length.
+    """
+    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data)
     if found == STRAIGHT:
         return ratio
     if found == SAMPLED and _ratio(plan, state, groups, s, h, rate, 0.0) <= 1.0:

@@ -213,5 +213,5 @@ def new_workspace(
             ]
         ),
         tangent=tangent,
-        data=with_push(new_data_loads(plan, nv), plan, work, nx),
+        data=with_push(new_data_loads(plan, nv, motions=False), plan, work, nx),
     )

@@ -122,7 +122,7 @@ def _error(plan, state, groups, s, h, rate):
 @kernel
 def _missed(plan, work, aw, loops, state, groups, s, h, rate):
     """What a step misses of data between its ends, over what is tolerated; it is none of the accelerations' slopes."""
-    if find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data.defect) != MISSED:
+    if find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data) != MISSED:
         return 0.0
     shift_times(work.time, s.data.defect, 1.0)
     accelerate(plan, work, aw, loops, s.x, s.v, s.data.a, s.reactions)

@@ -115,9 +115,12 @@ def time_kinds(plan: Plan) -> IntArray:
     return plan.times[:, at.TIME_KIND]
 
 
-def holds_data(plan: Plan) -> bool:
-    """Whether any function of time is a polynomial of several pieces."""
-    return bool(((plan.times[:, at.TIME_KIND] == kinds.TIME_PIECEWISE) & (plan.times[:, at.TIME_COUNT] > 1)).any())
+def data_functions(plan: Plan, *, motions: bool) -> IntArray:
+    """(k,) 1 for each function of time that is a polynomial of several pieces, 0 for others; motions or not."""
+    data = (plan.times[:, at.TIME_KIND] == kinds.TIME_PIECEWISE) & (plan.times[:, at.TIME_COUNT] > 1)
+    if not motions:
+        data[plan.driven[:, at.DRIVEN_TIME]] = False
+    return data.astype(np.int64)
 
 
 def constant_place(plan: Plan, time: int) -> int:
