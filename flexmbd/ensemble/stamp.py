@@ -5,11 +5,8 @@ from __future__ import annotations
 import hashlib
 import platform
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
-
-import numba
-import numpy as np
-import scipy
 
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
@@ -28,8 +25,8 @@ def program_stamp() -> str:
     for room in _ROOMS:
         for source in sorted((package / room).rglob("*.py")):
             digest.update(source.relative_to(package).as_posix().encode() + source.read_bytes())
-    versions = (numba.__version__, np.__version__, scipy.__version__, platform.machine())
-    return " ".join((*versions, digest.hexdigest()))
+    versions = map(version, ("numba", "numpy", "scipy"))
+    return " ".join((*versions, platform.machine(), digest.hexdigest()))
 
 
 def meaning(parameter: Parameter, scene: CompiledScene) -> str:
