@@ -51,6 +51,7 @@ SUBCOMMANDS = (
     Subcommand("convert", "turn a file of a reduced body into another"),
     Subcommand("simulate", "simulate a scene from a TOML file"),
     Subcommand("plot", "draw results over time, or a record's frequencies"),
+    Subcommand("compile", "compile the kernels of integrators, so that no simulation waits for them"),
     Subcommand("doctor", "say what is installed, and what to do about what is broken"),
 )
 
