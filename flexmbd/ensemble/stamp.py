@@ -6,7 +6,6 @@ import hashlib
 import platform
 from functools import cache
 from importlib.metadata import version
-from importlib.metadata import version
 from pathlib import Path
 
 from flexmbd.multibody.bodies.body import Frame
