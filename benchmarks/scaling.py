@@ -9,6 +9,8 @@ worth: for that see work_precision.py.
 
     bodies        rigid chain, 10 to 3000 links: RK4, and generalized-alpha; exudyn's kinematic tree to 200. "per body
                   by that at 50" says how far the time is from growing in proportion.
+    loops         four-bars side by side, 10 to 1000: compiling and start with two steps, s; RK4, us a step. "as n^e" is
+                  the growth from the row before.
     modes         pendulum of the smallest mesh, 6 to 100 modes; and its forward dynamics as a leaf and with a child,
                   whose ratio tells what carrying a child costs
     mesh          pendulum of 20 modes from 5k, 19k and 63k dofs, the joint on the body frame's node in exudyn, or on
@@ -29,6 +31,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import scenes
 from beam_record import beam
 
@@ -52,6 +55,7 @@ def main() -> int:
     arguments.output.mkdir(parents=True, exist_ok=True)
     parts: dict[str, Callable[[], Iterator[Row]]] = {
         "bodies": lambda: bodies(quick=arguments.quick),
+        "loops": lambda: loops(quick=arguments.quick),
         "modes": lambda: modes(arguments.output, quick=arguments.quick),
         "mesh": lambda: mesh(arguments.output, arguments.meshes, quick=arguments.quick),
         "start": start,
@@ -106,6 +110,40 @@ def bodies(*, quick: bool) -> Iterator[Row]:
                 text += f"; exudyn RK4 {theirs:.1f} ({theirs / explicit:.1f} times)"
                 text += f", generalized-alpha {damped:.1f} ({damped / implicit:.1f} times)"
         yield "bodies", str(links), text
+
+
+def loops(*, quick: bool) -> Iterator[Row]:
+    before: tuple[int, float, float] | None = None
+    for count in (10, 40, 160) if quick else (10, 30, 100, 300, 1000):
+        build = partial(_four_bars, count)
+        step = step_time(build, CLASSICAL)
+        seconds = []
+        for _ in range(3):
+            machine = build()
+            began = time.process_time()
+            machine.simulate(2.0 * H, h=H, integrator=CLASSICAL)
+            seconds.append(time.process_time() - began)
+        text = f"start {min(seconds):.3f} s; RK4 {step:.1f}"
+        if before is not None:
+            growth = np.log(np.array([min(seconds), step]) / before[1:]) / np.log(count / before[0])
+            text += f"; as n^{growth[0]:.2f} and n^{growth[1]:.2f}"
+        before = count, min(seconds), step
+        yield "loops", str(count), text
+
+
+def _four_bars(count: int) -> fm.System:
+    """Three bars on hinges each, on a common ground, their cranks at 0.3 rad; each a loop of its own."""
+    scene, hinge = fm.System(gravity=(0.0, -9.81, 0.0)), fm.joint.Revolute("z")
+    inertia = (0.1, 0.1, 0.1)
+    for k in range(count):
+        crank = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"crank {k}")
+        coupler = scene.add(fm.RigidBody(1.0, inertia, (0.5, 0.0, 0.0)), name=f"coupler {k}")
+        rocker = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"rocker {k}")
+        scene.connect(hinge, scene.ground.frame(p=(3.0 * k, 0.0, 0.0)), crank.frame()).position = 0.3
+        scene.connect(hinge, crank.frame(p=(0.0, -1.0, 0.0)), coupler.frame())
+        scene.connect(hinge, coupler.frame(p=(1.0, 0.0, 0.0)), rocker.frame(p=(0.0, -1.0, 0.0)))
+        scene.connect(hinge, scene.ground.frame(p=(3.0 * k + 1.0, 0.0, 0.0)), rocker.frame())
+    return scene
 
 
 def modes(folder: Path, *, quick: bool) -> Iterator[Row]:
