@@ -27,6 +27,7 @@ from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
+from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
 from flexmbd.multibody.plan.time_data import data_with_integrals
@@ -113,6 +114,11 @@ class CompiledScene:
     def row_blocks(self) -> tuple[RowBlock, ...]:
         """Blocks of constraint rows that share no free coordinate."""
         return row_blocks(self.plan)
+
+    @cached_property
+    def row_sweeps(self) -> RowSweeps:
+        """The sweeps over the machine that give the slopes of all rows."""
+        return row_sweeps(self.row_blocks)
 
     @property
     def nx(self) -> int:

@@ -41,7 +41,7 @@ def dense_solver(scene: CompiledScene, work: Work, x: FloatArray) -> MassSolver:
         motion = np.zeros_like(forces)
         if not len(free):
             return motion
-        motion[:, free] = scipy.linalg.cho_solve((lower, True), forces[:, free].T).T
+        motion[:, free] = scipy.linalg.lapack.dpotrs(lower, forces[:, free].T, lower=1)[0].T
         return motion
 
     return solve

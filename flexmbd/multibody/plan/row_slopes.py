@@ -57,3 +57,49 @@ class RowSlopes:
     def __iter__(self) -> Iterator[tuple[RowBlock, FloatArray]]:
         """Each block with its slopes."""
         return zip(self.blocks, self.parts, strict=True)
+
+
+@dataclass(frozen=True, eq=False)
+class RowSweeps:
+    """Velocities by which all blocks move at once, one of each block's free ones a sweep, then each driven one.
+
+    Attributes:
+        blocks: of the rows.
+        count: of the sweeps.
+        column, sweep: (k,) each velocity, and the sweep in which it is 1.
+        taken: of each block the sweeps (n,) that are its velocities', in their order.
+    """
+
+    blocks: tuple[RowBlock, ...]
+    count: int
+    column: NDArray[np.int64]
+    sweep: NDArray[np.int64]
+    taken: tuple[NDArray[np.int64], ...]
+
+    def velocities(self, first: int, last: int, nv: int) -> FloatArray:
+        """(last - first, nv) of these sweeps."""
+        found = np.zeros((last - first, nv))
+        own = (self.sweep >= first) & (self.sweep < last)
+        found[self.sweep[own] - first, self.column[own]] = 1.0
+        return found
+
+    def slopes(self, rates: FloatArray, nv: int) -> RowSlopes:
+        """The slopes by each of nv velocities, by the rates (count, m) of the rows in each sweep."""
+        pairs = zip(self.blocks, self.taken, strict=True)
+        parts = tuple(rates[taken[:, None], block.rows].T.copy() for block, taken in pairs)
+        return RowSlopes(self.blocks, parts, (rates.shape[1], nv))
+
+
+def row_sweeps(blocks: tuple[RowBlock, ...]) -> RowSweeps:
+    """The sweeps that give the slopes of blocks."""
+    none = np.zeros(0, np.int64)
+    together = max((len(block.free) for block in blocks), default=0)
+    driven = np.unique(np.concatenate([none, *(block.driven for block in blocks)]))
+    column = np.concatenate([none, *(block.free for block in blocks), driven])
+    each = [np.arange(len(block.free)) for block in blocks]
+    sweep = np.concatenate([none, *each, together + np.arange(len(driven))])
+    taken = [
+        np.concatenate([own, together + np.searchsorted(driven, block.driven)])
+        for own, block in zip(each, blocks, strict=True)
+    ]
+    return RowSweeps(blocks, together + len(driven), column, sweep, tuple(taken))

@@ -50,30 +50,15 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
     Blocks share no free velocity, so all of them move by one velocity each at once: as many sweeps over the machine as
     the largest block has, and one for each velocity that is driven.
     """
-    blocks, m = scene.row_blocks, len(scene.plan.rows)
-    together = max((len(block.free) for block in blocks), default=0)
-    driven = sorted({int(k) for block in blocks for k in block.driven})
-    columns = [np.concatenate([block.free for block in blocks] or [np.zeros(0, np.int64)]), np.array(driven, np.int64)]
-    sweeps = [np.concatenate([np.arange(len(block.free)) for block in blocks] or [np.zeros(0, np.int64)])]
-    sweeps.append(together + np.arange(len(driven)))
-    column, sweep = np.concatenate(columns), np.concatenate(sweeps)
-    rates = np.zeros((len(x), together + len(driven), m))
+    sweeps, m = scene.row_sweeps, len(scene.plan.rows)
+    rates = np.zeros((len(x), sweeps.count, m))
     rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
-    for first in range(0, rates.shape[1], _AT_ONCE):
-        last = min(first + _AT_ONCE, rates.shape[1])
-        velocities = np.zeros((last - first, scene.nv))
-        own = (sweep >= first) & (sweep < last)
-        velocities[sweep[own] - first, column[own]] = 1.0
-        found = np.zeros((len(x), last - first, m))
+    for first in range(0, sweeps.count, _AT_ONCE):
+        velocities = sweeps.velocities(first, min(first + _AT_ONCE, sweeps.count), scene.nv)
+        found = np.zeros((len(x), len(velocities), m))
         constraint_rates(scene.plan, work, x, velocities, rest, scratch, found)
-        rates[:, first:last] = found
-    parts = []
-    for block in blocks:
-        taken = np.concatenate([np.arange(len(block.free)), together + np.searchsorted(driven, block.driven)])
-        parts.append(rates[:, taken[:, None], block.rows].transpose(0, 2, 1))
-    return [
-        RowSlopes(blocks, tuple(np.ascontiguousarray(part[n]) for part in parts), (m, scene.nv)) for n in range(len(x))
-    ]
+        rates[:, first : first + len(velocities)] = found
+    return [sweeps.slopes(by_sweep, scene.nv) for by_sweep in rates]
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:

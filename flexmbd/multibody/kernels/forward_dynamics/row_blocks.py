@@ -50,6 +50,8 @@ def row_bodies(plan: Plan, row: IntArray) -> tuple[int, ...]:
 
 def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
     """The blocks of the rows of ``plan``, by their first rows.  Rows that nothing free moves are one block more."""
+    if len(plan.rows) == 0:
+        return ()
     velocities = _velocities(plan)
     driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     parents: Any = plan.tree[:, at.PARENT].tolist()
@@ -88,6 +90,8 @@ def blockwise_order(plan: Plan) -> IntArray:
 
 def block_bounds(blocks: tuple[RowBlock, ...], count: int) -> IntArray:
     """(c + 1,) where stretches of the ``count`` rows begin and end, none of which parts a block."""
+    if len(blocks) == 1:
+        return np.array([0, count])
     last = np.zeros(count, np.int64)
     for block in blocks:
         last[block.rows] = block.rows[-1]

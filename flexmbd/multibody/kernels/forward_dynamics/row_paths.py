@@ -66,7 +66,9 @@ class RowPaths(ArrayStruct):
 def new_row_paths(plan: Plan) -> RowPaths:
     """Find the paths of the rows of ``plan``."""
     parents: Any = plan.tree[:, at.PARENT].tolist()
-    paths = [sorted(bodies_on_paths(parents, row_bodies(plan, row)), reverse=True) for row in plan.rows]
+    ends = [row_bodies(plan, row) for row in plan.rows]
+    path_of = {bodies: sorted(bodies_on_paths(parents, bodies), reverse=True) for bodies in set(ends)}
+    paths = [path_of[bodies] for bodies in ends]
     driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     slots = np.zeros((len(plan.tree), 5), np.int64)
     trees: Any = plan.tree.tolist()
