@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,3 +116,17 @@ def _c_values(one: Any, memory: MemoryImage) -> list[tuple[str, str]]:
         head = [("int64_t", str(number)) for number in (one.size, one.itemsize)]
         return [("void *", "0"), ("void *", "0"), *head, ("void *", f"m + {memory.place(one)}"), *numbers]
     return [("double", repr(one))] if isinstance(one, float) else [("int64_t", str(int(one)))]
+
+
+def bind_deferred(deferred: Mapping[bytes, Kernel]) -> str:
+    """The C function by which kernels find those that they call by address, from what names each."""
+    lines = ["#include <stdint.h>", "#include <string.h>", ""]
+    cases = []
+    for k, (what, kernel) in enumerate(deferred.items()):
+        numbers = ", ".join(map(str, what))
+        lines += [f'extern void kernel_{k}(void) __asm__("{kernel.symbol}");']
+        lines += [f"static const unsigned char name_{k}[] = {{{numbers}}};"]
+        test = f"size == sizeof name_{k} && memcmp(name, name_{k}, sizeof name_{k}) == 0"
+        cases += [f"    if ({test})", f"        return *slot = (int64_t)&kernel_{k}, 0;"]
+    lines += ["", "int32_t flexmbd_bind_deferred(const void *name, int64_t size, int64_t *slot) {"]
+    return "\n".join([*lines, *cases, "    return 2;", "}", ""])

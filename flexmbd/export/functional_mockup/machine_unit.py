@@ -10,7 +10,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.files import write_file
-from flexmbd.export.functional_mockup.kernel_code import MemoryImage, c_call, lay_out
+from flexmbd.export.functional_mockup.kernel_code import MemoryImage, bind_deferred, c_call, lay_out
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
@@ -28,7 +28,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
-from flexmbd.multibody.kernels.base.object_code import Kernel, kernel_for, object_code
+from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for, object_code
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.output_equations import Output
 from flexmbd.system import System
@@ -95,12 +95,15 @@ def fmu_machine(
     mark_compiled(type(integrator).__name__)
     data = _data(parts, memory, code, drives, observed, h)
     token = token_of(version, data + sha256(memory.image).hexdigest(), variables)
-    objects = {f"{name}.o": object_code(kernel) for name, kernel in {one.symbol: one for one in code.values()}.items()}
+    deferred = deferred_kernels(code.values())
+    kernels = {one.symbol: one for one in (*code.values(), *deferred.values())}
+    objects = {f"{name}.o": object_code(kernel) for name, kernel in kernels.items()}
     objects = {f"kernel{k}.o": content for k, content in enumerate(objects.values())}
     files = {
         **layer_sources(version),
         **{one: source(one) for one in ("machine.c", "machine.h", "lapack.c", "lapack.h")},
         "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
+        "deferred.c": bind_deferred(deferred).encode(),
         "image.bin": memory.image,
         "exports.map": _EXPORTS,
     }

@@ -108,9 +108,7 @@ def _slot(module: Any, name: str) -> Any:
 def _bind(place: int, size: int, slot: Any) -> int:
     """Write the address of the kernel that ``size`` bytes at ``place`` name into ``slot``."""
     try:
-        module, name, kinds = pickle.loads(ctypes.string_at(place, size))
-        importlib.import_module(module)
-        slot[0] = _address(module, name, kinds)
+        slot[0] = _address(ctypes.string_at(place, size))
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BaseException:  # there is no way for it through the kernels
@@ -119,13 +117,25 @@ def _bind(place: int, size: int, slot: Any) -> int:
     return 0
 
 
-def _address(module: str, name: str, kinds: tuple[types.Type, ...]) -> int:
+def _address(what: bytes) -> int:
+    compiled = compiled_deferred(what)
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+def compiled_deferred(what: bytes) -> Any:
+    """What numba made of the kernel that these bytes in a caller's code name, compiled or loaded from the cache.
+
+    Raises:
+        TypeError: it returns something else than it says.
+    """
+    module, name, kinds = pickle.loads(what)
+    importlib.import_module(module)
     kernel, returns = _kernels[module, name]
     kernel.compile(kinds)
     compiled = kernel.overloads[kinds]
     if compiled.signature.return_type != returns:
         raise TypeError(f"{name} returns {compiled.signature.return_type}, and says that it returns {returns}")
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    return compiled
 
 
 llvm.add_symbol(_BIND, ctypes.cast(_bind, ctypes.c_void_p).value)

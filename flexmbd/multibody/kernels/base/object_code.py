@@ -6,12 +6,16 @@ architecture's first, without what steps in from Python; what is left asks for C
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba import typeof
+
+from flexmbd.multibody.kernels.base.deferred import compiled_deferred
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,32 @@ def kernel_for(function: Any, arguments: tuple[Any, ...]) -> Kernel:
     kinds = tuple(typeof(argument) for argument in arguments)
     function.compile(kinds)
     compiled = function.overloads[kinds]
+    return _kernel(compiled)
+
+
+def deferred_kernels(kernels: Iterable[Kernel]) -> dict[bytes, Kernel]:
+    """All deferred kernels that these may call, directly or not, by what ``flexmbd_bind_deferred`` is asked for."""
+    found: dict[bytes, Kernel] = {}
+    waiting = list(kernels)
+    while waiting:
+        for text in _DEFERRED.findall(waiting.pop().program):
+            what = _ESCAPED.sub(_unescaped, text.encode("latin-1"))
+            if what not in found:
+                found[what] = _kernel(compiled_deferred(what))
+                waiting.append(found[what])
+    return found
+
+
+# constants that name deferred kernels in a module's text, and how it writes bytes that are no letters
+_DEFERRED = re.compile(r'^@"?flexmbd_deferred\.\w+\.name[.\w]*"? = [^"]*? c"([^"]*)"', re.MULTILINE)
+_ESCAPED = re.compile(rb"\\(\\|[0-9A-Fa-f]{2})")
+
+
+def _unescaped(one: re.Match[bytes]) -> bytes:
+    return one[1] if one[1] == b"\\" else bytes([int(one[1], 16)])
+
+
+def _kernel(compiled: Any) -> Kernel:
     module = compiled.library._get_module_for_linking()
     return Kernel(compiled.fndesc.llvm_func_name, _without_python(str(module)), module.triple)
 
