@@ -33,7 +33,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.agreement import refuse_different
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.forces import refuse_crossed_stops
+from flexmbd.multibody.plan.forces import refuse_misplaced_elements
 from flexmbd.multibody.plan.variation import vary
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start, consistent_start
@@ -147,7 +147,7 @@ class CompiledMachine:
         memories = None if about is None else about.interiors
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(_STARTING)
-        refuse_crossed_stops(scene.element_names, scene.plan, start.x)
+        refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         if start.strain.warning is not None and self.team.is_root:
             warnings.warn(start.strain.warning, StartWarning, stacklevel=4)
         return start

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,8 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
@@ -26,16 +27,6 @@ from flexmbd.multibody.start.consistent_start import Start
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
 _STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in
 _LARGE = 300  # velocities above which the eigenvalues of springs are not computed
-
-# Forces that start or reverse within a step, which costs a method of high order its order.
-_ABRUPT = {kinds.ON_STOP: "stops", kinds.ON_FRICTION: "friction"}
-# Forces that may become stiff, however soft they are at the start.
-_HARD = {
-    kinds.BETWEEN_PENALTY: "penalties",
-    kinds.ON_STATE: "forces of the state, which may be stiff",
-    kinds.ON_FUNCTION: "forces of the state, which may be stiff",
-}
-_SPRINGS = (kinds.ON_SPRING, kinds.ON_CHARACTERISTIC, kinds.BETWEEN_SPRING, kinds.BETWEEN_BUSHING)
 
 
 @dataclass(frozen=True)
@@ -63,11 +54,11 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
         return _with_history(start.scene.interiors)
     if h is not None:
         return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
-    found = {int(kind) for kind in force_elements(start.scene.plan).kind}
-    abrupt = [text for kind, text in _ABRUPT.items() if kind in found]
+    elements = dict.fromkeys(force_elements(start.scene.plan).behaviour)
+    abrupt = [one.name for one in elements if one.abrupt]
     if abrupt:
         return IntegratorChoice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
-    stiff = _stiffness(start, found, t)
+    stiff = _stiffness(start, elements, t)
     if stiff:
         return IntegratorChoice(RadauIIA(), f"stiff: {stiff}")
     pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
@@ -81,15 +72,15 @@ def _with_history(interiors: Interiors) -> IntegratorChoice:
     return IntegratorChoice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
-def _stiffness(start: Start, found: set[int], t: float) -> str:
+def _stiffness(start: Start, elements: Collection[Behaviour], t: float) -> str:
     """The stiff parts of the scene in words; empty if there are none."""
     plan = start.scene.plan
     if len(plan.flex):
         return "modes of flexible bodies"
-    hard = [text for kind, text in _HARD.items() if kind in found]
-    if hard:
-        return ", ".join(dict.fromkeys(hard))
-    if not found & set(_SPRINGS):
+    unseen = [one.name for one in elements if one.stiffness is Stiffness.UNSEEN]
+    if unseen:
+        return ", ".join(dict.fromkeys(unseen))
+    if not any(one.stiffness is Stiffness.SEEN for one in elements):
         return ""
     if start.scene.nv > _LARGE:
         return "springs in a large machine"

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.protocol import ElementTable, OnState
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,4 +29,4 @@ class EnergyForce(OnState):
         data = table.numbers(np.concatenate([[body.solid.volume], record.stiffness, body.modes.ravel()]))
         what = f"energy {record.provenance['energy']} of {body.name}"
         count, address = record.n_modes, body.material.address
-        table.element(kinds.ON_ENERGY, what, x=x, v=v, data=data, count=count, address=address)
+        table.element(HOMOGENEOUS_ENERGY, what, x=x, v=v, data=data, count=count, address=address)

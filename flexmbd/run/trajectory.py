@@ -19,7 +19,6 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -29,7 +28,6 @@ from flexmbd.multibody.kernels.sampling.series import energy_series, force_serie
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
-from flexmbd.multibody.plan.forces import NO_DRIVE
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.scene_index import Slots
 from flexmbd.multibody.start.independent_rows import decompose_rows
@@ -213,8 +211,7 @@ class Trajectory:
         slots = self._slots(connection)
         plan = self.scene.plan
         elements = force_elements(plan)
-        given = (elements.kind == kinds.ON_STATE) & (elements.count != NO_DRIVE)
-        plan = keep_forces(plan, [], (elements.kind != kinds.ON_FUNCTION) & ~given)
+        plan = keep_forces(plan, [], np.array([not one.drives for one in elements.behaviour], bool))
         if not (force_elements(plan).time >= 0).any():
             plan = plan.replace(times=plan.times[:0])
         work, out = new_work(plan), np.zeros_like(self.v)

@@ -94,7 +94,8 @@ def refuse_functions(scene: CompiledScene) -> None:
         raise ExportError(f"bodies with history cannot leave in an FMU ({names}): where they stay elastic, reduce them")
     given = time_kinds(plan)
     users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
-    users += [scene.element_names[k] for k in np.flatnonzero(force_elements(plan).address)]
+    elements = force_elements(plan)
+    users += [scene.element_names[k] for k in elements.number[elements.address != 0]]
     if users:
         raise ExportError(
             f"users' functions cannot leave in an FMU ({', '.join(users)}): give numbers, fm.Table or fm.Sine, or make "

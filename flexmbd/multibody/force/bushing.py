@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.bushing import BUSHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Bushing(BetweenFrames):
         numbers = np.concatenate([self._matrix(name).ravel() for name in ("stiffness", "damping")])
         data = table.numbers(numbers)
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(kinds.BETWEEN_BUSHING, self.what, f=f, g=g, data=data, acts=bool(numbers.any()))
+        table.element(BUSHING, self.what, f=f, g=g, data=data, acts=bool(numbers.any()))
 
     def _matrix(self, name: str) -> NDArray[np.float64]:
         given = np.asarray(getattr(self, name), dtype=np.float64)

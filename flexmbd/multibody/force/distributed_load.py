@@ -10,7 +10,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +57,10 @@ class DistributedLoad(OffJoints):
         time = table.time(self.factor, f"factor of {self.what}")
         wrench = table.numbers(np.concatenate([loads.force[k], loads.moment[k]]))
         g = table.frame(self.body.frame())
-        table.element(kinds.BETWEEN_GIVEN_G, self.what, f=table.ground(), g=g, data=wrench, time=time)
+        table.element(GIVEN_IN_G, self.what, f=table.ground(), g=g, data=wrench, time=time)
         modal = loads.modal[k]
         if modal.size:
             _, v = table.modes(self.body)
             table.element(
-                kinds.ON_MODES, self.what, v=v, data=table.numbers(modal), count=modal.size, time=time
+                MODAL_FORCE, self.what, v=v, data=table.numbers(modal), count=modal.size, time=time
             )

@@ -13,14 +13,14 @@ from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 
 
 class Axes(Enum):
     """Whose axes a given force keeps to."""
 
-    WORLD = kinds.BETWEEN_GIVEN_F
-    FRAME = kinds.BETWEEN_GIVEN_G
+    WORLD = GIVEN_IN_F
+    FRAME = GIVEN_IN_G
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.spring import SPRING
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,4 +32,4 @@ class JointDamper(OnCoordinate):
         """One row, a spring without stiffness."""
         x, v = table.coordinate(self.connection, self.coordinate)
         data = table.numbers([0.0, 0.0, self.damping])
-        table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data, acts=self.damping > 0.0)
+        table.element(SPRING, self.what, x=x, v=v, data=data, acts=self.damping > 0.0)

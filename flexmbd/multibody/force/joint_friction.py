@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.friction import FRICTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,4 +59,4 @@ class JointFriction(OnCoordinate):
         speed = 1.0 if self.stribeck is None else self.stribeck
         data = table.numbers([self.coulomb, static, self.regularisation, speed, self.viscous])
         acts = max(self.coulomb, static, self.viscous) > 0.0
-        table.element(kinds.ON_FRICTION, self.what, x=x, v=v, data=data, acts=acts)
+        table.element(FRICTION, self.what, x=x, v=v, data=data, acts=acts)

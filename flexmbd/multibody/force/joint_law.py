@@ -9,7 +9,7 @@ from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate
 from flexmbd.multibody.functions.callback import Law
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,4 +41,4 @@ class JointLaw(OnCoordinate):
     def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         x, v = table.coordinate(self.connection, self.coordinate)
-        table.element(kinds.ON_FUNCTION, self.what, x=x, v=v, address=table.law(self.law, self.what))
+        table.element(USER_LAW, self.what, x=x, v=v, address=table.law(self.law, self.what))

@@ -11,7 +11,8 @@ from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_n
 from flexmbd.multibody.functions.spline_table import Table as Points
 from flexmbd.multibody.functions.spline_table import spline
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
+from flexmbd.multibody.kernels.elements.spring import SPRING
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +50,14 @@ class JointSpring(OnCoordinate):
         if not isinstance(self.stiffness, Points):
             data = table.numbers([self.stiffness, self.rest, self.damping])
             acts = self.stiffness > 0.0 or self.damping > 0.0
-            table.element(kinds.ON_SPRING, self.what, x=x, v=v, data=data, acts=acts)
+            table.element(SPRING, self.what, x=x, v=v, data=data, acts=acts)
             return
         force = spline(self.stiffness, self.what)
         potential = force.antiderivative()
         potential.c[-1] -= potential(0.0)
         head = np.array([self.rest, self.damping])
         data = table.numbers(np.concatenate([head, _coefficients(force), _coefficients(potential)]))
-        table.element(kinds.ON_CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
+        table.element(CHARACTERISTIC, self.what, x=x, v=v, data=data, count=force.c.shape[1])
 
 
 def _coefficients(poly: PPoly) -> np.ndarray:

@@ -10,7 +10,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.stop import STOP
 
 _SHARE = 1e-3  # of 1 rad, or of the way between the limits
 
@@ -57,7 +57,7 @@ class JointStop(OnCoordinate):
         """One row for both limits."""
         x, v = table.coordinate(self.connection, self.coordinate)
         data = table.numbers([self.lower, self.upper, self.stiffness, self.damping, self._depth()])
-        table.element(kinds.ON_STOP, self.what, x=x, v=v, data=data)
+        table.element(STOP, self.what, x=x, v=v, data=data)
 
     def _depth(self) -> float:
         """The transition (m or rad), where none is given from the range."""

@@ -10,7 +10,7 @@ from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.kane.equations import Kinematics
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.state_force import STATE_FORCE
 from flexmbd.multibody.motion.machine import Contribution, Machine
 
 
@@ -48,7 +48,7 @@ class KaneForce(OnState):
         table.when_built(forces.build)
         breaks = self.function.breaks if isinstance(self.function, Piecewise) else ()
         address = table.state_function(Piecewise(forces, breaks), self.what)
-        table.element(kinds.ON_STATE, self.what, address=address)
+        table.element(STATE_FORCE, self.what, address=address)
         table.add_wrench_source(forces)
 
 

@@ -18,6 +18,7 @@ from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
+from flexmbd.multibody.kernels.elements.element import Element
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 
@@ -52,6 +53,18 @@ class ElementTable(Protocol):
     def state_function(self, function: Compiled | StateFunction, what: str) -> int:
         """Address of a force of the whole state."""
 
+    def frame_law(
+        self, wrench: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike = (),
+        derivative: Compiled | None = None,
+    ) -> None:
+        """Let a law of one's own act between two frames.
+
+        ``numbers`` are its ``data``.  The derivative is by central differences where none is given.
+
+        Raises:
+            SceneError: the functions are not compiled ones of six and of ten arguments (`flexmbd.compiled`).
+        """
+
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""
 
@@ -71,8 +84,8 @@ class ElementTable(Protocol):
         """Add a body with history; return the row of ``Plan.wrenches`` of its first frame, the others follow."""
 
     def element(
-        self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, acts: bool = True,
+        self, element: Element, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,4 +37,4 @@ class SpringDamper(BetweenFrames):
         data = table.numbers([self.stiffness, self.length, self.damping])
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
         acts = self.stiffness > 0.0 or self.damping > 0.0
-        table.element(kinds.BETWEEN_SPRING, self.what, f=f, g=g, data=data, acts=acts)
+        table.element(DISTANCE_SPRING, self.what, f=f, g=g, data=data, acts=acts)

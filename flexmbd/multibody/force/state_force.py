@@ -8,7 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.elements.state_force import STATE_FORCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,4 +42,4 @@ class StateForce(OnState):
 
     def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
-        table.element(kinds.ON_STATE, self.what, address=table.state_function(self.function, self.what))
+        table.element(STATE_FORCE, self.what, address=table.state_function(self.function, self.what))

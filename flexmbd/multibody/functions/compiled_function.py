@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base.compiling import pickled_function
-from flexmbd.multibody.kernels.base.user_functions import scalar_function, state_function
+from flexmbd.multibody.kernels.base.user_functions import frame_function, scalar_function, state_function
 
 FloatArray = NDArray[np.float64]
 
@@ -26,11 +26,16 @@ class Signature(Enum):
     TIME = 1
     LAW = 3
     STATE = 4
+    WRENCH = 6
+    WRENCH_VARIATION = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s)."""
+    """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s).
+
+    ``returns_number``: of a wrench, whether it returns the energy that it stores.
+    """
 
     address: int
     keep: Any
@@ -39,6 +44,7 @@ class Compiled:
     code: str = ""  # tells it from others where addresses change from process to process
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     source: Any = None
+    returns_number: bool = True
 
     def __deepcopy__(self, memo: object) -> Compiled:
         """Itself: it never changes."""
@@ -79,6 +85,11 @@ def compiled(
 
     ``f(t) -> float`` is a function of time; ``f(t, beta, rate) -> float`` a law on a joint coordinate;
     ``f(t, x, v, out)`` writes the generalised forces (nv,) of the whole state into ``out``, which comes as zeros.
+    ``f(data, d, R, rate, spin, out)`` writes the force and torque (6,) N, N m on frame G at its origin, in the axes of
+    frame F, into ``out``; of G against F in F's axes it gets the place d (3,) m, the rotation R (3, 3), the rate of d
+    and the angular velocity (3,).  Where it returns a number this is the energy (J) that it stores, whose derivative
+    the wrench must be at rest.  ``f(data, d, R, rate, spin, dd, dtheta, drate, dspin, out)`` writes the change of that
+    wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
 
@@ -95,12 +106,18 @@ def compiled(
     count = len(inspect.signature(function).parameters)
     if count not in {s.value for s in Signature}:
         raise SceneError(
-            f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate) or "
-            "f(t, x, v, out)"
+            f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
+            "f(t, x, v, out), f(data, d, R, rate, spin, out) or its derivative of ten arguments"
         )
     signature = Signature(count)
+    returns_number = True
     if signature is Signature.STATE:
         pointer = state_function(function)
+    elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):
+        pointer, returns_number = frame_function(function, varied=signature is Signature.WRENCH_VARIATION)
     else:
         pointer = scalar_function(function, count)
-    return Compiled(int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function)
+    return Compiled(
+        int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function,
+        returns_number,
+    )  # fmt: skip

@@ -13,8 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
     M_A,
     M_ALPHA,
@@ -51,7 +51,7 @@ class InteriorForce(OffJoints):
         first = table.add_interior(PlacedInterior(self.body, rows))
         for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):
             what = f"interior of {self.body.name} on {frame.label}"
-            table.element(kinds.BETWEEN_INTERIOR, what, f=table.ground(), g=row, count=first + k)
+            table.element(INTERIOR_WRENCH, what, f=table.ground(), g=row, count=first + k)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from flexmbd.multibody.force.bearing_friction import BearingFriction
 from flexmbd.multibody.force.kane_body import KaneBody
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, driven_coordinates, penalty_rows
@@ -28,7 +27,6 @@ FloatArray = NDArray[np.float64]
 #: A force element, whether in the scene or not, or a joint whose motion is prescribed.
 Input: TypeAlias = Force | Connection
 
-_GIVEN = (kinds.ON_MODES, kinds.BETWEEN_GIVEN_F, kinds.BETWEEN_GIVEN_G)
 _ORDERS = ("", "rate of ", "acceleration of ")
 
 
@@ -108,7 +106,7 @@ def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tu
     what = getattr(force, "what", type(force).__name__)
     plan = keep_forces(scene.plan, rows.forces, rows.elements)
     elements, on_joints = force_elements(plan), joint_force_times(plan)
-    if not np.isin(elements.kind, _GIVEN).all():
+    if not all(one.given for one in elements.behaviour):
         raise SceneError(
             f"{what} follows the machine's state and is not an input; give a JointTorque, JointForce, FrameForce or "
             "DistributedLoad, or a joint with a prescribed motion"
@@ -182,4 +180,4 @@ def without_inputs(scene: CompiledScene, forces: Sequence[Force]) -> CompiledSce
     kept = [k for k in range(len(scene.plan.forces)) if not any(k in row.forces for row in rows)]
     elements = [k for k in range(len(scene.plan.elements)) if not any(k in row.elements for row in rows)]
     plan = keep_forces(scene.plan, kept, elements)
-    return replace(scene, plan=plan, element_names=tuple(scene.element_names[k] for k in elements))
+    return replace(scene, plan=plan)

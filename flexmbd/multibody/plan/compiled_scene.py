@@ -225,7 +225,8 @@ _NUMBERS = (
 
 def _addresses(plan: Plan) -> tuple[int, ...]:
     """Addresses of functions of time, then of force elements; 0 where there are none."""
-    found = np.concatenate([plan.times[:, at.TIME_ADDRESS :].ravel(), plan.elements[:, at.EL_ADDRESS]])
+    of_elements = plan.elements[:, at.EL_ADDRESS : at.EL_NUMBER]
+    found = np.concatenate([plan.times[:, at.TIME_ADDRESS :].ravel(), of_elements.ravel()])
     return tuple(int(address) for address in found)
 
 
@@ -245,7 +246,7 @@ def _compiled_anew(
     now = {0: 0, **dict(zip(addresses, whole.addresses, strict=True))}
     plan = numbers.pop("plan")
     times, elements = plan.times.copy(), plan.elements.copy()
-    for column in (*times.T[at.TIME_ADDRESS :], elements.T[at.EL_ADDRESS]):
+    for column in (*times.T[at.TIME_ADDRESS :], *elements.T[at.EL_ADDRESS : at.EL_NUMBER]):
         column[:] = [now[int(address)] for address in column]
     plan = plan.replace(times=times, elements=elements, lapack=whole.plan.lapack, flag=whole.plan.flag)
     data = np.split(plan.time_data, times[1:, at.TIME_OFFSET]) if len(times) else []

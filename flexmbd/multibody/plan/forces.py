@@ -14,20 +14,21 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Law, StateFunction
-from flexmbd.multibody.functions.compiled_function import Compiled, checked_breaks
+from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, as_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.elements.element import CoordinateLaw, Element
+from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
+from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
+from flexmbd.multibody.kernels.elements.state_force import SOLVED_TOGETHER, STATE_FORCE
+from flexmbd.multibody.kernels.elements.table import ELEMENTS, kind_of
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap
-
-#: Count of an element ON_STATE that is not a user's force, and therefore not a drive.
-NO_DRIVE = 1
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,23 @@ class ForceTable:
             return self._numbering.add_compiled(function)
         return self._numbering.add_state_function(function, what)
 
+    def frame_law(
+        self, wrench: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike = (),
+        derivative: Compiled | None = None,
+    ) -> None:
+        """Let a law of one's own act between two frames."""
+        law = _checked_law(self._note_breaks(wrench, what), what, Signature.WRENCH, "data, d, R, rate, spin, out")
+        slope = 0
+        if derivative is not None:
+            _checked_law(derivative, what, Signature.WRENCH_VARIATION, f"{_VARIED}, out")
+            slope = self._numbering.add_compiled(derivative)
+        values = np.asarray(numbers, dtype=np.float64).ravel()
+        element = STORING_FRAME_LAW if law.returns_number else FRAME_LAW
+        self.element(
+            element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
+            count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
+        )  # fmt: skip
+
     def _note_breaks(self, function: Any, what: str) -> Any:
         """The function itself, its breaks declared."""
         while isinstance(function, Piecewise):
@@ -173,7 +191,7 @@ class ForceTable:
         along_z[5 if connection.joint.angular[0] else 2] = 1.0
         data = self.numbers(along_z)
         time = self.time(function, what)
-        self.element(kinds.BETWEEN_GIVEN_F, what, f=frames[0], g=frames[1], data=data, time=time)
+        self.element(GIVEN_IN_F, what, f=frames[0], g=frames[1], data=data, time=time)
 
     def add_wrench_source(self, source: WrenchSource) -> None:
         """Add a source of wrenches on frames that the plan has as generalised forces alone, for reactions."""
@@ -204,7 +222,8 @@ class ForceTable:
             self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
             self.add_wrench_source(inertia)
         if self._bearings:
-            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == kinds.ON_STATE]
+            of_state = kind_of(STATE_FORCE)
+            unknown = [n for n, row in zip(self.names, self.elements, strict=True) if row[at.EL_KIND] == of_state]
             what = "; ".join(f"BearingFriction on joint {b.connection.name!r}" for b in self._bearings)
             if unknown:
                 raise SceneError(
@@ -216,31 +235,39 @@ class ForceTable:
     def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
         address = self._numbering.add_state_function(function, what)
         self.when_built(lambda scene: function.build(scene, address))
-        self.element(kinds.ON_STATE, what, count=NO_DRIVE, address=address)
+        self.element(SOLVED_TOGETHER, what, address=address)
 
     def element(
-        self, kind: int, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, acts: bool = True,
+        self, element: Element, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""
         if not (acts or self._may_vary):
             self.idle.append(what)
             return
-        self.elements.append([kind, f, g, x, v, time, data, count, address])
+        self.elements.append([kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements)])
         self.names.append(what)
 
 
-def refuse_crossed_stops(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
-    """Raise SceneError where a start (nx,) lies beyond a stop, by more than the stop's transition."""
-    for name, row in zip(names, plan.elements, strict=True):
-        if row[at.EL_KIND] == kinds.ON_STOP:
-            lower, upper, _, _, transition = plan.data[row[at.EL_DATA] : row[at.EL_DATA] + 5]
-            beta = x[row[at.EL_X]]
-            if not lower - transition <= beta <= upper + transition:
-                raise SceneError(
-                    f"{name}: the start at {beta:.6g} lies beyond the limits {lower:g} to {upper:g} (m or rad); "
-                    "set the joint's position, or the limits"
-                )
+_VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
+
+
+def _checked_law(function: Any, what: str, signature: Signature, arguments: str) -> Compiled:
+    """A compiled function of a signature, or SceneError with the arguments that it should take."""
+    if not isinstance(function, Compiled) or function.signature is not signature:
+        kind = function.name if isinstance(function, Compiled) else type(function).__name__
+        raise SceneError(f"{what}: {kind} must be made by flexmbd.compiled of a function of ({arguments})")
+    return function
+
+
+def refuse_misplaced_elements(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
+    """Raise SceneError where a start (nx,) does not suit an element, as one beyond a stop."""
+    for row in plan.elements:
+        element = ELEMENTS[row[at.EL_KIND]]
+        if isinstance(element, CoordinateLaw) and element.misplaced is not None:
+            complaint = element.misplaced(plan.data[row[at.EL_DATA] :], float(x[row[at.EL_X]]))
+            if complaint:
+                raise SceneError(f"{names[row[at.EL_NUMBER]]}: {complaint}")
 
 
 def assemble_forces(

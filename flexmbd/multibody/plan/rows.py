@@ -16,6 +16,7 @@ from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.protocol import Row
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.topology import Topology
@@ -141,4 +142,4 @@ def assemble_penalties(b: Numbering, rows: RowTable, table: ForceTable) -> None:
         data = b.add_data(_penalty_parameters(b.extent, row, choice, name))
         rows.scaled.append(ScaledRow(data, row, choice, name))
         f, g = line[at.ROW_F], line[at.ROW_G]
-        table.element(kinds.BETWEEN_PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)
+        table.element(PENALTY, f"penalty on {name}", f=f, g=g, data=data, count=k)

@@ -292,7 +292,9 @@ class _Replay(ForceTable):
 
     def fits(self, plan: Plan, rows: ForceRows, end: int, last_time: int) -> bool:
         """Whether its rows are those of before but for its numbers."""
-        elements = plan.elements[rows.elements.start : rows.elements.stop].tolist()
+        elements = plan.elements[rows.elements.start : rows.elements.stop]
+        kept = np.delete(elements, at.EL_NUMBER, axis=1).tolist()
         forces = plan.forces[rows.forces.start : rows.forces.stop].tolist()
-        laid = (self.forces, self.elements, self._numbers.data_size, self._first_time + len(self._numbers.times))
-        return laid == (forces, elements, end, last_time) and next(self._rows, None) is None
+        own = [row[: at.EL_NUMBER] for row in self.elements]
+        laid = (self.forces, own, self._numbers.data_size, self._first_time + len(self._numbers.times))
+        return laid == (forces, kept, end, last_time) and next(self._rows, None) is None

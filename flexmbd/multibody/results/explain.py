@@ -167,9 +167,9 @@ def _elements(start: Start) -> list[str]:
     scene = start.scene
     lines: dict[str, None] = {}
     elements = force_elements(scene.plan)
-    for name, kind, address in zip(scene.element_names, elements.kind, elements.address, strict=True):
-        cost = ""
-        if kind in (kinds.ON_FUNCTION, kinds.ON_STATE):
+    for number, behaviour, address in zip(elements.number, elements.behaviour, elements.address, strict=True):
+        name, cost = scene.element_names[number], ""
+        if behaviour.calls_user:
             python = address in scene.callbacks.addresses
             cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
         lines[name + cost] = None

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
+from flexmbd.multibody.kernels.elements.penalty import PENALTY
+from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, kind_of
 from flexmbd.multibody.kernels.physics.constraint_laws import row_value, row_wrench, row_wrench_variation
-from flexmbd.multibody.kernels.tangent.element_variations import element_wrench_variation
 
 DATA = 0.37
 KINDS = {
@@ -125,7 +125,7 @@ def test_penalty_wrench_and_its_variation(plan, name):
     stiffness, damping = (0.0 if name in ROLLING else 30.0), 7.0
     penalised = plan.replace(data=np.array([0.0, DATA, stiffness, damping]), penalties=held[None])
     work = new_work(penalised)
-    row = np.array([kinds.BETWEEN_PENALTY, 0, 0, -1, -1, -1, 2, 0, 0])
+    row = np.array([kind_of(PENALTY), 0, 0, -1, -1, -1, 2, 0, 0, 0, 0])
     d, R, dd, dtheta = places(1)
     rate, spin, drate, dspin = np.random.default_rng(2).standard_normal((4, 3))
 
@@ -138,5 +138,5 @@ def test_penalty_wrench_and_its_variation(plan, name):
     pull = stiffness * row_value(plan.data, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])
     np.testing.assert_allclose(wrench(0.0), -pull * unit, atol=1e-12 * abs(pull))
     changes = (tuple(map(float, c)) for c in (rate, spin, dd, dtheta, drate, dspin))
-    change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes)
+    change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes, 1e-6)
     np.testing.assert_allclose(np.array(change), differences(wrench), atol=1e-7)

@@ -1,7 +1,7 @@
-"""The vocabulary of a compiled scene: kinds of joints, constraint rows, force elements, functions of time.
+"""The vocabulary of a compiled scene: kinds of joints, constraint rows, functions of time.
 
-Plain integers, which kernels compile as constants.  Joints and force elements say by them what they are; nothing is
-to be read from their order.
+Plain integers, which kernels compile as constants.  Joints say by them what they are; nothing is to be read from their
+order.  Force elements: ``elements.table``.
 """
 
 from __future__ import annotations
@@ -30,21 +30,6 @@ ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; dat
 ROWS_IN_RAD = (ROW_DIRECTION, ROW_AXIS, ROW_ANGLE)  # their multipliers are moments, those of the others forces
 # What a row holds: positions, or velocities alone.
 LEVEL_POSITION, LEVEL_VELOCITY = range(2)
-
-# Kinds of force elements, those on coordinates.  A spring: k, rest, c.  A characteristic of several pieces: rest, c,
-# force and potential over the deflection as piecewise polynomials.  A stop: lower, upper, k, damping, transition.
-# Friction: Coulomb, static, speed of the regularisation, Stribeck's speed, viscous.  A user's function of time,
-# coordinate and rate.  Forces on modes, one number a mode.  A user's function of time and state.  The energy of a
-# homogeneous deformation: see ``energies``.
-ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION, ON_FUNCTION, ON_MODES, ON_STATE, ON_ENERGY = range(8)
-# Those between frames F and G.  A spring: k, length, c.  A bushing: K (36), C (36).  A given wrench: force (3),
-# torque (3) in F's or in G's axes.  A penalty: k, c, for a row of Plan.penalties.  What the interior of a body with
-# history exerts: a row of Plan.wrenches, in F's axes; F is the inertial frame.
-BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY, BETWEEN_INTERIOR = range(8, 14)
-COORDINATE_LAWS = (ON_SPRING, ON_CHARACTERISTIC, ON_STOP, ON_FRICTION)  # of one coordinate, by numbers alone
-BETWEEN_FRAMES = (
-    BETWEEN_SPRING, BETWEEN_BUSHING, BETWEEN_GIVEN_F, BETWEEN_GIVEN_G, BETWEEN_PENALTY, BETWEEN_INTERIOR,
-)  # fmt: skip
 
 # Kinds of functions of time.
 TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
 
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -65,6 +66,30 @@ def call_law(typingctx, address, t, beta, rate):
         return builder.call(function, args[1:])
 
     return types.float64(types.int64, types.float64, types.float64, types.float64), codegen
+
+
+@intrinsic
+def call_frame_law(typingctx, address, count, numbers, motion):
+    """Call double f(int64, double*, double*, double[6]) at an address; gives the six numbers and what it returns."""
+
+    def codegen(context, builder, signature, args):
+        double, whole = ir.DoubleType(), ir.IntType(64)
+        size = signature.args[3].count
+        given = cgutils.alloca_once(builder, ir.ArrayType(double, size))
+        answer = cgutils.alloca_once(builder, ir.ArrayType(double, 6))
+        for k in range(size):
+            builder.store(builder.extract_value(args[3], k), cgutils.gep_inbounds(builder, given, 0, k))
+        for k in range(6):
+            builder.store(ir.Constant(double, 0.0), cgutils.gep_inbounds(builder, answer, 0, k))
+        pointer = double.as_pointer()
+        kind = ir.FunctionType(double, [whole, pointer, pointer, pointer])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        places = [builder.bitcast(one, pointer) for one in (given, answer)]
+        energy = builder.call(function, [args[1], builder.inttoptr(args[2], pointer), *places])
+        found = [builder.load(cgutils.gep_inbounds(builder, answer, 0, k)) for k in range(6)]
+        return context.make_tuple(builder, signature.return_type, [*found, energy])
+
+    return types.UniTuple(types.float64, 7)(types.int64, types.int64, types.intp, motion), codegen
 
 
 @intrinsic

@@ -52,8 +52,10 @@ ENFORCEMENT_STIFFNESS, ENFORCEMENT_DAMPING, ENFORCEMENT_GAP, ENFORCEMENT_TOLERAN
 FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 
 # Columns of Plan.elements, one row a force element: its kind; frames F and G; index in x and in v of its coordinate;
-# row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the address of a user's function.
-EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS, N_ELEMENT = range(10)
+# row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the addresses of a user's function and of
+# its derivative; its number in the scene, by which messages name it where others are left out.
+EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS = range(9)
+EL_NUMBER, N_ELEMENT = 10, 11
 
 # Columns of Plan.driven: v index, x index, time function of a prescribed coordinate.
 DRIVEN_V, DRIVEN_X, DRIVEN_TIME, N_DRIVEN = 0, 1, 2, 3

@@ -9,6 +9,10 @@ from numba import carray, cfunc, njit, types
 
 # A division by zero gives infinity, as in numpy: an exception could not leave the step.
 _MODEL = "numpy"
+_ARRAY = types.Array(types.float64, 1, "C")
+_MATRIX = types.Array(types.float64, 2, "C")
+_MOTION = (_ARRAY, _MATRIX, _ARRAY, _ARRAY)  # d, R, rate, spin
+_CHANGES = (_ARRAY,) * 4  # dd, dtheta, drate, dspin
 
 
 def scalar_function(function: Callable[..., float], count: int) -> Any:
@@ -29,3 +33,39 @@ def state_function(function: Callable[..., None]) -> Any:
         inner(t, carray(x, (nx,)), carray(v, (nv,)), force)
 
     return cfunc(kind, error_model=_MODEL)(outer)
+
+
+def frame_function(function: Callable[..., None], *, varied: bool) -> tuple[Any, bool]:
+    """``double f(int64 n, double *data, double *motion, double out[6])``, and whether the user's returns a number.
+
+    ``motion``: d, R row by row, rate, spin; where it is ``varied`` also dd, dtheta, drate, dspin.
+
+    Raises:
+        numba.TypingError: it does not compile for such arguments.
+    """
+    inner = njit(error_model=_MODEL)(function)
+    inner.compile((_ARRAY, *_MOTION, *(_CHANGES if varied else ()), _ARRAY))
+    returned = inner.nopython_signatures[0].return_type
+    returns_number = isinstance(returned, types.Number)
+    pointer = types.CPointer(types.float64)
+    kind = types.float64(types.int64, pointer, pointer, pointer)
+
+    def wrench(n, data, motion, out):  # type: ignore[no-untyped-def]
+        m = carray(motion, (18,))
+        inner(carray(data, (n,)), m[:3], m[3:12].reshape(3, 3), m[12:15], m[15:], carray(out, (6,)))
+        return 0.0
+
+    def storing(n, data, motion, out):  # type: ignore[no-untyped-def]
+        m = carray(motion, (18,))
+        return inner(carray(data, (n,)), m[:3], m[3:12].reshape(3, 3), m[12:15], m[15:], carray(out, (6,)))
+
+    def variation(n, data, motion, out):  # type: ignore[no-untyped-def]
+        m = carray(motion, (30,))
+        inner(
+            carray(data, (n,)), m[:3], m[3:12].reshape(3, 3), m[12:15], m[15:18], m[18:21], m[21:24], m[24:27],
+            m[27:], carray(out, (6,)),
+        )  # fmt: skip
+        return 0.0
+
+    outer = variation if varied else storing if returns_number else wrench
+    return cfunc(kind, error_model=_MODEL)(outer), returns_number

@@ -8,10 +8,10 @@ the ground.
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
+from flexmbd.multibody.kernels.elements.table import is_between_frames
 from flexmbd.multibody.kernels.forward_dynamics.inward import gather_bias_forces, gather_inertia
 from flexmbd.multibody.kernels.forward_dynamics.outward import propagate_accelerations, propagate_velocities
 from flexmbd.multibody.kernels.forward_dynamics.parallel_hinges import planar_dynamics
@@ -76,7 +76,7 @@ def _add_applied_loads(plan, work, aw, x, v, multipliers):
     required = aw.required
     loaded = multipliers.shape[0] > 0
     for i in range(plan.elements.shape[0]):
-        loaded = loaded or plan.elements[i, at.EL_KIND] in kinds.BETWEEN_FRAMES
+        loaded = loaded or is_between_frames(plan.elements[i, at.EL_KIND])
     if loaded:
         forward_kinematics(plan, work, x, v, aw.zeros)
         for i in range(plan.tree.shape[0]):

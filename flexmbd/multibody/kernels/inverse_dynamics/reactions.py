@@ -13,11 +13,10 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.elements.table import element_wrench, is_between_frames
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
@@ -64,7 +63,7 @@ def row_reactions(plan, work, f, g, t, x, v, a, multipliers, scratch, out):
                 torque = sub3(torque, scale3(multipliers[k, i], row_torque))
         for i in range(plan.elements.shape[0]):
             row = plan.elements[i]
-            if row[at.EL_KIND] in kinds.BETWEEN_FRAMES and row[at.EL_F] == f and row[at.EL_G] == g:
+            if is_between_frames(row[at.EL_KIND]) and row[at.EL_F] == f and row[at.EL_G] == g:
                 row_force, row_torque = element_wrench(plan, work, row, d, R, rate, spin)
                 force = add3(force, row_force)
                 torque = add3(torque, row_torque)

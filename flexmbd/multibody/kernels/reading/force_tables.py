@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.elements.element import Behaviour
+from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
+from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
 
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -23,24 +26,22 @@ class ForceElements:
     """Force elements, each array (k,).
 
     Attributes:
-        kind: ``kinds.ON_*`` or ``BETWEEN_*``.
+        behaviour: (k,) what integrators must know of each.
         time: row of ``plan.times`` that scales it, or -1.
-        count: its meaning follows from the kind.
         address: of a user's function, or 0.
+        number: its place among all of the scene, whose names are ``CompiledScene.element_names``.
     """
 
-    kind: IntArray
+    behaviour: tuple[Behaviour, ...]
     time: IntArray
-    count: IntArray
     address: IntArray
+    number: IntArray
 
 
 def force_elements(plan: Plan) -> ForceElements:
     """All force elements."""
-    kind, time, count, address = (
-        plan.elements[:, k] for k in (at.EL_KIND, at.EL_TIME, at.EL_COUNT, at.EL_ADDRESS)
-    )
-    return ForceElements(kind, time, count, address)
+    time, address, number = (plan.elements[:, k] for k in (at.EL_TIME, at.EL_ADDRESS, at.EL_NUMBER))
+    return ForceElements(tuple(behaviours(plan)), time, address, number)
 
 
 def stiffness_may_change(plan: Plan) -> bool:
@@ -65,11 +66,6 @@ def _index(rows: Sequence[int] | IntArray | Mask) -> type:
     return bool if isinstance(rows, np.ndarray) and rows.dtype == np.bool_ else np.int64
 
 
-def keep_elements(plan: Plan, wanted: Collection[int]) -> Plan:
-    """``plan`` with force elements of these kinds alone, and without forces of time on coordinates."""
-    return keep_forces(plan, [], np.isin(plan.elements[:, at.EL_KIND], list(wanted)))
-
-
 def without_loads(plan: Plan) -> Plan:
     """``plan`` without all force elements; weights stay."""
     return keep_forces(plan, [], [])
@@ -77,7 +73,7 @@ def without_loads(plan: Plan) -> Plan:
 
 def without_forces(plan: Plan) -> Plan:
     """``plan`` without force elements and gravity: inertia, elasticity and loops alone."""
-    elements = plan.elements[plan.elements[:, at.EL_KIND] == kinds.ON_ENERGY]
+    elements = plan.elements[are_of(plan, HOMOGENEOUS_ENERGY)]
     return plan.replace(forces=plan.forces[:0], elements=elements, gravity=np.zeros(3))
 
 
@@ -86,25 +82,13 @@ def without_function(plan: Plan, address: int) -> Plan:
     return keep_forces(plan, range(len(plan.forces)), plan.elements[:, at.EL_ADDRESS] != address)
 
 
-#: Force elements that store what they take: where their parameters hold the damper, first entry and how many.
-_DAMPERS = {
-    kinds.ON_SPRING: (2, 1),
-    kinds.ON_CHARACTERISTIC: (1, 1),
-    kinds.ON_STOP: (3, 1),
-    kinds.ON_ENERGY: (0, 0),
-    kinds.BETWEEN_SPRING: (2, 1),
-    kinds.BETWEEN_PENALTY: (1, 1),
-    kinds.BETWEEN_BUSHING: (36, 36),
-}
-
-
 def storing_plan(plan: Plan) -> Plan:
     """``plan`` without loads and dampers: what remains stores the energy it takes."""
     flex, data = plan.flex.copy(), plan.data.copy()
     flex[:, at.MODAL_DAMPING] = -1
-    kept = keep_elements(plan, _DAMPERS)
-    for row in kept.elements:
-        first, count = _DAMPERS[int(row[at.EL_KIND])]
+    kept = keep_forces(plan, [], stores(plan))
+    for row, behaviour in zip(kept.elements, behaviours(kept), strict=True):
+        first, count = behaviour.damper
         o = int(row[at.EL_DATA]) + first
         data[o : o + count] = 0.0
     return kept.replace(flex=flex, data=data)

@@ -11,13 +11,13 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements.differences import difference_step
+from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, is_between_frames
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.element_variations import element_wrench_variation
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
 
 
@@ -247,7 +247,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if row[at.EL_KIND] not in kinds.BETWEEN_FRAMES:
+        if not is_between_frames(row[at.EL_KIND]):
             continue
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
@@ -263,8 +263,9 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
             dforce = dtorque = (0.0, 0.0, 0.0)
             if moves:
+                step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
                 dforce, dtorque = element_wrench_variation(
-                    plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin
+                    plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
                 )
             dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
             dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))

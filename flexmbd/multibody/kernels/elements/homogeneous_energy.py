@@ -9,6 +9,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.tabulate import address_of, call_tabulate, number_at, put_number, stack_numbers
+from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce
 
 _N_VALUES = 91  # W, dW/dF (9), its derivative (81)
 _F = _N_VALUES  # where F stands in the room
@@ -35,8 +36,8 @@ def _evaluate(plan, row, x, room):
 
 
 @kernel
-def add_energy_gradient(plan, row, x, out):
-    """Add to ``out`` (nv,) the derivatives of an element's energy by its modes."""
+def _subtract(plan, work, row, x, v, out):
+    """The forces are the derivatives of the energy by the modes, with a minus."""
     room = stack_numbers(_STACK_SIZE)
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
@@ -49,8 +50,7 @@ def add_energy_gradient(plan, row, x, out):
 
 
 @kernel
-def energy_of(plan, row, x):
-    """An element's energy (J)."""
+def _energy(plan, row, x):
     room = stack_numbers(_STACK_SIZE)
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
@@ -62,8 +62,7 @@ def energy_of(plan, row, x):
 
 
 @kernel
-def add_energy_block(plan, row, x, per_x, matrix):
-    """Add ``per_x`` times the second derivatives of an element's energy by its modes to ``matrix`` (nv, nv)."""
+def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
     room = stack_numbers(_STACK_SIZE)
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]
@@ -78,3 +77,8 @@ def add_energy_block(plan, row, x, per_x, matrix):
                     second += plan.data[modes + 9 * i + c] * curvature * plan.data[modes + 9 * j + d]
             matrix[first + i, first + j] += per_x * plan.data[o] * second
         matrix[first + i, first + i] -= per_x * plan.data[o + _STIFFNESS + i]
+
+
+HOMOGENEOUS_ENERGY = GeneralisedForce(
+    Behaviour("energies of homogeneous deformations"), _subtract, _subtract_tangent, _energy
+)

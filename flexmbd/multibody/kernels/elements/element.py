@@ -1,0 +1,111 @@
+"""What a force element says of itself: its functions, by what it acts on, and what integrators must know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Stiffness(Enum):
+    """How fast the vibrations may be that an element makes.
+
+    Attributes:
+        NONE: it makes none: a given force, or one of bounded size.
+        SEEN: as fast as the tangent at the start shows.
+        UNSEEN: perhaps much faster than at the start: a user's function, or a penalty.
+    """
+
+    NONE = 0
+    SEEN = 1
+    UNSEEN = 2
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """What integrators, and whoever else does not evaluate it, must know of a kind of element.
+
+    Attributes:
+        name: in words, in the plural.
+        stiffness: how fast the vibrations are that it makes.
+        abrupt: whether it starts or reverses within a step, which costs a method of high order its order.
+        given: whether it follows functions of time alone, so that it may be an input of a linear machine.
+        calls_user: whether it calls a function of the user at each evaluation.
+        drives: whether it counts among what drives joints, as a motor does and a spring does not.
+        damper: its numbers that make it dissipate, the first and how many: without them it stores all that it takes.
+    """
+
+    name: str
+    stiffness: Stiffness = Stiffness.NONE
+    abrupt: bool = False
+    given: bool = False
+    calls_user: bool = False
+    drives: bool = False
+    damper: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class CoordinateLaw:
+    """A force on one coordinate (rad or m) that follows from it and its rate.
+
+    Attributes:
+        behaviour: what integrators must know.
+        law: (plan, row, x, rate) -> force on the coordinate, its derivative by x, by the rate.
+        energy: (plan, row, x) -> J that it stores; None where it stores nothing.
+        misplaced: (numbers, x) -> a complaint where a start at x does not suit these parameters, else nothing.
+    """
+
+    behaviour: Behaviour
+    law: Any
+    energy: Any = None
+    misplaced: Callable[[FloatArray, float], str] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameElement:
+    """A wrench between frames F and G, by the motion of G against F in F's axes.
+
+    d = p_FG_F (m), R = R_FG, ``rate`` of d (m/s), ``spin`` the angular velocity of G against F (rad/s).
+
+    Attributes:
+        behaviour: what integrators must know.
+        wrench: (plan, work, row, d, R, rate, spin) -> force on G at G's origin, torque on G, in F's axes (N, N m); F
+            gets the opposite.
+        variation: (plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step) -> change of both for d + dd,
+            exp(dtheta) R, rate + drate, spin + dspin; ``step`` is how much of that a difference should take.  None
+            where the wrench keeps to F's axes whatever G does.
+        energy: (plan, work, row, d, R, rate, spin) -> J that it stores; None where it stores nothing.
+    """
+
+    behaviour: Behaviour
+    wrench: Any
+    variation: Any = None
+    energy: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralisedForce:
+    """Forces on any of the velocities.
+
+    Attributes:
+        behaviour: what integrators must know.
+        subtract: (plan, work, row, x, v, out) subtracts them from ``out`` (nv,).
+        subtract_tangent: (plan, work, tw, row, x, v, per_x, per_v, matrix) subtracts per_x times their derivatives by x
+            and per_v times those by v from the ``matrix`` (nv, nv).  None where they have none.
+        energy: (plan, row, x) -> J that they store; None where they store nothing.
+    """
+
+    behaviour: Behaviour
+    subtract: Any
+    subtract_tangent: Any = None
+    energy: Any = None
+
+
+Element = CoordinateLaw | FrameElement | GeneralisedForce

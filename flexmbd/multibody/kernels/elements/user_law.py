@@ -1,0 +1,50 @@
+"""A user's law on a coordinate behind an address: f(t, x, rate) -> N or N m."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import call_law
+from flexmbd.multibody.kernels.elements.differences import difference_step
+from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+
+
+@kernel
+def _force(plan, work, row, x, rate):
+    """The force; NaN and ``plan.flag`` where it is not finite.
+
+    Where the trial state itself is not finite the law is not called.
+    """
+    if plan.flag[0] != 0 or not np.isfinite(x + rate):
+        return np.nan
+    force = call_law(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, rate)
+    if plan.flag[0] == 0 and not np.isfinite(force):
+        plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
+    return force
+
+
+@kernel
+def _subtract(plan, work, row, x, v, out):
+    k = row[at.EL_V]
+    out[k] -= _force(plan, work, row, x[row[at.EL_X]], v[k])
+
+
+@kernel
+def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
+    k = row[at.EL_V]
+    beta, rate = x[row[at.EL_X]], v[k]
+    step = difference_step(per_x, per_v, max(tw.size_x[k], abs(beta)), max(tw.size_v[k], abs(rate)))
+    if step == 0.0 or plan.flag[0] != 0:
+        return
+    t = work.time[plan.times.shape[0], 0]
+    address = row[at.EL_ADDRESS]
+    up = call_law(address, t, beta + per_x * step, rate + per_v * step)
+    down = call_law(address, t, beta - per_x * step, rate - per_v * step)
+    matrix[k, k] -= (up - down) / (2.0 * step)
+
+
+_BEHAVIOUR = Behaviour("forces of the state, which may be stiff", Stiffness.UNSEEN, calls_user=True, drives=True)
+USER_LAW = GeneralisedForce(_BEHAVIOUR, _subtract, _subtract_tangent)
