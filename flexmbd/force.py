@@ -17,7 +17,11 @@ from flexmbd.multibody.force.joint_stop import JointStop as JointStop
 from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
 from flexmbd.multibody.force.kane_body import KaneBody as KaneBody
 from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
+from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
+from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force
+from flexmbd.multibody.force.protocol import OnCoordinate as OnCoordinate
+from flexmbd.multibody.force.protocol import check_numbers as check_numbers
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce
 from flexmbd.multibody.functions.callback import Law as Law

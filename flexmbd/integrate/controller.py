@@ -12,7 +12,7 @@ arrays takes as long as half a small step:
 
 An attempt takes h from TIME to STEP_END.  It leaves OUTCOME at DONE or writes what it failed by, and where it did not,
 the step's error over what is tolerated, RATIO (0 with a fixed step).  Where that is at most one it has moved x, v, a,
-the multipliers and its memory to the step's end; otherwise it leaves no trace in them.
+the multipliers and the method's memory to the step's end; otherwise it leaves no trace in them.
 
 The step's length follows from the error by one law: by its size, by its trend over two steps, with a dead zone for
 methods to which each change costs a factorisation.  Sources: Gustafsson 1991, 1994; Hairer & Wanner 1996, section IV.8.
@@ -79,13 +79,32 @@ class Stepper(NamedTuple):
 
     advance: steps until TIME_END (DONE), until as many rows are stored as there is room for (OUTPUT), or until a step
     fails that cannot be done without (its code); no step contains two of the given knots (k,) s and goes on.
-    begin: sets up the method's part of a state that begins here.
+    begin: sets up the memory of a method that begins here, from zeros.
     drop_factors: makes it forget its iteration matrix.
+    memory: arrays by their names, all that the method remembers from step to step beside the state; they are copied,
+    written to checkpoints and put back.
     """
 
     advance: Callable[[st.Record, FloatArray], int]
     begin: Callable[[], None]
     drop_factors: Callable[[], None]
+    memory: ArrayStruct
+
+
+@dataclass(frozen=True, eq=False)
+class NoMemory(ArrayStruct):
+    """Of a method that remembers nothing from step to step."""
+
+
+def arrays_of(memory: ArrayStruct) -> dict[str, NDArray[Any]]:
+    """The arrays themselves of a method's memory, and of the structures in it, by their names."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, part in memory.fields().items():
+        if isinstance(part, ArrayStruct):
+            found |= {f"{name}.{inner}": array for inner, array in arrays_of(part).items()}
+        else:
+            found[name] = part
+    return found
 
 
 def no_factors() -> None:

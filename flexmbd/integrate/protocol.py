@@ -28,12 +28,8 @@ class Integrator(Protocol):
     def order(self) -> int:
         """Order of the error of positions and velocities at the step's end."""
 
-    @property
-    def memory_rows(self) -> int:
-        """Rows of ``State.memory`` that the method uses."""
-
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError where the method cannot run the scene, with a method that can."""
 
     def stepper(self, scene: CompiledScene, state: State, groups: Groups, work: Work) -> Stepper:
-        """Allocate the method's workspace."""
+        """Allocate the method's workspace and its memory."""

@@ -29,22 +29,20 @@ LEAST_RATE = 7  # lower bound of the machine's rate (1/s)
 LATEST, STEP_END, WHOLE_STEP, RATE, ERROR_RATIO = range(8, 13)
 # Of a fixed step that is taken in parts: the length that remains, and the longest part (0: all that remains).
 STEP_REMAINDER, STEP_PART = 13, 14
-# Error and size of the last step that error control accepted, a safety of the next; these and the method's own, from
-# METHOD on, are forgotten where the machine begins anew.
+# Error and size of the last step that error control accepted, a safety of the next; these are forgotten where the
+# machine begins anew.
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
-LARGEST_PIVOT = 18
-METHOD, N_NUMBER = 19, 31
+LARGEST_PIVOT, N_NUMBER = 18, 19
 
-# Entries of ``State.counts``; from METHOD_COUNT on they are the method's own.
+# Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
 FIXED_STEP, WORST, STORED = 5, 6, 7
 # OUTCOME: of the last attempt, DONE or the code of its failure.  MOST_STORED: rows to store before a stepper returns.
 # AT_BREAK: whether TIME is a break that the machine has not left yet.  KNOT: the first knot after TIME.  WATCH_ROWS:
 # whether other constraint rows may become better conditioned than those kept.  RESELECT_ROWS: why rows are to be
 # selected anew before the next step, PIVOT_FELL or the code of a step's failure.  NO_GROWTH: steps that may not grow.
-OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS, NO_GROWTH = range(8, 15)
-METHOD_COUNT, N_COUNT = 15, 21
+OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS, NO_GROWTH, N_COUNT = range(8, 16)
 PIVOT_FELL = 1
 
 _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selected anew
@@ -60,12 +58,12 @@ ROUND_OFF = 1e-12
 class State(ArrayStruct):
     """Where the integration stands; every array is written in place.
 
-    With ``Groups`` it is all that a method remembers from step to step, but for factors of its
-    iteration matrix, which ``drop_factors`` makes it forget: copies of both restart it to the bit.
+    With ``Groups`` and the method's own memory (``controller.Stepper``) it is all that is remembered from step to step,
+    but for factors of an iteration matrix, which ``drop_factors`` makes the method forget: copies of the three restart
+    it to the bit.
 
     x, v, a: configuration, velocity, true acceleration at TIME.
     multipliers: one a constraint row.
-    memory: (k, nv) the method's own.
     numbers, counts: scalars by the entries named above.
     """
 
@@ -73,7 +71,6 @@ class State(ArrayStruct):
     v: FloatArray
     a: FloatArray
     multipliers: FloatArray
-    memory: FloatArray
     numbers: FloatArray
     counts: IntArray
 

@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Snapshot
 
-_VERSION = 5
+_VERSION = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,7 @@ class Checkpoint:
             "times": np.array([self.t_start, snapshot.first_step]),
             **{f"state.{name}": part for name, part in snapshot.state.fields().items()},
             **{f"groups.{name}": part for name, part in snapshot.groups.fields().items()},
+            **{f"method.{name}": part for name, part in snapshot.memory.items()},
             "rows": snapshot.rows,
             "wrenches": snapshot.interiors.wrenches,
             "bodies": len(snapshot.interiors.memories),
@@ -91,14 +92,15 @@ class Checkpoint:
             state = st.State(*(file[f"state.{name}"] for name in names_of(st.State)))
             groups = st.Groups(*(file[f"groups.{name}"] for name in names_of(st.Groups)))
             t_start, first_step = file["times"]
+            own = _memory(file, "method.")
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
             kept = InteriorSnapshot(file["wrenches"], memories)
-            snapshot = Snapshot(state, groups, float(first_step), file["rows"], kept)
+            snapshot = Snapshot(state, groups, own, float(first_step), file["rows"], kept)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
 
 
 def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:
-    """The state of a body with history, from the arrays whose names begin with ``prefix``."""
+    """The arrays whose names begin with ``prefix``: the memory of a method, or of a body with history."""
     return {name.removeprefix(prefix): file[name] for name in file if name.startswith(prefix)}

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
@@ -42,6 +46,7 @@ class Snapshot:
 
     Attributes:
         state, groups: the copies.
+        memory: the method's own arrays (``controller.arrays_of``); none where it has not begun.
         first_step: the step (s) that the integration began with.
         rows: (m,) which of all constraint rows are kept.
         interiors: what bodies with history remember.
@@ -49,6 +54,7 @@ class Snapshot:
 
     state: st.State
     groups: st.Groups
+    memory: Mapping[str, NDArray[Any]]
     first_step: float
     rows: IntArray
     interiors: InteriorSnapshot = NO_INTERIORS
@@ -85,6 +91,8 @@ class Integration:
         if self._interiors is not None:
             self._interiors.restore(scene.plan, at.interiors)
         self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+        self._recall(at.memory)
+        self._stepper.drop_factors()
         if self.state.counts[st.STEPS] == 0:
             evaluate_inputs(scene, self.work, self.t)
             self._stepper.begin()
@@ -113,6 +121,11 @@ class Integration:
     def t(self) -> float:
         """Time (s) reached."""
         return float(self.state.numbers[st.TIME])
+
+    @property
+    def memory(self) -> ArrayStruct:
+        """What the method remembers beside the state."""
+        return self._stepper.memory
 
     @property
     def rows(self) -> int:
@@ -235,7 +248,8 @@ class Integration:
         count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
         number[st.STEP_BEFORE] = 0.0
-        self.state.memory[:] = 0.0
+        for part in arrays_of(self._stepper.memory).values():
+            part[...] = 0
         self._stepper.begin()
 
     def keep_rows(self) -> None:
@@ -273,9 +287,9 @@ class Integration:
 
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
-        return Snapshot(
-            _copy(self.state), _copy_groups(self.groups), self._first_step, self._rows.copy(), _kept(self.scene)
-        )
+        memory = {name: part.copy() for name, part in arrays_of(self._stepper.memory).items()}
+        parts = _copy(self.state), _copy_groups(self.groups), memory, self._first_step, self._rows.copy()
+        return Snapshot(*parts, _kept(self.scene))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this integration."""
@@ -286,8 +300,15 @@ class Integration:
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
             for part, kept in zip(here.fields().values(), there.fields().values(), strict=True):
                 part[...] = kept
+        self._recall(snapshot.memory)
         if self._interiors is not None:
             self._interiors.restore(self.scene.plan, snapshot.interiors)
+
+    def _recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Put arrays back into the method's memory."""
+        own = arrays_of(self._stepper.memory)
+        for name, kept in memory.items():
+            own[name][...] = kept
 
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
@@ -331,13 +352,12 @@ def new_snapshot(
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
-    memory = np.zeros((method.memory_rows, scene.nv))
     sizes = np.zeros((3, len(scene.group_floor)))
     kind = scene.group_kind
     lasting = np.where(stiffness_may_change(scene.plan), kind == kinds.GROUP_MODAL, True).astype(np.int64)
     groups = st.Groups(scene.group_of, kind, lasting, scene.group_full, scene.group_floor, *sizes)
     rows = np.array(start.choice.rows, np.int64)
-    return Snapshot(st.State(*parts, memory, number, count), groups, float(number[st.STEP]), rows, _kept(scene))
+    return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, _kept(scene))
 
 
 def _first_step(start: Start, rtol: float, span: float, order: int) -> float:

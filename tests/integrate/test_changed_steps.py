@@ -10,7 +10,7 @@ from numba import njit
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.step_history import carry_auxiliary
-from flexmbd.integrate.alpha.workspace import AUXILIARY, STEP_AUXILIARY
+from flexmbd.integrate.alpha.workspace import AlphaMemory
 from flexmbd.multibody.team import Alone
 from flexmbd.run.stepping import Integration, new_snapshot
 
@@ -80,9 +80,9 @@ def test_stiff_vibrations_do_not_grow_at_changing_steps(rho):
 
 
 @njit
-def carry(state, h):
+def carry(state, memory, h):
     """The kernel, from Python."""
-    carry_auxiliary(state, h)
+    carry_auxiliary(state, memory, h)
 
 
 def test_the_history_of_a_rejected_step_leaves_no_trace():
@@ -94,13 +94,14 @@ def test_the_history_of_a_rejected_step_leaves_no_trace():
     for _ in range(4):
         integration.advance(END)
         integration.keep_rows()
-    state = integration.state
-    kept = state.memory[AUXILIARY].copy()
+    state, memory = integration.state, integration.memory
+    assert isinstance(memory, AlphaMemory)
+    kept = memory.auxiliary.copy()
     found = []
     for lengths in ((2e-3, 1.5e-3, 4e-4), (4e-4,)):
-        state.memory[AUXILIARY], state.numbers[STEP_AUXILIARY] = kept, 1e-3
+        memory.auxiliary[:], memory.step_auxiliary[0] = kept, 1e-3
         for h in lengths:
-            carry(state, h)
-        found.append(state.memory[AUXILIARY].copy())
+            carry(state, memory, h)
+        found.append(memory.auxiliary.copy())
     np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
     assert np.abs(found[0] - kept).max() > 1e-3 * np.abs(kept).max()

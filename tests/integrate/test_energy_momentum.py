@@ -13,6 +13,7 @@ from particles import particle_body, strain_energy
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
+from flexmbd.integrate.controller import arrays_of
 from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
 from flexmbd.integrate.discrete_gradient.newton import bind
@@ -387,15 +388,18 @@ def parts(scene, h):
 
     class Method(fm.EnergyMomentum):
         def stepper(self, scene, state, groups, work):
-            kept.update(scene=scene, state=state, groups=groups, work=work)
-            return super().stepper(scene, state, groups, work)
+            stepper = super().stepper(scene, state, groups, work)
+            kept.update(scene=scene, state=state, groups=groups, work=work, memory=arrays_of(stepper.memory))
+            return stepper
 
     scene.simulate(3 * h, h=h, integrator=Method())
     compiled, state, groups, work = (kept[name] for name in ("scene", "state", "groups", "work"))
     plan = compiled.plan
     stored = storing_plan(plan)
     s = new_workspace(plan, work, compiled.nx, compiled.nv, projector(compiled, stored), row_sizes(compiled))
-    loops = new_loops(plan, state)
+    for name, part in arrays_of(s.memory).items():
+        part[...] = kept["memory"][name]
+    loops = new_loops(plan, s.memory.loops, compiled.nv)
     bind(plan, stored, work, loops, state, groups, s)
     put_scales(state, groups, s)
     return plan, stored, work, loops, state, groups, s

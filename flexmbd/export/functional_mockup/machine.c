@@ -87,14 +87,10 @@ static int restart(void *memory, double t, char *message) {
         snprintf(message, MESSAGE_SIZE, "no accelerations can be found at %g s (code %d)", t, (int)code);
         return 1;
     }
-    const unsigned char *first = machine_image;
-    for (int k = machine_own_numbers; k < machine_number_entries; k++)
-        memcpy(&numbers[k], first + machine_numbers + (size_t)k * sizeof *numbers, sizeof *numbers);
-    for (int k = machine_own_counts; k < machine_count_entries; k++)
-        memcpy(&counts[k], first + machine_counts + (size_t)k * sizeof *counts, sizeof *counts);
-    size_t row = machine_velocities * sizeof(double);
-    for (size_t k = 0; k < machine_history_rows; k++)
-        memcpy(bytes + machine_history + k * row, bytes + machine_accelerations, row);
+    for (size_t k = 0; k < machine_own_arrays; k++)
+        memcpy(bytes + machine_own_places[k], machine_image + machine_own_places[k], machine_own_sizes[k]);
+    for (size_t k = 0; k < machine_histories; k++)
+        memcpy(bytes + machine_history_places[k], bytes + machine_accelerations, machine_velocities * sizeof(double));
     return 0;
 }
 

@@ -14,15 +14,17 @@ extern const double machine_break_times[];  /* s, ascending */
 extern const size_t machine_impulses;       /* how many of them there are where a prescribed motion's rate jumps */
 extern const double machine_impulse_times[];
 
-/* Places in the memory: the integration's scalars, accelerations (n of them), and rows of n that remember them. */
-extern const size_t machine_numbers, machine_counts, machine_accelerations, machine_history;
-extern const size_t machine_velocities, machine_history_rows;
+/* Places in the memory: the integration's scalars, and accelerations (n of them). */
+extern const size_t machine_numbers, machine_counts, machine_accelerations, machine_velocities;
+/* Of arrays that the method remembers, their sizes in bytes, and of those among them that begin as accelerations. */
+extern const size_t machine_own_arrays, machine_own_places[], machine_own_sizes[];
+extern const size_t machine_histories, machine_history_places[];
 extern const size_t machine_input_places[];
 extern const size_t machine_output_places[];
 
-/* Entries of numbers and counts: how many there are, the first of the method's own, and some. */
+/* Entries of numbers and counts: how many there are, and some. */
 enum { MOST_ENTRIES = 64 };
-extern const int machine_number_entries, machine_count_entries, machine_own_numbers, machine_own_counts;
+extern const int machine_number_entries, machine_count_entries;
 extern const int machine_time, machine_time_end, machine_step_size, machine_stored, machine_latest,
     machine_rest;
 extern const int machine_full; /* what the integrator returns with a full record */

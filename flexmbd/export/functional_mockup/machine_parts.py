@@ -13,10 +13,10 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import generalized_alpha
 from flexmbd.integrate.alpha import workspace as alpha_layout
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
-from flexmbd.integrate.controller import NO_KNOTS
+from flexmbd.integrate.controller import NO_KNOTS, arrays_of
 from flexmbd.integrate.explicit import explicit_runge_kutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, new_method
-from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, set_row_scales
+from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
 from flexmbd.integrate.explicit.tableau import Tableau
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
@@ -64,7 +64,8 @@ class Parts:
         run: takes a step, for the record has room for one.
         refresh: a step of no motion that finds accelerations and reactions.
         state, plan: among their arguments.
-        history_rows: rows of ``state.memory`` that begin as the accelerations.
+        memory: arrays of the method's memory, which begin anew as they are.
+        histories: those among them that begin as the accelerations.
         behind: kernels behind addresses: the array that holds one, and the call.
         frames: calls for outputs, which are added to.
         breaks: instants (s) at which steps end and begin anew.
@@ -75,7 +76,8 @@ class Parts:
     refresh: Call
     state: st.State
     plan: Plan
-    history_rows: int = 0
+    memory: tuple[np.ndarray, ...] = ()
+    histories: tuple[FloatArray, ...] = ()
     behind: tuple[tuple[np.ndarray, Call], ...] = ()
     frames: list[FrameCall] = field(default_factory=list)
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -119,18 +121,21 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     if isinstance(method, ExplicitRungeKutta):
         run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
         return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
-    state.counts[alpha_layout.INDEX] = method.index
-    state.numbers[alpha_layout.ALPHA_M : alpha_layout.GAMMA + 1] = method.coefficients()
-    state.counts[alpha_layout.FILTERS] = len(plan.flex) > 0
     scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv)
+    memory = scratch.memory
+    memory.index[0] = method.index
+    memory.scheme[:] = method.coefficients()
+    memory.filters[0] = len(plan.flex) > 0
     tangent = Call(tangent_after_residual, (
         plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full_tangent
     ))  # fmt: skip
     scratch.kernels[:] = 0
     one = generalized_alpha.AlphaMethod(plan, work, scratch)
     run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
-    rows, behind = alpha_layout.EARLIEST + 1, ((scratch.kernels, tangent),)
-    return Parts(run, resting, state, plan, rows, behind, breaks=breaks.jumps, impulses=impulses)
+    own = tuple(arrays_of(memory).values())
+    histories = memory.auxiliary, memory.before, memory.earlier, memory.earliest
+    behind = ((scratch.kernels, tangent),)
+    return Parts(run, resting, state, plan, own, histories, behind, breaks=breaks.jumps, impulses=impulses)
 
 
 def _explicit(
@@ -138,7 +143,6 @@ def _explicit(
 ) -> Call:
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
-    own = state.replace(memory=np.zeros((N_MEMORY, scene.nv)))
-    method = new_method(replace(scene, plan=plan), choice, tableau, own, work)
-    set_row_scales(scene, method.loops, own, work)
+    method = new_method(replace(scene, plan=plan), choice, tableau, new_loop_memory(plan), work)
+    set_row_scales(scene, method.loops, state, work)
     return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))

@@ -133,6 +133,8 @@ def _data(
     starts = ", ".join(repr(drive.variable.start) for drive in drives) or "0.0"
     places_in = ", ".join(str(memory.place(plan.time_data, drive.offset)) for drive in drives) or "0"
     places_out = ", ".join(str(memory.place(one.array, one.index)) for one in observed) or "0"
+    own = [(memory.place(part), part.nbytes) for part in parts.memory if part.size]
+    histories = [memory.place(part) for part in parts.histories if part.size]
     sizes = {
         "model_inputs": len(drives),
         "model_parameters": 0,
@@ -142,9 +144,9 @@ def _data(
         "machine_numbers": memory.place(state.numbers),
         "machine_counts": memory.place(state.counts),
         "machine_accelerations": memory.place(state.a),
-        "machine_history": memory.place(state.memory),
         "machine_velocities": len(state.v),
-        "machine_history_rows": parts.history_rows,
+        "machine_own_arrays": len(own),
+        "machine_histories": len(histories),
         "machine_breaks": len(parts.breaks),
         "machine_impulses": len(parts.impulses),
     }
@@ -152,8 +154,6 @@ def _data(
         "machine_follows_time": int(_follows_time(plan, drives)),
         "machine_number_entries": st.N_NUMBER,
         "machine_count_entries": st.N_COUNT,
-        "machine_own_numbers": st.METHOD,
-        "machine_own_counts": st.METHOD_COUNT,
         "machine_time": st.TIME,
         "machine_time_end": st.TIME_END,
         "machine_step_size": st.STEP,
@@ -170,6 +170,9 @@ def _data(
         + "".join(f"const int {name} = {value};\n" for name, value in entries.items())
         + f"const double model_start[] = {{{starts}}};\n"
         f"const double machine_start_time = 0.0;\nconst double machine_step = {float(h)!r};\n"
+        f"const size_t machine_own_places[] = {{{', '.join(str(place) for place, _ in own) or '0'}}};\n"
+        f"const size_t machine_own_sizes[] = {{{', '.join(str(size) for _, size in own) or '0'}}};\n"
+        f"const size_t machine_history_places[] = {{{', '.join(map(str, histories)) or '0'}}};\n"
         f"const double machine_break_times[] = {{{breaks}}};\n"
         f"const double machine_impulse_times[] = {{{impulses}}};\n"
         f"const size_t machine_input_places[] = {{{places_in}}};\n"

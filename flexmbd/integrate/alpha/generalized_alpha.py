@@ -75,11 +75,6 @@ class GeneralizedAlpha:
         """Order of positions, velocities and multipliers."""
         return ORDER
 
-    @property
-    def memory_rows(self) -> int:
-        """The method's acceleration, three true ones, and each coordinate's rate."""
-        return step.N_MEMORY
-
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene, but that bodies with history must solve for a step's end, with no augmented Lagrangian."""
         refuse_explicit_only(scene, self.name)
@@ -95,26 +90,27 @@ class GeneralizedAlpha:
             raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
         interiors = scene.interiors
         scratch = new_workspace(scene.plan, work, scene.nx, scene.nv, interiors=interiors is not None)
+        memory = scratch.memory
 
         def drop_factors() -> None:
-            state.numbers[step.STEP_FACTORED] = 0.0
+            memory.step_factored[0] = 0.0
 
         def begin() -> None:
             drop_factors()
             state.numbers[st.SAFETY] = SAFETY
-            state.counts[step.INDEX] = self.index
-            state.numbers[step.ALPHA_M : step.GAMMA + 1] = self.coefficients()
-            state.counts[step.FILTERS] = len(scene.plan.flex) > 0 or interiors is not None
-            for row in (step.AUXILIARY, step.BEFORE, step.EARLIER, step.EARLIEST):
-                state.memory[row] = state.a
+            memory.index[0] = self.index
+            memory.scheme[:] = self.coefficients()
+            memory.filters[0] = len(scene.plan.flex) > 0 or interiors is not None
+            for part in (memory.auxiliary, memory.before, memory.earlier, memory.earliest):
+                part[:] = state.a
 
         drop_factors()
         if interiors is not None:
             scheme = Scheme(*self.coefficients())
             machine = ImplicitInteriors(interiors, scheme, RULE, scene.plan, work, state, groups, scratch)
-            return Stepper(machine.advance, begin, drop_factors)
+            return Stepper(machine.advance, begin, drop_factors, memory)
         method = AlphaMethod(scene.plan, work, scratch)
-        return Stepper(make_advance(advance, method, RULE, state, groups), begin, drop_factors)
+        return Stepper(make_advance(advance, method, RULE, state, groups), begin, drop_factors, memory)
 
     def coefficients(self) -> tuple[float, float, float, float]:
         """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 20, 25)."""
@@ -130,10 +126,10 @@ def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
 
     It belongs alpha_m - alpha_f steps after the true one and follows from the trial's slope.
     """
-    delay = state.numbers[step.ALPHA_M] - state.numbers[step.ALPHA_F]
+    delay = s.memory.scheme[step.ALPHA_M] - s.memory.scheme[step.ALPHA_F]
     for _ in range(2):
         for k in range(state.a.shape[0]):
-            state.memory[step.AUXILIARY, k] = state.a[k] + delay * (s.a[k] - state.a[k])
+            s.memory.auxiliary[k] = state.a[k] + delay * (s.a[k] - state.a[k])
         if not solve_passes(plan, work, state, s, h, tolerance):
             return False
     return True
@@ -148,7 +144,7 @@ def _attempt(method, state, groups, h):
     count = state.counts
     tolerance = prepare_step(plan, work, state, groups, s, h)
     solved = solve_passes(plan, work, state, s, h, tolerance)
-    if solved and count[step.KNOWN_STEPS] == 0:
+    if solved and s.memory.known_steps[0] == 0:
         solved = _start_auxiliary(plan, work, state, groups, s, h, tolerance)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import step_history, workspace
+from flexmbd.integrate.alpha import step_history
 from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
 from flexmbd.integrate.alpha.step import correct, evaluate_step, predict, update_end
@@ -94,7 +94,7 @@ class ImplicitInteriors:
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
-        number, count = self._state.numbers, self._state.counts
+        number, count, memory = self._state.numbers, self._state.counts, self._scratch.memory
         machine = self._plan, self._work, self._state, self._groups, self._scratch
         while number[st.TIME] < number[st.TIME_END]:
             stored = int(count[st.STORED])
@@ -103,7 +103,7 @@ class ImplicitInteriors:
             h, tolerance = begin_step(self._rule, knots, *machine)
             k = int(count[st.KNOT])
             at_knot = k > 0 and knots[k - 1] == number[st.TIME] and count[st.FIXED_STEP] == 1
-            scheme = self._take_scheme(anew=at_knot or count[workspace.KNOWN_STEPS] == 0)
+            scheme = self._take_scheme(anew=at_knot or memory.known_steps[0] == 0)
             failure = self._solve(h, tolerance, scheme)
             count[st.OUTCOME] = st.DONE if failure is None else failure
             if self._plan.flag[0] != 0:
@@ -122,19 +122,19 @@ class ImplicitInteriors:
 
     def _take_scheme(self, *, anew: bool) -> Scheme:
         """The scheme of the next step, for the machine as well: with true accelerations alone where it begins anew."""
-        number, scheme = self._state.numbers, self._scheme
-        number[workspace.ALPHA_M : workspace.GAMMA + 1] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+        memory, scheme = self._scratch.memory, self._scheme
+        memory.scheme[:] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
         if not anew:
             return scheme
-        number[workspace.ALPHA_M : workspace.GAMMA + 1] = 0.0, 0.0, *scheme.newmark()
-        self._state.memory[workspace.AUXILIARY] = self._state.a
+        memory.scheme[:] = 0.0, 0.0, *scheme.newmark()
+        memory.auxiliary[:] = self._state.a
         return scheme.begun_anew()
 
     def _keep_auxiliary(self, scheme: Scheme) -> None:
         """Give the machine the auxiliary accelerations of a step that began anew, which was taken."""
         if scheme.anew:
-            a, memory = self._state.a, self._state.memory
-            memory[workspace.AUXILIARY] = a + scheme.delay * (a - memory[workspace.BEFORE])
+            a, memory = self._state.a, self._scratch.memory
+            memory.auxiliary[:] = a + scheme.delay * (a - memory.before)
 
     def _solve(self, h: float, tolerance: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""

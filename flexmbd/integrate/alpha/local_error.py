@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import workspace as step
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
@@ -29,8 +28,8 @@ def _difference(plan, state, s, h):
         a0 = state.a[k]
         a1 = s.a[k]
         curve = 0.0
-        if state.counts[step.KNOWN_STEPS] > 0:
-            curve = ((a1 - a0) / h - (a0 - state.memory[step.BEFORE, k]) / h_before) / (h + h_before)
+        if s.memory.known_steps[0] > 0:
+            curve = ((a1 - a0) / h - (a0 - s.memory.before[k]) / h_before) / (h + h_before)
         speed = h * 0.5 * (a0 + a1) - h**3 / 6.0 * curve
         travel = h * h * (a0 / 3.0 + a1 / 6.0) - h**4 / 12.0 * curve
         s.error_x[j] = (s.displacement[k] - h * state.v[k]) - travel
@@ -75,7 +74,7 @@ def _remove_across_rows(plan, state, s, vector):
         for j in range(plan.free.shape[0]):
             s.phi[i] += s.tangent.jacobian[i, plan.free[j]] * vector[j]
     solve_semidefinite(
-        s.row_factors, s.row_rank[0], s.row_order, state.memory[step.ROW_LENGTH], s.phi, s.phi_rate, s.phi_rate2
+        s.row_factors, s.row_rank[0], s.row_order, s.memory.row_length, s.phi, s.phi_rate, s.phi_rate2
     )
     for j in range(plan.free.shape[0]):
         vector[j] -= st.reaction_acceleration(s.shift_direction, s.phi_rate2, j)
@@ -92,7 +91,7 @@ def _holds_velocities(plan):
 
 @kernel
 def _ratio(plan, state, groups, s, h, machine_rate, leniency):
-    rates = state.memory[step.OWN_RATE]
+    rates = s.memory.own_rate
     noise = ROUND_OFF / s.least_pivot[0]
     return filtered_ratio(
         plan, state, groups, s.error_x, s.error_v[0], s.own_rate, rates, h, machine_rate, noise, leniency
@@ -102,7 +101,7 @@ def _ratio(plan, state, groups, s, h, machine_rate, leniency):
 @deferred_kernel(NUMBER)
 def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
     """The error's ratio where data act in the step, see ``data_loads``."""
-    h_before = state.numbers[st.STEP_BEFORE] if state.counts[step.KNOWN_STEPS] > 0 else 0.0
+    h_before = state.numbers[st.STEP_BEFORE] if s.memory.known_steps[0] > 0 else 0.0
     found = find_defects(plan, state, h, h_before, s.data)
     if found == STRAIGHT:
         return ratio
@@ -150,7 +149,7 @@ def _across_rows(plan, state, groups, s, h, machine_rate):
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     _difference(plan, state, s, h)
-    if state.counts[step.FILTERS] == 1:
+    if s.memory.filters[0] == 1:
         _filter(plan, work, state, s)
     _put_own_rates(plan, groups, s)
     across = 0.0

@@ -6,9 +6,6 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.workspace import (
-    CONTRACTION,
-    ROW_LENGTH,
-    STEP_FACTORED,
     coefficients,
     holds_position_alone,
     is_unshifted,
@@ -91,11 +88,11 @@ def _put_shift_columns(plan, state, s, per_x, per_v):
                 t += s.stiffness[i, j] * s.shift_direction[k, j]
             s.matrix[i, nu + m + k] = t
     for i in range(m):
-        unshifted = is_unshifted(plan, state, i)
+        unshifted = is_unshifted(plan, s, i)
         # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
         augmented = is_augmented(plan.rows[i])
         k_x, k_v = augmented_stiffness(plan.data, plan.rows[i]) if augmented else (0.0, 1.0)
-        if holds_position_alone(plan, state, i):
+        if holds_position_alone(plan, s, i):
             k_x, k_v = 1.0, 0.0
         total = k_x * per_x + k_v * per_v
         for j in range(nu):
@@ -126,7 +123,7 @@ def _measure_row_pivot(plan, state, s):
             s.row_factors[i, k] = 0.0
             for j in range(plan.free.shape[0]):
                 s.row_factors[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.shift_direction[k, j]
-    rank = factor_rows(state, ROW_LENGTH, s.row_factors, s.row_order)
+    rank = factor_rows(state, s.memory.row_length, s.row_factors, s.row_order)
     s.row_rank[0] = rank
     s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
@@ -156,10 +153,10 @@ def linearise(plan, work, state, s, h):
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     n = nu + 2 * m
-    per_x, per_v = coefficients(state.numbers, h)
+    per_x, per_v = coefficients(s.memory.scheme, h)
     state.counts[st.FACTORISATIONS] += 1
-    state.numbers[STEP_FACTORED] = h
-    state.numbers[CONTRACTION] = 1.0
+    s.memory.step_factored[0] = h
+    s.memory.contraction[0] = 1.0
     _put_derivatives(plan, work, s, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, s, per_x, per_v):
         return False

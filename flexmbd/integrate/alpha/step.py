@@ -13,21 +13,8 @@ from flexmbd.integrate.alpha.matrix import linearise, solve_factored
 from flexmbd.integrate.alpha.workspace import (
     ALPHA_F,
     ALPHA_M,
-    AUXILIARY,
-    BEFORE,
     BETA,
-    CONTRACTION,
-    EARLIER,
-    EARLIEST,
     GAMMA,
-    KNOWN_STEPS,
-    NEXT_RENEWALS,
-    NU_BEFORE,
-    NU_EARLIER,
-    NU_EARLIEST,
-    RENEWALS,
-    STEP_EARLIER,
-    STEP_FACTORED,
     coefficients,
     holds_position_alone,
     is_unshifted,
@@ -49,28 +36,28 @@ _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where tryin
 @kernel
 def update_end(plan, work, state, s, h, unknown):
     """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
-    number = state.numbers
+    scheme = s.memory.scheme
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    beta = number[BETA]
-    gamma = number[GAMMA]
-    per_x, _ = coefficients(number, h)
+    beta = scheme[BETA]
+    gamma = scheme[GAMMA]
+    per_x, _ = coefficients(scheme, h)
     for k in range(s.displacement.shape[0]):
         s.displacement[k] = 0.0
     for j in range(nu):
         k = plan.free[j]
         new = unknown[j]
         auxiliary = (
-            (1.0 - number[ALPHA_F]) * new
-            + number[ALPHA_F] * state.a[k]
-            - number[ALPHA_M] * state.memory[AUXILIARY, k]
-        ) / (1.0 - number[ALPHA_M])
+            (1.0 - scheme[ALPHA_F]) * new
+            + scheme[ALPHA_F] * state.a[k]
+            - scheme[ALPHA_M] * s.memory.auxiliary[k]
+        ) / (1.0 - scheme[ALPHA_M])
         s.a[k] = new
         s.auxiliary[k] = auxiliary
         s.displacement[k] = h * state.v[k] + h * h * (
-            (0.5 - beta) * state.memory[AUXILIARY, k] + beta * auxiliary
+            (0.5 - beta) * s.memory.auxiliary[k] + beta * auxiliary
         )
-        s.v[k] = state.v[k] + h * ((1.0 - gamma) * state.memory[AUXILIARY, k] + gamma * auxiliary)
+        s.v[k] = state.v[k] + h * ((1.0 - gamma) * s.memory.auxiliary[k] + gamma * auxiliary)
     for i in range(m):
         s.multipliers[i] = unknown[nu + i]
         shift = per_x * unknown[nu + m + i]
@@ -98,15 +85,15 @@ def _evaluate_rows(plan, work, state, s, h, unknown, equation):
     """The equations of the rows; ``work`` must hold the motion."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    per_x, per_v = coefficients(state.numbers, h)
+    per_x, per_v = coefficients(s.memory.scheme, h)
     constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
     for i in range(m):
-        if is_unshifted(plan, state, i):
+        if is_unshifted(plan, s, i):
             equation[nu + i] = unknown[nu + m + i]
         else:
             equation[nu + i] = s.phi[i] / per_x
         equation[nu + m + i] = s.phi_rate[i] / per_v
-        if holds_position_alone(plan, state, i):
+        if holds_position_alone(plan, s, i):
             equation[nu + m + i] = s.phi[i] / per_x
         if is_augmented(plan.rows[i]):
             # the reaction is that of the pass before and of stiffness and damping
@@ -123,7 +110,7 @@ def correct(plan, state, s, h):
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    per_x, per_v = coefficients(state.numbers, h)
+    per_x, per_v = coefficients(s.memory.scheme, h)
     for i in range(s.equation.shape[0]):
         s.correction[0, i] = s.equation[i]
     solve_factored(plan, s, s.correction)
@@ -166,7 +153,7 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
     before = 0.0
     imbalance_before = 0.0
     # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    contraction = max(s.memory.contraction[0], 1e-3) ** 0.8
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
             evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
@@ -185,7 +172,7 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
                 if not last or max(size, imbalance) > ROUND_OFF / s.least_pivot[0]:
                     return 0
                 update_end(plan, work, state, s, h, s.unknown)
-                state.numbers[CONTRACTION] = 1.0
+                s.memory.contraction[0] = 1.0
                 return 1
         before = size
         imbalance_before = imbalance
@@ -194,20 +181,18 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
         if balanced and (size * left <= tolerance or size <= 1e-15):
             update_end(plan, work, state, s, h, s.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
-                state.numbers[CONTRACTION] = min(1.3 * contraction, 1.0)
+                s.memory.contraction[0] = min(1.3 * contraction, 1.0)
                 return 1
-            state.numbers[CONTRACTION] = min(contraction, 1.0)
+            s.memory.contraction[0] = min(contraction, 1.0)
             if contraction > _RENEW:
-                state.numbers[STEP_FACTORED] = 0.0
+                s.memory.step_factored[0] = 0.0
             return 1
     return 0
 
 
 @kernel
-def _extrapolate(state, h, now, before, earlier):
-    """Predictor: the next value on the parabola through the last three."""
-    h1 = state.numbers[st.STEP_BEFORE]
-    h2 = state.numbers[STEP_EARLIER]
+def _extrapolate(h1, h2, h, now, before, earlier):
+    """Predictor: the next value on the parabola through the last three, steps h1 and h2 apart."""
     slope = (now - before) / h1
     half_curve = (slope - (before - earlier) / h2) / (h1 + h2)
     return now + h * (slope + (h + h1) * half_curve)
@@ -235,28 +220,30 @@ def predict(plan, state, s, h, extrapolate):
     """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = state.counts[KNOWN_STEPS]
+    known = s.memory.known_steps[0]
     fixed = state.counts[st.FIXED_STEP] == 1
-    memory = state.memory
+    memory = s.memory
+    h1, h2 = state.numbers[st.STEP_BEFORE], memory.step_earlier[0]
     follows = extrapolate and known > 1 and not fixed
     for j in range(nu):
         k = plan.free[j]
         s.unknown[j] = state.a[k]
         if follows:
-            s.unknown[j] = _extrapolate(state, h, state.a[k], memory[BEFORE, k], memory[EARLIER, k])
+            s.unknown[j] = _extrapolate(h1, h2, h, state.a[k], memory.before[k], memory.earlier[k])
         elif extrapolate and known > 2 and fixed:
             s.unknown[j] = _predict_equal_steps(
-                state.a[k], memory[BEFORE, k], memory[EARLIER, k], memory[EARLIEST, k]
+                state.a[k], memory.before[k], memory.earlier[k], memory.earliest[k]
             )
     for i in range(m):
         s.unknown[nu + i] = state.multipliers[i]
         if follows:
             s.unknown[nu + i] = _extrapolate(
-                state, h, state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i]
+                h1, h2, h, state.multipliers[i], memory.reactions_before[i], memory.reactions_earlier[i]
             )
         elif extrapolate and known > 2 and fixed:
+            before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
             s.unknown[nu + i] = _predict_equal_steps(
-                state.multipliers[i], memory[NU_BEFORE, i], memory[NU_EARLIER, i], memory[NU_EARLIEST, i]
+                state.multipliers[i], before, earlier, memory.reactions_earliest[i]
             )
         s.unknown[nu + m + i] = 0.0
 
@@ -267,10 +254,10 @@ def solve_step(plan, work, state, s, h, tolerance):
 
     Returns whether it converged; if so ``s`` holds the step's end.
     """
-    renew = state.counts[RENEWALS] > 0
+    renew = s.memory.renewals[0] > 0
     for attempt in range(3):
         if attempt == 0:
-            if renew or state.numbers[STEP_FACTORED] != h:
+            if renew or s.memory.step_factored[0] != h:
                 continue
             predict(plan, state, s, h, True)
         elif attempt == 1:
@@ -289,12 +276,12 @@ def solve_step(plan, work, state, s, h, tolerance):
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
         if _newton(plan, work, state, s, h, tolerance, evaluated, attempt == 2) == 1:
             if renew:
-                state.counts[RENEWALS] -= 1
+                s.memory.renewals[0] -= 1
             elif attempt == 0:
-                state.counts[NEXT_RENEWALS] = 0
+                s.memory.next_renewals[0] = 0
             return True
         if attempt == 0:
-            state.counts[RENEWALS] = state.counts[NEXT_RENEWALS]
-            state.counts[NEXT_RENEWALS] = min(_LONGEST_RENEWAL, 2 * state.counts[NEXT_RENEWALS] + 1)
-    state.numbers[STEP_FACTORED] = 0.0
+            s.memory.renewals[0] = s.memory.next_renewals[0]
+            s.memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * s.memory.next_renewals[0] + 1)
+    s.memory.step_factored[0] = 0.0
     return False

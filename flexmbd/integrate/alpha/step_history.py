@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import workspace as step
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
@@ -16,11 +15,11 @@ def prepare_step(plan, work, state, groups, s, h):
     """Carry the history to a step of h and set its scales; returns the tolerance of Newton's iteration."""
     rate = state.numbers[st.RATE]
     if h > _FAR * state.numbers[st.STEP_BEFORE]:
-        state.counts[step.KNOWN_STEPS] = 0
-    if state.counts[step.KNOWN_STEPS] > 0:
-        carry_auxiliary(state, h)
+        s.memory.known_steps[0] = 0
+    if s.memory.known_steps[0] > 0:
+        carry_auxiliary(state, s.memory, h)
     else:
-        state.numbers[step.STEP_AUXILIARY] = h
+        s.memory.step_auxiliary[0] = h
     evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), work.time)
     limit = max(state.numbers[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
     st.set_scales(state, groups, s, rate, limit)
@@ -30,39 +29,38 @@ def prepare_step(plan, work, state, groups, s, h):
 @kernel
 def accept(state, s):
     """Make the trial state the current one."""
-    memory = state.memory
+    memory = s.memory
     for k in range(state.v.shape[0]):
-        memory[step.EARLIEST, k] = memory[step.EARLIER, k]
-        memory[step.EARLIER, k] = memory[step.BEFORE, k]
-        memory[step.BEFORE, k] = state.a[k]
+        memory.earliest[k] = memory.earlier[k]
+        memory.earlier[k] = memory.before[k]
+        memory.before[k] = state.a[k]
         state.v[k] = s.v[k]
         state.a[k] = s.a[k]
-        memory[step.AUXILIARY, k] = s.auxiliary[k]
-        memory[step.OWN_RATE, k] = st.own_rate(s.own_rate[k], memory[step.OWN_RATE, k], state.numbers[st.RATE])
+        memory.auxiliary[k] = s.auxiliary[k]
+        memory.own_rate[k] = st.own_rate(s.own_rate[k], memory.own_rate[k], state.numbers[st.RATE])
     for k in range(state.x.shape[0]):
         state.x[k] = s.x[k]
     for i in range(state.multipliers.shape[0]):
-        memory[step.NU_EARLIEST, i] = memory[step.NU_EARLIER, i]
-        memory[step.NU_EARLIER, i] = memory[step.NU_BEFORE, i]
-        memory[step.NU_BEFORE, i] = state.multipliers[i]
+        memory.reactions_earliest[i] = memory.reactions_earlier[i]
+        memory.reactions_earlier[i] = memory.reactions_before[i]
+        memory.reactions_before[i] = state.multipliers[i]
         state.multipliers[i] = s.multipliers[i]
-    state.numbers[step.STEP_EARLIER] = state.numbers[st.STEP_BEFORE]
-    state.counts[step.KNOWN_STEPS] = min(3, state.counts[step.KNOWN_STEPS] + 1)
+    s.memory.step_earlier[0] = state.numbers[st.STEP_BEFORE]
+    s.memory.known_steps[0] = min(3, s.memory.known_steps[0] + 1)
 
 
 @kernel
-def carry_auxiliary(state, h):
+def carry_auxiliary(state, memory, h):
     """Give the auxiliary acceleration the instant that it belongs to in a step of another length.
 
     It lies a share of the step beside the true one, and what it differs from that by is in proportion.  Where steps at
     most double, nothing grows by that in constraint rows or stiff modes, at any rho; slopes of the steps before would.
     Interiors that step along do just this (``Scheme.carry``).
     """
-    number = state.numbers
-    if h == number[step.STEP_AUXILIARY]:
+    if h == memory.step_auxiliary[0]:
         return
-    share = h / number[step.STEP_AUXILIARY]
-    number[step.STEP_AUXILIARY] = h
+    share = h / memory.step_auxiliary[0]
+    memory.step_auxiliary[0] = h
     for k in range(state.v.shape[0]):
-        ahead = state.memory[step.AUXILIARY, k] - state.a[k]
-        state.memory[step.AUXILIARY, k] = state.a[k] + share * ahead
+        ahead = memory.auxiliary[k] - state.a[k]
+        memory.auxiliary[k] = state.a[k] + share * ahead

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.integrate import state as st
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -20,18 +19,69 @@ from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_
 
 FloatArray = NDArray[np.float64]
 
-# The method's entries of State.numbers: its coefficients; the step the factors belong to; the step
-# that the auxiliary acceleration belongs to; the step before the last; how much a Newton iteration
-# leaves of the error with the factors at hand.
-ALPHA_M, ALPHA_F, BETA, GAMMA = st.METHOD, st.METHOD + 1, st.METHOD + 2, st.METHOD + 3
-STEP_FACTORED, STEP_AUXILIARY, STEP_EARLIER, CONTRACTION = range(st.METHOD + 4, st.METHOD + 8)
-# Its entries of State.counts: how many accelerations it remembers; whether it filters its error; steps left that are
-# factored anew because old factors failed, and how many next time; the index of the loops' equations, 2 or 3.
-KNOWN_STEPS, FILTERS, RENEWALS, NEXT_RENEWALS, INDEX = range(st.METHOD_COUNT, st.METHOD_COUNT + 5)
-# Rows of State.memory: the method's acceleration; the true one one, two and three steps ago; each
-# coordinate's own rate (1/s); the multipliers one, two and three steps ago; the
-# largest lengths of the rows.
-AUXILIARY, BEFORE, EARLIER, EARLIEST, OWN_RATE, NU_BEFORE, NU_EARLIER, NU_EARLIEST, ROW_LENGTH, N_MEMORY = range(10)
+# Entries of AlphaMemory.scheme: the method's coefficients.
+ALPHA_M, ALPHA_F, BETA, GAMMA = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaMemory(ArrayStruct):
+    """What the method remembers from step to step; numbers stand alone in arrays (1,).
+
+    scheme: (4,) the coefficients.  step_factored: the step (s) that the factors belong to.  step_auxiliary: that which
+    the auxiliary acceleration belongs to.  step_earlier: the step before the last.  contraction: how much a Newton
+    iteration leaves of the error with the factors at hand.
+    known_steps: how many accelerations it remembers.  filters: whether it filters its error.  renewals, next_renewals:
+    steps left that are factored anew because old factors failed, and how many next time.  index: 2 or 3.
+    auxiliary: (nv,) the method's acceleration.  before, earlier, earliest: (nv,) the true ones one, two and three steps
+    ago.  own_rate: (nv,) each coordinate's own rate (1/s).  reactions_before, ...: (m,) multipliers of these steps.
+    row_length: (m,) the largest lengths of the rows.
+    """
+
+    scheme: FloatArray
+    step_factored: FloatArray
+    step_auxiliary: FloatArray
+    step_earlier: FloatArray
+    contraction: FloatArray
+    known_steps: NDArray[np.int64]
+    filters: NDArray[np.int64]
+    renewals: NDArray[np.int64]
+    next_renewals: NDArray[np.int64]
+    index: NDArray[np.int64]
+    auxiliary: FloatArray
+    before: FloatArray
+    earlier: FloatArray
+    earliest: FloatArray
+    own_rate: FloatArray
+    reactions_before: FloatArray
+    reactions_earlier: FloatArray
+    reactions_earliest: FloatArray
+    row_length: FloatArray
+
+
+def _new_memory(nv: int, m: int) -> AlphaMemory:
+    """Zeros for nv velocities and m constraint rows."""
+    zeros = np.zeros
+    return AlphaMemory(
+        scheme=zeros(4),
+        step_factored=zeros(1),
+        step_auxiliary=zeros(1),
+        step_earlier=zeros(1),
+        contraction=zeros(1),
+        known_steps=zeros(1, np.int64),
+        filters=zeros(1, np.int64),
+        renewals=zeros(1, np.int64),
+        next_renewals=zeros(1, np.int64),
+        index=zeros(1, np.int64),
+        auxiliary=zeros(nv),
+        before=zeros(nv),
+        earlier=zeros(nv),
+        earliest=zeros(nv),
+        own_rate=zeros(nv),
+        reactions_before=zeros(m),
+        reactions_earlier=zeros(m),
+        reactions_earliest=zeros(m),
+        row_length=zeros(m),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +142,7 @@ class AlphaWorkspace(ArrayStruct):
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
+    memory: AlphaMemory
 
 
 def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
@@ -144,6 +195,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
+        memory=_new_memory(nv, m),
     )
 
 
@@ -154,21 +206,21 @@ def _ancestor_table(plan: Plan) -> NDArray[np.int64]:
 
 
 @kernel
-def coefficients(number, h):
+def coefficients(scheme, h):
     """Position and velocity per unit of the new true acceleration."""
-    share = (1.0 - number[ALPHA_F]) / (1.0 - number[ALPHA_M])
-    return number[BETA] * share * h * h, number[GAMMA] * share * h
+    share = (1.0 - scheme[ALPHA_F]) / (1.0 - scheme[ALPHA_M])
+    return scheme[BETA] * share * h * h, scheme[GAMMA] * share * h
 
 
 @kernel
-def holds_position_alone(plan, state, i):
+def holds_position_alone(plan, s, i):
     """Whether row i is held at the level of positions and no other (index 3)."""
     row = plan.rows[i]
-    return state.counts[INDEX] == 3 and holds_position(row) and not is_augmented(row)
+    return s.memory.index[0] == 3 and holds_position(row) and not is_augmented(row)
 
 
 @kernel
-def is_unshifted(plan, state, i):
+def is_unshifted(plan, s, i):
     """Whether row i shifts no positions: it holds one level alone, or is augmented."""
     row = plan.rows[i]
-    return state.counts[INDEX] == 3 or is_augmented(row) or not holds_position(row)
+    return s.memory.index[0] == 3 or is_augmented(row) or not holds_position(row)

@@ -90,11 +90,6 @@ class EnergyMomentum:
         """Order of positions and velocities."""
         return ORDER
 
-    @property
-    def memory_rows(self) -> int:
-        """Scales of loops; momenta; accelerations at the step before; own rates; velocities, multipliers of steps."""
-        return step.N_MEMORY
-
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene without bodies that have a history."""
         refuse_interiors(scene, self.name, why="it needs potential energies")
@@ -104,27 +99,28 @@ class EnergyMomentum:
         plan = scene.plan
         stored = storing_plan(plan)
         scratch = step.new_workspace(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
-        loops = new_loops(plan, state, blockwise=False)
+        memory = scratch.memory
+        loops = new_loops(plan, memory.loops, scene.nv, blockwise=False)
         bind(plan, stored, work, loops, state, groups, scratch)
 
         def drop_factors() -> None:
-            state.numbers[step.STEP_FACTORED] = 0.0
+            memory.step_factored[0] = 0.0
 
         def begin() -> None:
             drop_factors()
             state.numbers[st.SAFETY] = SAFETY
-            state.counts[step.KEEPS_ENERGY] = not is_driven(plan)
-            state.counts[step.NONCONSERVATIVE] = is_nonconservative(plan)
+            memory.keeps_energy[0] = not is_driven(plan)
+            memory.nonconservative[0] = is_nonconservative(plan)
             set_row_scales(scene, loops, state, work)
-            state.memory[step.BEFORE] = state.a
-            momenta(plan, work, state.x, state.v, scratch.zeros, state.memory[step.MOMENTUM])
+            memory.before[:] = state.a
+            momenta(plan, work, state.x, state.v, scratch.zeros, memory.momentum)
             forward_kinematics(plan, work, state.x, scratch.zeros, scratch.zeros)
-            kinetic = kinetic_energy(state.memory[step.MOMENTUM], state.v)
-            state.numbers[step.ENERGY] = kinetic + potential_energy(stored, work, state.x)
+            kinetic = kinetic_energy(memory.momentum, state.v)
+            memory.energy[0] = kinetic + potential_energy(stored, work, state.x)
 
         drop_factors()
         method = EnergyMomentumMethod(plan, stored, work, loops, scratch, self.newton)
-        return Stepper(make_advance(advance, method, _RULE, state, groups), begin, drop_factors)
+        return Stepper(make_advance(advance, method, _RULE, state, groups), begin, drop_factors, memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +243,7 @@ def _filter(plan, s, error):
 
 @kernel
 def _ratio(plan, state, groups, s, h, rate, leniency):
-    rates = state.memory[step.OWN_RATE]
+    rates = s.memory.own_rate
     return filtered_ratio(plan, state, groups, s.error_x, s.error_v, s.own_rate, rates, h, rate, 0.0, leniency)
 
 
@@ -284,7 +280,7 @@ def _local_error(plan, work, state, groups, s, a_end, h, rate):
         # the integral of the parabola through the last three accelerations
         curve = 0.0
         if h1 > 0.0:
-            slope = (state.a[k] - state.memory[step.BEFORE, k]) / h1
+            slope = (state.a[k] - s.memory.before[k]) / h1
             curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
         mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
         s.error_v[k] = v_end[k] - state.v[k] - h * mean
@@ -313,10 +309,10 @@ def _accept(plan, loops, state, s, a_end, h):
     """Make the trial state the current one."""
     remember(plan, state, s, h)
     for k in range(state.v.shape[0]):
-        state.memory[step.BEFORE, k] = state.a[k]
-        state.memory[step.MOMENTUM, k] = s.p_end[k]
-        before = state.memory[step.OWN_RATE, k]
-        state.memory[step.OWN_RATE, k] = st.own_rate(s.own_rate[k], before, state.numbers[st.RATE])
+        s.memory.before[k] = state.a[k]
+        s.memory.momentum[k] = s.p_end[k]
+        before = s.memory.own_rate[k]
+        s.memory.own_rate[k] = st.own_rate(s.own_rate[k], before, state.numbers[st.RATE])
         state.v[k] = s.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):
@@ -324,7 +320,7 @@ def _accept(plan, loops, state, s, a_end, h):
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = s.nu_end[i]
     update_row_scales(loops, state)
-    state.numbers[step.ENERGY] += state.numbers[step.LOAD_WORK]
+    s.memory.energy[0] += s.memory.load_work[0]
 
 
 @kernel

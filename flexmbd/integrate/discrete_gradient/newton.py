@@ -19,15 +19,11 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     DEFECT,
     EVALUATE,
     FACTOR_MASS,
-    KEEPS_ENERGY,
     KINETIC_ERROR,
     LINEARISE,
-    LOAD_WORK,
-    MOMENTUM,
     PLACE,
     RESIDUAL,
     SINGULAR,
-    STEP_FACTORED,
     TANGENT,
     TRIAL_WORK,
     UNRESOLVED,
@@ -128,7 +124,7 @@ def _probe_round_off(plan, state, groups, s, h):
     moves with a coordinate, and what the rounding of the coordinates themselves adds.
     """
     n = plan.free.shape[0]
-    p = state.memory[MOMENTUM]
+    p = s.memory.momentum
     energy = 0.0
     for k in range(p.shape[0]):
         energy += p[k] * state.v[k]
@@ -160,7 +156,7 @@ def linearise(plan, work, state, groups, s, h):
     """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` is 1 if that failed, else 0."""
     free = plan.free.shape[0]
     state.counts[st.FACTORISATIONS] += 1
-    state.numbers[STEP_FACTORED] = h
+    s.memory.step_factored[0] = h
     for j in range(free):
         s.u[plan.free[j]] = s.unknown[j]
     for i in range(s.nu.shape[0]):
@@ -232,8 +228,7 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
     ``old``: the factors are those of an earlier step, and given up sooner.
     Returns 1 if converged, 0 if too slow, 2 if that near a solution, -1 if not finite.
     """
-    number = state.numbers
-    keeps = state.counts[KEEPS_ENERGY] == 1
+    keeps = s.memory.keeps_energy[0] == 1
     corrected = keeps and trusted
     before = np.inf
     earlier = np.inf
@@ -244,7 +239,7 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
         call_separate(
             s.kernels[EVALUATE], (plan, stored_plan, work, loops, state, s, h, corrected, near)
         )
-        number[LOAD_WORK] = s.energy[TRIAL_WORK]
+        s.memory.load_work[0] = s.energy[TRIAL_WORK]
         state.counts[st.ITERATIONS] += 1
         for i in range(s.equation.shape[0]):
             s.correction[0, i] = s.equation[i]
@@ -257,7 +252,7 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
         if solved or (size <= max(s.round_off_floor[0], tolerance) and size > 0.25 * before):
             if corrected == keeps and s.energy[KINETIC_ERROR] <= s.energy[UNRESOLVED]:
                 if iteration > _MANY:
-                    number[STEP_FACTORED] = 0.0
+                    s.memory.step_factored[0] = 0.0
                 return 1
         elif iteration > first + 1 and size > s.round_off_floor[0] and size > (_SLOW if old else _SLOW_NEW) * earlier:
             return 2 if size <= _FAR else 0
@@ -282,7 +277,7 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
     for start in range(_STARTS):
         trusted = first_guess(plan, state, s, h, start)
         for renewal in range(_RENEWALS):
-            old = start == 0 and renewal == 0 and state.numbers[STEP_FACTORED] == h
+            old = start == 0 and renewal == 0 and s.memory.step_factored[0] == h
             if not old:
                 call_separate(s.kernels[LINEARISE], (plan, work, state, groups, s, h))
                 if s.energy[SINGULAR] != 0.0:
@@ -290,7 +285,7 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
                     break
             outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old)
             if outcome == 1:
-                conserve_momenta(plan, state.memory[MOMENTUM], s, h)
+                conserve_momenta(plan, s.memory.momentum, s, h)
                 call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
                 call_separate(s.kernels[CLOSE_VELOCITIES], (plan, loops, s))
                 return s.energy[SINGULAR] == 0.0
@@ -302,7 +297,7 @@ def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
                 break
             else:
                 trusted = outcome == 2
-    state.numbers[STEP_FACTORED] = 0.0
+    s.memory.step_factored[0] = 0.0
     return False
 
 

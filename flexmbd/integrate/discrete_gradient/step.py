@@ -15,12 +15,9 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     CLOSE_VELOCITIES,
     CONSTRAINTS,
     DEFECT,
-    ENERGY,
     FACTOR_MASS,
     KINETIC_ERROR,
     MOMENTA,
-    MOMENTUM,
-    NONCONSERVATIVE,
     PLACE,
     POTENTIAL,
     POTENTIAL_END,
@@ -142,10 +139,10 @@ def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
             break
         if part > 0 and not kinetic_error < 0.05 * before:
             call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
-    unresolved = _UNRESOLVED * (abs(kinetic) + abs(s.energy[POTENTIAL_END]) + abs(number[ENERGY]))
+    unresolved = _UNRESOLVED * (abs(kinetic) + abs(s.energy[POTENTIAL_END]) + abs(s.memory.energy[0]))
     s.energy[UNRESOLVED] = unresolved
     s.energy[KINETIC_ERROR] = kinetic_error
-    missing = kinetic + s.energy[POTENTIAL_END] - number[ENERGY] - gained
+    missing = kinetic + s.energy[POTENTIAL_END] - s.memory.energy[0] - gained
     for k in range(s.increment.shape[0]):
         missing -= s.stored_gradient[k] * s.increment[k]
     return missing - min(max(missing, -unresolved), unresolved)
@@ -181,8 +178,8 @@ def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
     ``near``: whether the kinetic energy at the end should be known to round-off.
     """
     count = state.counts
-    p = state.memory[MOMENTUM]
-    gained = _evaluate_middle(plan, stored_plan, work, s, state.x, p, h, count[NONCONSERVATIVE] == 1)
+    p = s.memory.momentum
+    gained = _evaluate_middle(plan, stored_plan, work, s, state.x, p, h, s.memory.nonconservative[0] == 1)
     count[st.EVALUATIONS] += 1
     s.energy[TRIAL_WORK] = 0.0
     s.energy[KINETIC_ERROR] = 0.0

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.integrate import state as st
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.explicit import loop_dynamics
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -23,18 +22,7 @@ from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_ta
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The method's entries of State.numbers: the step the factors belong to; the energy (J) at TIME; the work (J) of loads
-# and dampers in the step.
-STEP_FACTORED, ENERGY, LOAD_WORK = range(st.METHOD, st.METHOD + 3)
-# Its entries of State.counts: whether the energy is kept; whether loads or dampers act; how many equal steps it
-# remembers; which predictor would have been best for the last of them.
-KEEPS_ENERGY, NONCONSERVATIVE, KNOWN_STEPS, PREDICTOR = range(st.METHOD_COUNT, st.METHOD_COUNT + 4)
-# Rows of State.memory after those of ``loop_dynamics``: momenta; accelerations at the step before; each coordinate's
-# own rate (1/s); velocities and multipliers of the last steps, the latest first.
-REMEMBERED = 3
-MOMENTUM, BEFORE, OWN_RATE, SPEED = range(loop_dynamics.N_MEMORY, loop_dynamics.N_MEMORY + 4)
-REACTION = SPEED + REMEMBERED
-N_MEMORY = REACTION + REMEMBERED
+REMEMBERED = 3  # steps whose velocities and multipliers are remembered
 
 # Entries of EnergyMomentumWorkspace.kernels: addresses of kernels compiled by themselves; the last are the step's own
 # (`bind`).
@@ -46,6 +34,53 @@ PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, N_KERNEL = range(6, 1
 POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, N_ENERGY = range(7)
 
 ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyMomentumMemory(ArrayStruct):
+    """What the method remembers from step to step; numbers stand alone in arrays (1,).
+
+    loops: of the constraint rows.  step_factored: the step (s) the factors belong to.  energy: (J) at TIME.  load_work:
+    (J) of loads and dampers in the step.
+    keeps_energy: whether the energy is kept.  nonconservative: whether loads or dampers act.  known_steps: how many
+    equal steps it remembers.  predictor: which would have been best for the last of them.
+    momentum: (nv,).  before: (nv,) accelerations at the step before.  own_rate: (nv,) each coordinate's own rate (1/s).
+    speed: (REMEMBERED, nv), reaction: (REMEMBERED, m) velocities and multipliers of the last steps, the latest first.
+    """
+
+    loops: loop_dynamics.LoopMemory
+    step_factored: FloatArray
+    energy: FloatArray
+    load_work: FloatArray
+    keeps_energy: IntArray
+    nonconservative: IntArray
+    known_steps: IntArray
+    predictor: IntArray
+    momentum: FloatArray
+    before: FloatArray
+    own_rate: FloatArray
+    speed: FloatArray
+    reaction: FloatArray
+
+
+def _new_memory(plan: Plan, nv: int) -> EnergyMomentumMemory:
+    """Zeros for nv velocities."""
+    zeros = np.zeros
+    return EnergyMomentumMemory(
+        loops=loop_dynamics.new_loop_memory(plan),
+        step_factored=zeros(1),
+        energy=zeros(1),
+        load_work=zeros(1),
+        keeps_energy=zeros(1, np.int64),
+        nonconservative=zeros(1, np.int64),
+        known_steps=zeros(1, np.int64),
+        predictor=zeros(1, np.int64),
+        momentum=zeros(nv),
+        before=zeros(nv),
+        own_rate=zeros(nv),
+        speed=zeros((REMEMBERED, nv)),
+        reaction=zeros((REMEMBERED, len(plan.rows))),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +166,7 @@ class EnergyMomentumWorkspace(ArrayStruct):
     kernels: IntArray
     tangent: TangentWork
     data: DataLoads
+    memory: EnergyMomentumMemory
 
 
 def new_workspace(
@@ -214,4 +250,5 @@ def new_workspace(
         ),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv, motions=False), plan, work, nx),
+        memory=_new_memory(plan, nv),
     )

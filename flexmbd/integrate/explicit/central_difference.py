@@ -16,9 +16,15 @@ from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, Stepper, make_advance, no_factors
 from flexmbd.integrate.data_loads import new_data_loads
-from flexmbd.integrate.explicit.central_step import RULE, CentralDifferenceMethod, CentralDifferenceWorkspace, advance
+from flexmbd.integrate.explicit.central_step import (
+    RULE,
+    CentralDifferenceMemory,
+    CentralDifferenceMethod,
+    CentralDifferenceWorkspace,
+    advance,
+)
 from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
-from flexmbd.integrate.explicit.loop_dynamics import N_MEMORY, new_loops, set_row_scales
+from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, new_loops, set_row_scales
 from flexmbd.integrate.interior_support import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work
@@ -58,11 +64,6 @@ class CentralDifference:
         """Order of positions, velocities and multipliers."""
         return ORDER
 
-    @property
-    def memory_rows(self) -> int:
-        """The scales of the loops' rows, and the acceleration of the step before."""
-        return N_MEMORY + 1
-
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene whose bodies with history step explicitly."""
         refuse_implicit_only(scene, self.name)
@@ -72,8 +73,10 @@ class CentralDifference:
         plan, zeros, nv = scene.plan, np.zeros, scene.nv
         motion = (zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)))
         missed = (zeros(len(plan.rows)), new_data_loads(plan, nv))
-        scratch = CentralDifferenceWorkspace(*motion, zeros(nv), zeros(nv), *missed)
-        parts = (plan, work, new_articulated_work(plan), new_loops(plan, state), *coordinate_slots(plan))
+        memory = CentralDifferenceMemory(new_loop_memory(plan), zeros(nv))
+        scratch = CentralDifferenceWorkspace(*motion, zeros(nv), zeros(nv), *missed, memory)
+        loops = new_loops(plan, memory.loops, nv)
+        parts = (plan, work, new_articulated_work(plan), loops, *coordinate_slots(plan))
         method = CentralDifferenceMethod(*parts, scratch)
         drive = make_advance(advance, method, RULE, state, groups)
         interiors = None
@@ -86,4 +89,4 @@ class CentralDifference:
             if interiors is not None:
                 interiors.choose_step()
 
-        return Stepper(drive if interiors is None else interiors.advance, begin, no_factors)
+        return Stepper(drive if interiors is None else interiors.advance, begin, no_factors, memory)

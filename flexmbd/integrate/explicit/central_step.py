@@ -11,7 +11,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, next_step
 from flexmbd.integrate.data_loads import MISSED, DataLoads, find_defects, shift_times
 from flexmbd.integrate.explicit.loop_dynamics import (
-    N_MEMORY,
+    LoopMemory,
     Loops,
     accelerate,
     is_nearly_singular,
@@ -29,12 +29,17 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Row of State.memory: the acceleration of the step before.
-_BEFORE = N_MEMORY
-
 #: How its steps follow from their errors: each may be of another length, for nothing is factored.
 RULE = Rule(exponent=1.0 / 3.0, failed=0.2, worth=1.0, tight=1.0, shrunk=1.0, hold=0)
 _UNSEEN_ERROR = 3.0  # the error over its estimate: forces also depend on the predicted velocity at the step's end
+
+
+@dataclass(frozen=True, eq=False)
+class CentralDifferenceMemory(ArrayStruct):
+    """What is remembered of the loops, and the accelerations (nv,) at the step before."""
+
+    loops: LoopMemory
+    before: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,7 @@ class CentralDifferenceWorkspace(ArrayStruct):
     error_v: FloatArray
     reactions: FloatArray
     data: DataLoads
+    memory: CentralDifferenceMemory
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +120,7 @@ def _error(plan, state, groups, s, h, rate):
         s.error_x[k] = h * h / 6.0 * change
         s.error_v[k] = 0.0
         if known:
-            bend = change / h - (state.a[k] - state.memory[_BEFORE, k]) / before
+            bend = change / h - (state.a[k] - s.memory.before[k]) / before
             s.error_v[k] = h**3 / 6.0 * bend / (h + before)
     return _UNSEEN_ERROR * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
 
@@ -138,7 +144,7 @@ def _missed(plan, work, aw, loops, state, groups, s, h, rate):
 def _accept(state, s):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
-        state.memory[_BEFORE, k] = state.a[k]
+        s.memory.before[k] = state.a[k]
         state.v[k] = s.v[k]
         state.a[k] = s.a[k]
     for k in range(state.x.shape[0]):

@@ -19,10 +19,11 @@ from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step, no_factors
 from flexmbd.integrate.explicit.loop_dynamics import (
-    N_MEMORY,
+    LoopMemory,
     Loops,
     accelerate,
     is_nearly_singular,
+    new_loop_memory,
     new_loops,
     project,
     project_onto_tangent,
@@ -110,11 +111,6 @@ class ExplicitRungeKutta:
         """Order of positions, velocities and multipliers."""
         return self.pair.order
 
-    @property
-    def memory_rows(self) -> int:
-        """The scales of the loops' rows."""
-        return N_MEMORY
-
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene without bodies that have a history."""
         refuse_interiors(scene, self.name, why="it evaluates several stages a step")
@@ -135,13 +131,14 @@ class ExplicitRungeKutta:
                 f"{self.pair.value} has no error estimate: give a step h, or take "
                 "fm.Pair.DORMAND_PRINCE_5"
             )
-        method = new_method(scene, self, self.pair.tableau, state, work)
+        memory = new_loop_memory(scene.plan)
+        method = new_method(scene, self, self.pair.tableau, memory, work)
 
         def begin() -> None:
             state.numbers[st.SAFETY] = SAFETY
             set_row_scales(scene, method.loops, state, work)
 
-        return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors)
+        return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors, memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +157,13 @@ class RungeKuttaMethod(ArrayStruct):
 
 
 def new_method(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, state: st.State, work: Work
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, memory: LoopMemory, work: Work
 ) -> RungeKuttaMethod:
     """Allocate the arguments of an attempt with a tableau."""
     plain, quaternions = coordinate_slots(scene.plan)
     scratch = _new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
     return RungeKuttaMethod(
-        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, state), plain, quaternions,
+        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, memory, scene.nv), plain, quaternions,
         int(choice.rotations), tableau, scratch,
     )  # fmt: skip
 

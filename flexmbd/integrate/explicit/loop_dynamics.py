@@ -44,8 +44,21 @@ _CLOSED = 1e-13  # a correction below this share of the scales is not worth anot
 _ACCEPTED = 1e-9  # where round-off stops the iteration, this share still counts as closed
 
 
-#: Rows of ``State.memory`` that the loops' scales take.
-N_MEMORY = 2
+@dataclass(frozen=True, eq=False)
+class LoopMemory(ArrayStruct):
+    """What is remembered of m constraint rows from step to step.
+
+    row_scale: (m,) the largest norms of the rows of C at a step's end, in the metric of M^-1.
+    usual_pivot: (m,) the first for each block of rows: the largest value of its smallest pivot at a step's end.
+    """
+
+    row_scale: FloatArray
+    usual_pivot: FloatArray
+
+
+def new_loop_memory(plan: Plan) -> LoopMemory:
+    """Allocate for the rows of ``plan``."""
+    return LoopMemory(*np.zeros((2, len(plan.rows))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +66,8 @@ class Loops(ArrayStruct):
     """Work arrays of m constraint rows.
 
     paths: C, U and Y of ``row_paths``.  row_factors: (m, m) factors of the blocks of C M^-1 C^T, with the pivots
-    row_order (m,).  row_scale: (m,) the largest norms of the rows of C at a step's end, in the metric of M^-1;
-    row_norm: (m,) those at hand.  usual_pivot: (blocks,) the largest value of each block's smallest pivot at a step's
-    end.  rank: (blocks,) of the factors; effective_rank: (blocks,) of the directions in which reactions act.
+    row_order (m,).  row_scale, usual_pivot: those of ``LoopMemory``.  row_norm: (m,) the norms of the rows at hand.
+    rank: (blocks,) of the factors; effective_rank: (blocks,) of the directions in which reactions act.
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
     force, moved: (1, nv) generalised forces of the rows and the motion that they cause.  move: (nv,) correction.
     no_multipliers: (0,).
@@ -80,12 +92,12 @@ class Loops(ArrayStruct):
     no_multipliers: FloatArray
 
 
-def new_loops(plan: Plan, state: st.State, *, blockwise: bool = True) -> Loops:
-    """Allocate for the rows of ``plan``; scales lie in the first N_MEMORY rows of ``state.memory``.
+def new_loops(plan: Plan, memory: LoopMemory, nv: int, *, blockwise: bool = True) -> Loops:
+    """Allocate for the rows of ``plan`` with nv velocities; ``memory`` is kept and not copied.
 
     All rows are one block where they are not to be factored ``blockwise``.
     """
-    m, nv = len(plan.rows), len(state.v)
+    m = len(plan.rows)
     paths = new_row_paths(plan)
     if not blockwise and m:
         paths = paths.replace(block=np.array([0, m]))
@@ -95,8 +107,8 @@ def new_loops(plan: Plan, state: st.State, *, blockwise: bool = True) -> Loops:
         paths=paths,
         row_factors=zeros((m, m)),
         row_order=zeros(m, np.int64),
-        row_scale=state.memory[0, :m],
-        usual_pivot=state.memory[1, :blocks],
+        row_scale=memory.row_scale,
+        usual_pivot=memory.usual_pivot[:blocks],
         row_norm=zeros(m),
         phi=zeros(m),
         rate=zeros(m),
@@ -192,13 +204,12 @@ def update_row_scales(loops, state):
 
 
 @kernel
-def factor_rows(state, length, matrix, order):
+def factor_rows(state, longest, matrix, order):
     """Factor C B^-1 C^T of an implicit method's rows and watch these; the rank.
 
-    ``state.memory[length]`` keeps the largest lengths of the rows.
+    ``longest`` (m,) keeps the largest lengths of the rows.
     """
     m = matrix.shape[0]
-    longest = state.memory[length]
     for i in range(m):
         longest[i] = max(longest[i], np.sqrt(max(matrix[i, i], 0.0)))
         if longest[i] == 0.0:

@@ -12,7 +12,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
-from flexmbd.integrate.radau.stages import ROW_LENGTH, evaluate_stage
+from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
@@ -51,9 +51,9 @@ def _factor_end(plan, work, state, s):
             s.row_factors[r, q] = total
         if not np.isfinite(s.row_factors[r, r]):
             return False
-    rank = factor_rows(state, ROW_LENGTH, s.row_factors, s.row_order)
+    rank = factor_rows(state, s.memory.row_length, s.row_factors, s.row_order)
     for r in range(m):
-        s.row_length[r] = state.memory[ROW_LENGTH, r]
+        s.row_length[r] = s.memory.row_length[r]
     # a nearly dependent direction keeps the stage's own values: its solution would be round-off
     while rank > 1 and s.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION:
         rank -= 1

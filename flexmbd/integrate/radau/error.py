@@ -9,7 +9,6 @@ from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
-from flexmbd.integrate.radau.stages import NEWTON_ITERATIONS, OWN_RATE, ROUGHNESS, ROUGHNESS_KNOWN, SMOOTH
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
@@ -75,7 +74,7 @@ def widen_vibration_scales(state, groups, s, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(s.scale_x.shape[0]):
-        own = groups.lasting[groups.of[k]] * state.memory[OWN_RATE, k]
+        own = groups.lasting[groups.of[k]] * s.memory.own_rate[k]
         gain = min(1.0, h * max(machine_rate, own)) / share
         s.scale_x[k] *= gain
         s.scale_v[k] *= gain
@@ -103,7 +102,7 @@ def _ratio(plan, state, groups, s, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = groups.lasting[g] * st.own_rate(s.own_rate[k], state.memory[OWN_RATE, k], machine_rate)
+        own = groups.lasting[g] * st.own_rate(s.own_rate[k], s.memory.own_rate[k], machine_rate)
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -117,11 +116,11 @@ def _ratio(plan, state, groups, s, h, machine_rate):
             state.counts[st.WORST] = k
         speed = max(speed, least / tolerance * machine_rate)
         rough = max(rough, abs(s.error_v[j]) / speed)
-        expected = max(expected, state.memory[ROUGHNESS, k] * h**4 / speed)
+        expected = max(expected, s.memory.roughness[k] * h**4 / speed)
         plain = max(plain, rough, abs(s.error_x[j]) / max(size, least / tolerance))
-    known = state.counts[ROUGHNESS_KNOWN] == 1
-    state.counts[SMOOTH] = 1 if not known or rough <= _SMOOTH * expected else 0
-    return largest if state.counts[SMOOTH] == 1 else max(largest, plain / (_EVENT * tolerance))
+    known = s.memory.roughness_known[0] == 1
+    s.memory.smooth[0] = 1 if not known or rough <= _SMOOTH * expected else 0
+    return largest if s.memory.smooth[0] == 1 else max(largest, plain / (_EVENT * tolerance))
 
 
 @kernel
@@ -193,20 +192,20 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
 def remember_roughness(plan, state, groups, s, h):
     """Update roughness and own rates by an accepted step; one that was not smooth counts in part."""
     rate = state.numbers[st.RATE]
-    smooth = state.counts[SMOOTH] == 1
+    smooth = s.memory.smooth[0] == 1
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        before = state.memory[ROUGHNESS, k]
+        before = s.memory.roughness[k]
         now = abs(s.error_v[j]) / h**4
         if not smooth:
             now = min(now, max(_GROWTH * before, _LITTLE * st.group_speed(groups, groups.of[k], rate) * rate**4))
-        state.memory[ROUGHNESS, k] = max(now, _FORGET * before)
-        state.memory[OWN_RATE, k] = st.own_rate(s.own_rate[k] if smooth else 0.0, state.memory[OWN_RATE, k], rate)
-    state.counts[ROUGHNESS_KNOWN] = 1
+        s.memory.roughness[k] = max(now, _FORGET * before)
+        s.memory.own_rate[k] = st.own_rate(s.own_rate[k] if smooth else 0.0, s.memory.own_rate[k], rate)
+    s.memory.roughness_known[0] = 1
 
 
 @kernel
-def set_safety(state):
+def set_safety(state, s):
     """Set the safety factor, smaller after a step of many iterations (Hairer & Wanner 1996, section IV.8)."""
-    used = state.counts[NEWTON_ITERATIONS]
+    used = s.memory.newton_iterations[0]
     state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + used)

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
-from flexmbd.integrate.radau.stages import STEP_FACTORED, TANGENT_AFTER_RESIDUAL, TANGENT_SERVES, evaluate_stage
+from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import call_separate
@@ -50,8 +50,8 @@ def take_tangent(plan, work, state, s, stage):
     derive(plan, work, s, stage, 0.0, 0.0, 1.0)
     _take_free(plan, s, s.mass)
     _take_rows(plan, s.tangent.jacobian, s.jacobian)
-    state.counts[TANGENT_SERVES] = 1
-    state.numbers[STEP_FACTORED] = 0.0
+    s.memory.tangent_serves[0] = 1
+    s.memory.step_factored[0] = 0.0
     for i in range(nu):
         for j in range(nu):
             if not np.isfinite(s.stiffness[i, j] + s.damping[i, j] + s.mass[i, j]):
@@ -126,7 +126,7 @@ def _shift_directions(plan, s, h):
 def factor_step(plan, state, s, h):
     """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
     state.counts[st.FACTORISATIONS] += 1
-    state.numbers[STEP_FACTORED] = h
+    s.memory.step_factored[0] = h
     if plan.rows.shape[0] > 0 and not _shift_directions(plan, s, h):
         return False
     _fill_matrix(plan, s, h / REAL + 0.0, s.real_matrix)

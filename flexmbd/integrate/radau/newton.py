@@ -10,12 +10,6 @@ from flexmbd.integrate.radau.end import close_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
 from flexmbd.integrate.radau.row_transforms import choose_stage, transform_stage_rows
 from flexmbd.integrate.radau.stages import (
-    CONTRACTION,
-    NEWTON_ITERATIONS,
-    POLYNOMIAL_KNOWN,
-    RENEWALS,
-    STEP_FACTORED,
-    TANGENT_SERVES,
     evaluate_stage,
     place_stages,
     predict_stages,
@@ -37,7 +31,7 @@ def _iterate(plan, work, state, s, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
     # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(state.numbers[CONTRACTION], 1e-3) ** 0.8
+    contraction = max(s.memory.contraction[0], 1e-3) ** 0.8
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):
@@ -45,7 +39,7 @@ def _iterate(plan, work, state, s, h, tolerance):
             if s.uses_transform[0] == 1 and not transform_stage_rows(plan, work, s, i):
                 return False
         state.counts[st.ITERATIONS] += 1
-        state.counts[NEWTON_ITERATIONS] = iteration + 1
+        s.memory.newton_iterations[0] = iteration + 1
         correct_stages(plan, s, h)
         size = place_stages(plan, state, s, h)
         if not np.isfinite(size):
@@ -57,7 +51,7 @@ def _iterate(plan, work, state, s, h, tolerance):
         stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
         if size * left <= tolerance or size <= 1e-15 or stalled:
             # unmeasured, it is trusted a little less at each step
-            state.numbers[CONTRACTION] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+            s.memory.contraction[0] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
             return True
         # transformed rows depend on where the stages were: only later corrections show the contraction
         if iteration > (2 if s.uses_transform[0] == 1 else 0):
@@ -74,10 +68,10 @@ def solve_step(plan, work, state, s, h, tolerance):
 
     Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
     """
-    known = state.counts[POLYNOMIAL_KNOWN] == 1
+    known = s.memory.polynomial_known[0] == 1
     for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
-        new_factors = state.numbers[STEP_FACTORED] != h
-        if attempt == 0 and (state.counts[TANGENT_SERVES] == 0 or (new_factors and state.numbers[RENEWALS] > 0.0)):
+        new_factors = s.memory.step_factored[0] != h
+        if attempt == 0 and (s.memory.tangent_serves[0] == 0 or (new_factors and s.memory.renewals[0] > 0.0)):
             continue
         # these differ from the attempts that follow by the predictor alone
         if not known and (attempt == 2 or attempt == _TRANSFORMED):
@@ -92,23 +86,23 @@ def solve_step(plan, work, state, s, h, tolerance):
             if stage < 0:
                 continue
         if attempt > 0:
-            state.numbers[CONTRACTION] = 1.0
+            s.memory.contraction[0] = 1.0
             if not take_tangent(plan, work, state, s, stage):
                 continue
-        if state.numbers[STEP_FACTORED] != h and not factor_step(plan, state, s, h):
+        if s.memory.step_factored[0] != h and not factor_step(plan, state, s, h):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
         s.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
         if not _iterate(plan, work, state, s, h, tolerance):
             if attempt == 0:
-                state.numbers[RENEWALS] = _RENEWALS
+                s.memory.renewals[0] = _RENEWALS
             continue
         if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance, attempt == 0):
             continue
-        slow = state.counts[NEWTON_ITERATIONS] > 1 and state.numbers[CONTRACTION] > _RENEW  # as measured
+        slow = s.memory.newton_iterations[0] > 1 and s.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
-            state.counts[TANGENT_SERVES] = 0
-        state.numbers[RENEWALS] = max(0.0, state.numbers[RENEWALS] - 1.0)
+            s.memory.tangent_serves[0] = 0
+        s.memory.renewals[0] = max(0.0, s.memory.renewals[0] - 1.0)
         return True
-    state.counts[TANGENT_SERVES] = 0
+    s.memory.tangent_serves[0] = 0
     return False

@@ -16,13 +16,6 @@ from flexmbd.integrate.radau.coefficients import ORDER, STAGES
 from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
 from flexmbd.integrate.radau.newton import solve_step
 from flexmbd.integrate.radau.stages import (
-    N_MEMORY,
-    POLYNOMIAL_KNOWN,
-    STAGE_A,
-    STAGE_NU,
-    STEP_FACTORED,
-    STEP_POLYNOMIAL,
-    TANGENT_SERVES,
     RadauWorkspace,
     evaluate_stage_times,
     new_workspace,
@@ -68,11 +61,6 @@ class RadauIIA:
         """Order of positions, velocities and multipliers."""
         return ORDER
 
-    @property
-    def memory_rows(self) -> int:
-        """Accelerations and multipliers of the last step's stages, and each coordinate's rate."""
-        return N_MEMORY
-
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene without bodies that have a history."""
         refuse_interiors(scene, self.name, why="it solves for several stages of a step at once")
@@ -80,14 +68,15 @@ class RadauIIA:
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""
         scratch = new_workspace(scene.plan, work, scene.nx, scene.nv, lapack_complex=complex_lapack_addresses())
+        memory = scratch.memory
 
         def drop_factors() -> None:
-            state.counts[TANGENT_SERVES] = 0
-            state.numbers[STEP_FACTORED] = 0.0
+            memory.tangent_serves[0] = 0
+            memory.step_factored[0] = 0.0
 
         drop_factors()
         method = RadauMethod(scene.plan, work, scratch)
-        return Stepper(make_advance(advance, method, _RULE, state, groups), drop_factors, drop_factors)
+        return Stepper(make_advance(advance, method, _RULE, state, groups), drop_factors, drop_factors, memory)
 
 
 @kernel
@@ -96,9 +85,9 @@ def _accept(state, s, h):
     end = STAGES - 1
     for i in range(STAGES):
         for k in range(state.v.shape[0]):
-            state.memory[STAGE_A + i, k] = s.a[i, k]
+            s.memory.stage_a[i, k] = s.a[i, k]
         for r in range(state.multipliers.shape[0]):
-            state.memory[STAGE_NU + i, r] = s.multipliers[i, r]
+            s.memory.stage_reactions[i, r] = s.multipliers[i, r]
     for k in range(state.v.shape[0]):
         state.v[k] = s.v[end, k]
         state.a[k] = s.a[end, k]
@@ -106,8 +95,8 @@ def _accept(state, s, h):
         state.x[k] = s.x[end, k]
     for r in range(state.multipliers.shape[0]):
         state.multipliers[r] = s.multipliers[end, r]
-    state.numbers[STEP_POLYNOMIAL] = h
-    state.counts[POLYNOMIAL_KNOWN] = 1
+    s.memory.step_polynomial[0] = h
+    s.memory.polynomial_known[0] = 1
 
 
 @kernel
@@ -125,7 +114,7 @@ def _attempt(method, state, groups, h):
     solved = False
     if evaluate_stage_times(plan, work, state, s, h):
         solved = solve_step(plan, work, state, s, h, max(_NEWTON_SHARE * limit, 5e-15))
-    set_safety(state)
+    set_safety(state, s)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED
     elif solved:

@@ -33,18 +33,60 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
-# The method's entries of State.numbers: the steps that the factors and the last polynomial belong to; the error
-# that an iteration leaves, as a share; how many steps still take a new tangent where they take new factors.
-STEP_FACTORED, STEP_POLYNOMIAL, CONTRACTION, RENEWALS = range(st.METHOD, st.METHOD + 4)
-# Its entries of State.counts: whether a last polynomial is known; whether the tangent may be used again; iterations of
-# the last step; whether the roughness of the steps before is known; whether the step at hand is as smooth as they were.
-POLYNOMIAL_KNOWN, TANGENT_SERVES, NEWTON_ITERATIONS = range(st.METHOD_COUNT, st.METHOD_COUNT + 3)
-ROUGHNESS_KNOWN, SMOOTH = range(st.METHOD_COUNT + 3, st.METHOD_COUNT + 5)
-# Rows of State.memory: accelerations and multipliers of the last step's stages; each coordinate's own rate (1/s); its
-# roughness, the estimate of its velocity's error over the fourth power of the step; the largest lengths of the rows.
-STAGE_A, STAGE_NU, OWN_RATE, ROUGHNESS, ROW_LENGTH, N_MEMORY = 0, 3, 6, 7, 8, 9
 # Entries of RadauWorkspace.kernels: kernels called by their addresses.
 RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class RadauMemory(ArrayStruct):
+    """What the method remembers from step to step; numbers stand alone in arrays (1,).
+
+    step_factored, step_polynomial: the steps (s) that the factors and the last polynomial belong to.  contraction: the
+    error that an iteration leaves, as a share.  renewals: how many steps still take a new tangent where they take new
+    factors.
+    polynomial_known: whether a last polynomial is known.  tangent_serves: whether the tangent may be used again.
+    newton_iterations: of the last step.  roughness_known: whether the roughness of the steps before is known.  smooth:
+    whether the step at hand is as smooth as they were.
+    stage_a: (3, nv), stage_reactions: (3, m) accelerations and multipliers of the last step's stages.  own_rate: (nv,)
+    each coordinate's own rate (1/s).  roughness: (nv,) the estimate of its velocity's error over the fourth power of
+    the step.  row_length: (m,) the largest lengths of the rows.
+    """
+
+    step_factored: FloatArray
+    step_polynomial: FloatArray
+    contraction: FloatArray
+    renewals: FloatArray
+    polynomial_known: IntArray
+    tangent_serves: IntArray
+    newton_iterations: IntArray
+    roughness_known: IntArray
+    smooth: IntArray
+    stage_a: FloatArray
+    stage_reactions: FloatArray
+    own_rate: FloatArray
+    roughness: FloatArray
+    row_length: FloatArray
+
+
+def _new_memory(nv: int, m: int) -> RadauMemory:
+    """Zeros for nv velocities and m constraint rows."""
+    zeros = np.zeros
+    return RadauMemory(
+        step_factored=zeros(1),
+        step_polynomial=zeros(1),
+        contraction=zeros(1),
+        renewals=zeros(1),
+        polynomial_known=zeros(1, np.int64),
+        tangent_serves=zeros(1, np.int64),
+        newton_iterations=zeros(1, np.int64),
+        roughness_known=zeros(1, np.int64),
+        smooth=zeros(1, np.int64),
+        stage_a=zeros((STAGES, nv)),
+        stage_reactions=zeros((STAGES, m)),
+        own_rate=zeros(nv),
+        roughness=zeros(nv),
+        row_length=zeros(m),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +165,7 @@ class RadauWorkspace(ArrayStruct):
     kernels: IntArray
     tangent: TangentWork
     data: DataLoads
+    memory: RadauMemory
 
 
 def new_workspace(
@@ -201,6 +244,7 @@ def new_workspace(
         kernels=kernels,
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
+        memory=_new_memory(nv, m),
     )
 
 
@@ -223,8 +267,8 @@ def evaluate_stage_times(plan, work, state, s, h):
 @kernel
 def predict_stages(plan, state, s, h, extrapolate):
     """Predictor: stages' accelerations and multipliers on the last step's polynomial, or those of the step's start."""
-    step = h / state.numbers[STEP_POLYNOMIAL] if extrapolate else 0.0
-    memory = state.memory
+    step = h / s.memory.step_polynomial[0] if extrapolate else 0.0
+    memory = s.memory
     for i in range(STAGES):
         # values of the polynomial through the last stages, as weights of these
         t = 1.0 + NODES[i] * step
@@ -234,14 +278,13 @@ def predict_stages(plan, state, s, h, extrapolate):
         for k in range(state.a.shape[0]):
             s.a[i, k] = state.a[k]
             if extrapolate:
-                s.a[i, k] = w0 * memory[STAGE_A, k] + w1 * memory[STAGE_A + 1, k] + w2 * memory[STAGE_A + 2, k]
+                s.a[i, k] = w0 * memory.stage_a[0, k] + w1 * memory.stage_a[1, k] + w2 * memory.stage_a[2, k]
         for r in range(plan.rows.shape[0]):
             s.shift[i, r] = 0.0
             s.multipliers[i, r] = state.multipliers[r]
             if extrapolate:
-                s.multipliers[i, r] = (
-                    w0 * memory[STAGE_NU, r] + w1 * memory[STAGE_NU + 1, r] + w2 * memory[STAGE_NU + 2, r]
-                )
+                before = memory.stage_reactions
+                s.multipliers[i, r] = w0 * before[0, r] + w1 * before[1, r] + w2 * before[2, r]
 
 
 @kernel

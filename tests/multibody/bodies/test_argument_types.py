@@ -204,7 +204,5 @@ def test_a_method_of_the_users_own_is_taken_by_what_it_has():
     """No base class is asked for: what answers the protocol is an integrator."""
     scene, *_ = pendulum()
     rule = fm.ExplicitRungeKutta()
-    own = SimpleNamespace(
-        name="mine", order=rule.order, memory_rows=rule.memory_rows, check=rule.check, stepper=rule.stepper
-    )
+    own = SimpleNamespace(name="mine", order=rule.order, check=rule.check, stepper=rule.stepper)
     assert scene.simulate(0.1, integrator=own).stats.integrator == "mine"

@@ -9,7 +9,6 @@ from random_trees import NOTHING, random_tree, somewhere
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
-from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit import loop_dynamics
 from flexmbd.multibody.kernels.algebra import rank_revealing
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
@@ -147,9 +146,9 @@ def test_respond_solves_the_loops():
     plan = compiled.plan
     kept = plan.replace(rows=np.ascontiguousarray(plan.rows[[0, 1, 5, 6]]))  # those in the plane, of two hinges
     x, v, work = somewhere(compiled, 7)
-    n, m, count = compiled.nv, len(kept.rows), np.zeros(st.N_COUNT, np.int64)
-    state = st.State(x, v, v, np.zeros(m), np.ones((loop_dynamics.N_MEMORY, n)), np.zeros(st.N_NUMBER), count)
-    loops, aw = loop_dynamics.new_loops(kept, state), new_articulated_work(kept)
+    n, m = compiled.nv, len(kept.rows)
+    memory = loop_dynamics.LoopMemory(np.ones(m), np.ones(1))
+    loops, aw = loop_dynamics.new_loops(kept, memory, n), new_articulated_work(kept)
     articulate(kept, work, aw, x)
     forward_kinematics(kept, work, x, v, v)
     solve_rows(kept, work, aw, loops.paths, loops.row_factors)
