@@ -28,4 +28,4 @@ def _energy(plan, row, x):
     return piecewise(data, potential, pieces, x - data[o])[0]
 
 
-CHARACTERISTIC = CoordinateLaw(Behaviour("springs", Stiffness.SEEN, damper=(1, 1)), _law, _energy)
+CHARACTERISTIC = CoordinateLaw(Behaviour("springs", Stiffness.SEEN, changing=True, damper=(1, 1)), _law, _energy)

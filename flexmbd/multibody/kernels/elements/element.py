@@ -36,6 +36,7 @@ class Behaviour:
         name: in words, in the plural.
         stiffness: how fast the vibrations are that it makes.
         abrupt: whether it starts or reverses within a step, which costs a method of high order its order.
+        changing: whether its stiffness may change much on the way, as that of a stop does.
         given: whether it follows functions of time alone, so that it may be an input of a linear machine.
         calls_user: whether it calls a function of the user at each evaluation.
         drives: whether it counts among what drives joints, as a motor does and a spring does not.
@@ -45,6 +46,7 @@ class Behaviour:
     name: str
     stiffness: Stiffness = Stiffness.NONE
     abrupt: bool = False
+    changing: bool = False
     given: bool = False
     calls_user: bool = False
     drives: bool = False

@@ -25,4 +25,4 @@ def _law(plan, row, x, rate):
     return -size * sign - data[o + 4] * rate, 0.0, -slope - data[o + 4]
 
 
-FRICTION = CoordinateLaw(Behaviour("friction", abrupt=True), _law)
+FRICTION = CoordinateLaw(Behaviour("friction", abrupt=True, changing=True), _law)

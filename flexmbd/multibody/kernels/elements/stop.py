@@ -60,4 +60,4 @@ def _misplaced(numbers: FloatArray, x: float) -> str:
     )
 
 
-STOP = CoordinateLaw(Behaviour("stops", abrupt=True, damper=(3, 1)), _law, _energy, _misplaced)
+STOP = CoordinateLaw(Behaviour("stops", abrupt=True, changing=True, damper=(3, 1)), _law, _energy, _misplaced)

@@ -46,5 +46,8 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
     matrix[k, k] -= (up - down) / (2.0 * step)
 
 
-_BEHAVIOUR = Behaviour("forces of the state, which may be stiff", Stiffness.UNSEEN, calls_user=True, drives=True)
-USER_LAW = GeneralisedForce(_BEHAVIOUR, _subtract, _subtract_tangent)
+USER_LAW = GeneralisedForce(
+    Behaviour("forces of the state, which may be stiff", Stiffness.UNSEEN, changing=True, calls_user=True, drives=True),
+    _subtract,
+    _subtract_tangent,
+)

@@ -18,8 +18,6 @@ from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_CHANGING = (kinds.ON_CHARACTERISTIC, kinds.ON_STOP, kinds.ON_FRICTION, kinds.ON_FUNCTION, kinds.ON_STATE)
-
 
 @dataclass(frozen=True, eq=False)
 class ForceElements:
@@ -46,7 +44,7 @@ def force_elements(plan: Plan) -> ForceElements:
 
 def stiffness_may_change(plan: Plan) -> bool:
     """Whether a force's stiffness may change on the way, as that of a stop does."""
-    return bool(np.isin(plan.elements[:, at.EL_KIND], _CHANGING).any())
+    return any(one.changing for one in behaviours(plan))
 
 
 def joint_force_times(plan: Plan) -> IntArray:
