@@ -102,7 +102,7 @@ def test_an_own_spring_is_the_one_built_in(method, derivative):
     own = flying(OwnSpring, 40.0, 0.3, 0.7, 0.0, derivative).simulate(1.0, h=5e-3, integrator=method)
     np.testing.assert_allclose(own.x, theirs.x, rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(own.energy().total, theirs.energy().total, rtol=0.0, atol=1e-12)
-    assert np.ptp(own.energy().potential) > 1.0
+    assert np.ptp(own.energy().total) > 0.1  # the damper takes it
 
 
 def test_error_control_and_the_automatic_choice_take_an_own_spring():
