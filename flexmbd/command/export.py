@@ -24,7 +24,7 @@ examples:
   flexmbd export rod.h5 --to exudyn -o for_a_friend.npz --lossy --force --json
 """
     parser.add_argument("record", type=Path, help="a record, or another file of a reduced body that can be read")
-    parser.add_argument("--to", required=True, metavar="FORMAT", help="see below")
+    parser.add_argument("--to", required=True, metavar="FORMAT", help="see below, or a Python file of your own")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="default: beside the record, with the format's suffix"
     )

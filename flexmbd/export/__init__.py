@@ -20,6 +20,7 @@ from flexmbd.export.functional_mockup.machine_unit import fmu_machine as fmu_mac
 from flexmbd.export.functional_mockup.model_description import Fmi as Fmi
 from flexmbd.export.functional_mockup.reduced_unit import fmu as fmu
 from flexmbd.export.loss import Capabilities as Capabilities
+from flexmbd.export.loss import check_losses as check_losses
 from flexmbd.export.mbdyn_files.mbdyn_deck import MbdynPendulum as MbdynPendulum
 from flexmbd.export.mbdyn_files.mbdyn_deck import mbdyn_deck as mbdyn_deck
 from flexmbd.export.mbdyn_files.mbdyn_file import mbdyn as mbdyn

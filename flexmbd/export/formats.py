@@ -1,10 +1,12 @@
 """The formats by name: what `flexmbd export --to NAME` and `flexmbd convert` choose from.
 
 One line a format; each writer and reader stands in a file of its own and loads what it needs when it is called.
+A format of one's own is a file anywhere, whose path takes the place of a name.
 """
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +52,7 @@ class Format:
         name: as the command line says it, and the writer's name in `flexmbd.export`.
         programs: who reads it.
         suffix: what such a file's name usually ends with.
-        carries: what it can carry.
+        capabilities: what it can carry.
         write: the writer, callable as ``write(body, path, lossy=False)``.
         read: the reader, or None where the format does not hold a whole body.
         digits: significant digits that a body keeps which is written and read back.
@@ -81,12 +83,28 @@ FORMATS: tuple[Format, ...] = (
 
 
 def format_named(name: str) -> Format:
-    """The format of that name.
+    """The format of that name, or that of a Python file where the name ends in .py: what it calls FORMAT.
 
     Raises:
-        ExportError: there is none; the message lists those there are.
+        ExportError: there is none; the message lists those there are, or says what is wrong with the file.
     """
     for one in FORMATS:
         if one.name == name:
             return one
-    raise ExportError(f"there is no format {name!r}; choose from {', '.join(one.name for one in FORMATS)}")
+    if name.endswith(".py"):
+        return _format_in(Path(name))
+    raise ExportError(
+        f"there is no format {name!r}; choose from {', '.join(one.name for one in FORMATS)}, or give the path of a "
+        "Python file with a format of your own"
+    )
+
+
+def _format_in(path: Path) -> Format:
+    try:
+        names = runpy.run_path(str(path))
+    except (OSError, SyntaxError, ImportError) as error:
+        raise ExportError(f"{path} cannot be imported: {error}") from error
+    found = names.get("FORMAT")
+    if not isinstance(found, Format):
+        raise ExportError(f"{path} has no FORMAT = fm.export.Format(...) (docs/extending.md)")
+    return found

@@ -70,7 +70,7 @@ class Rule(ArrayStruct):
     shortest: float = 1.0
 
 
-#: The safety of a method that has no reason for another one.
+#: The safety with which every method begins.
 SAFETY = 0.9
 
 

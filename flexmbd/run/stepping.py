@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import arrays_of
+from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
@@ -95,7 +95,7 @@ class Integration:
         self._stepper.drop_factors()
         if self.state.counts[st.STEPS] == 0:
             evaluate_inputs(scene, self.work, self.t)
-            self._stepper.begin()
+            self._begin()
         rows = 1 if one_by_one else MOST_ROWS
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
@@ -250,6 +250,10 @@ class Integration:
         number[st.STEP_BEFORE] = 0.0
         for part in arrays_of(self._stepper.memory).values():
             part[...] = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self.state.numbers[st.SAFETY] = SAFETY
         self._stepper.begin()
 
     def keep_rows(self) -> None:

@@ -18,7 +18,7 @@ from flexmbd.integrate.alpha.interiors import ImplicitInteriors
 from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.step_history import accept, prepare_step
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace, new_workspace
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.interior_support import refuse_explicit_only, refuse_passes
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -97,7 +97,6 @@ class GeneralizedAlpha:
 
         def begin() -> None:
             drop_factors()
-            state.numbers[st.SAFETY] = SAFETY
             memory.index[0] = self.index
             memory.scheme[:] = self.coefficients()
             memory.filters[0] = len(scene.plan.flex) > 0 or interiors is not None

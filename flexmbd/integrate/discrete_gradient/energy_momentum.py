@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
@@ -108,7 +108,6 @@ class EnergyMomentum:
 
         def begin() -> None:
             drop_factors()
-            state.numbers[st.SAFETY] = SAFETY
             memory.keeps_energy[0] = not is_driven(plan)
             memory.nonconservative[0] = is_nonconservative(plan)
             set_row_scales(scene, loops, state, work)

@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Stepper, make_advance, no_factors
+from flexmbd.integrate.controller import Stepper, make_advance, no_factors
 from flexmbd.integrate.data_loads import new_data_loads
 from flexmbd.integrate.explicit.central_step import (
     RULE,
@@ -84,7 +84,6 @@ class CentralDifference:
             interiors = ExplicitInteriors(scene.interiors, method, RULE, state, groups, subcycle=self.subcycle)
 
         def begin() -> None:
-            state.numbers[st.SAFETY] = SAFETY
             set_row_scales(scene, method.loops, state, work)
             if interiors is not None:
                 interiors.choose_step()

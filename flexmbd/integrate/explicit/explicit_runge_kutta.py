@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import SAFETY, Rule, Stepper, make_advance, next_step, no_factors
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, no_factors
 from flexmbd.integrate.explicit.loop_dynamics import (
     LoopMemory,
     Loops,
@@ -135,7 +135,6 @@ class ExplicitRungeKutta:
         method = new_method(scene, self, self.pair.tableau, memory, work)
 
         def begin() -> None:
-            state.numbers[st.SAFETY] = SAFETY
             set_row_scales(scene, method.loops, state, work)
 
         return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors, memory)

@@ -89,15 +89,27 @@ def _digest(source: str) -> bytes:
     return hashlib.sha256(_text(source)).digest()
 
 
+def _is_own(source: str) -> bool:
+    return source.startswith(f"{_PACKAGE}{os.sep}")
+
+
+#: Files outside of the package that hold kernels, of integrators of users.
+_users_sources: set[str] = set()
+
+
 class _KernelCacheLocator(caching._CacheLocator):
-    """Places flexmbd's kernels, and nothing else, in ``cache_folder()``."""
+    """Places flexmbd's kernels and those of users' integrators, and nothing else, in ``cache_folder()``."""
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
         source = _resolved(py_file)
-        self._stamp = _source_stamp(source)
+        if _is_own(source):
+            self._stamp = _source_stamp(source)
+            inside = os.path.relpath(os.path.dirname(source), _PACKAGE)
+        else:  # which may call any of ours
+            self._stamp = hashlib.sha256(_digest(source) + _all_sources().encode()).hexdigest()
+            inside = hashlib.sha256(source.encode()).hexdigest()[:16]
         # a folder for these very sources, wherever they lie: numba cannot even read what others left under its names
-        inside = os.path.relpath(os.path.dirname(source), _PACKAGE)
         self._path = os.path.join(cache_folder(), _version_name(self._stamp), inside)
 
     def get_cache_path(self) -> str:
@@ -113,7 +125,8 @@ class _KernelCacheLocator(caching._CacheLocator):
     def from_function(
         cls, py_func: Callable[..., Any], py_file: str
     ) -> _KernelCacheLocator | None:
-        if not _resolved(py_file).startswith(f"{_PACKAGE}{os.sep}"):
+        source = _resolved(py_file)
+        if not _is_own(source) and source not in _users_sources:
             return None
         locator = cls(py_func, py_file)
         # numba's own choices follow where it cannot be written to: beside the source, then user-wide
@@ -258,6 +271,11 @@ def _part(function: Callable[..., Any], **options: Any) -> Any:
 
 def _cached(function: Callable[..., Any], **options: Any) -> Any:
     """``function`` compiled by numba with the options of all kernels, and ``options``."""
+    source = _resolved(function.__code__.co_filename)
+    if not os.path.isfile(source):  # typed in: there is no source to know it by
+        return njit(**_OPTIONS, **options)(function)
+    if not _is_own(source):
+        _users_sources.add(source)
     dispatcher = njit(cache=True, **_OPTIONS, **options)(function)
     store = dispatcher._cache
     base = store._impl.filename_base
