@@ -25,3 +25,15 @@ from flexmbd.multibody.joint.rolling_disc import RollingDisc as RollingDisc
 from flexmbd.multibody.joint.screw import Screw as Screw
 from flexmbd.multibody.joint.spherical import Spherical as Spherical
 from flexmbd.multibody.joint.universal import Universal as Universal
+from flexmbd.multibody.kernels.base.kinds import FIXED as FIXED
+from flexmbd.multibody.kernels.base.kinds import FREE as FREE
+from flexmbd.multibody.kernels.base.kinds import PRISMATIC as PRISMATIC
+from flexmbd.multibody.kernels.base.kinds import REVOLUTE as REVOLUTE
+from flexmbd.multibody.kernels.base.kinds import ROW_ANGLE as ROW_ANGLE
+from flexmbd.multibody.kernels.base.kinds import ROW_AXIS as ROW_AXIS
+from flexmbd.multibody.kernels.base.kinds import ROW_DIRECTION as ROW_DIRECTION
+from flexmbd.multibody.kernels.base.kinds import ROW_DISTANCE as ROW_DISTANCE
+from flexmbd.multibody.kernels.base.kinds import ROW_SCREW as ROW_SCREW
+from flexmbd.multibody.kernels.base.kinds import ROW_TRANSLATION as ROW_TRANSLATION
+from flexmbd.multibody.kernels.base.kinds import SCREW as SCREW
+from flexmbd.multibody.kernels.base.kinds import SPHERICAL as SPHERICAL

@@ -108,7 +108,7 @@ def test_an_own_spring_is_the_one_built_in(method, derivative):
 def test_error_control_and_the_automatic_choice_take_an_own_spring():
     theirs = flying(fm.force.SpringDamper, 40.0, 0.3, 0.7).simulate(1.0, rtol=1e-9, integrator=fm.RadauIIA())
     own = flying(OwnSpring, 40.0, 0.3, 0.7).simulate(1.0, rtol=1e-6)
-    assert "Radau" in own.method.name
+    assert "Radau" in own.stats.integrator
     np.testing.assert_allclose(own.x[-1], theirs.x[-1], atol=3e-6)
 
 
@@ -126,7 +126,7 @@ def test_a_law_without_energy_counts_for_nothing_but_acts():
     run = flying(OwnLaw, turn_back, (0.4, 0.0)).simulate(0.5, rtol=1e-8, integrator=fm.RadauIIA())
     trace = 4.0 * run.x[:, 3] ** 2 - 1.0  # of the rotation, by its quaternion
     total = run.energy().total
-    assert np.ptp(total) > 0.1
+    assert np.ptp(total) > 0.05
     assert np.ptp(total - 0.4 * trace) < 1e-6
 
 

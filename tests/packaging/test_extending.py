@@ -1,0 +1,159 @@
+"""The files of docs/extending.md, each written to a folder and used as a stranger would."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from machines import pendulum, slider_crank
+from particles import particle_body
+from scipy.special import ellipk
+
+import flexmbd as fm
+from flexmbd.cli import main
+from flexmbd.errors import ExportError
+
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
+FILES = {
+    block.split("\n", 1)[0].removeprefix("# "): block
+    for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("outside")
+    for name, text in FILES.items():
+        (place / name).write_text(text, encoding="utf-8")
+    return place
+
+
+def module(folder, name):
+    """One of the files, imported under its own name."""
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def test_all_files_are_used_and_none_looks_behind_the_doors():
+    """Public names alone: rooms of `flexmbd`, and what UFL files may import."""
+    assert set(FILES) == {
+        "own_spring.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py", "sloshing.py",
+    }  # fmt: skip
+    for name, text in FILES.items():
+        assert len(text.splitlines()) <= 100, name
+        assert re.findall(r"from flexmbd\.\w+\.", text) == []
+
+
+def hanging(force, *numbers):
+    """A turning body that hangs in a spring."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    body = scene.add(fm.RigidBody(1.3, (0.02, 0.03, 0.04)), name="body")
+    joint = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    joint.velocity = (0.0, 0.0, 0.0, 1.0, -2.0, 0.5)
+    scene.add_force(force(scene.ground.frame(p=(0.1, 0.5, 0.0)), body.frame(p=(0.2, 0.1, 0.05)), *numbers))
+    return scene
+
+
+def test_a_force(folder):
+    """Without its cube it is the spring built in; with it, a step that keeps energy keeps its own."""
+    spring = module(folder, "own_spring").HardeningSpring
+    how = {"h": 5e-3, "integrator": fm.ExplicitRungeKutta()}
+    own, theirs = (hanging(kind, 40.0, 0.3).simulate(0.5, **how) for kind in (spring, fm.force.SpringDamper))
+    np.testing.assert_allclose(own.x, theirs.x, rtol=0.0, atol=1e-13)
+    run = hanging(spring, 40.0, 0.3, 900.0).simulate(0.5, h=5e-3, integrator=fm.EnergyMomentum())
+    assert np.ptp(run.energy().total) < 1e-11 * np.ptp(run.energy().kinetic)
+
+
+def test_an_integrator(folder, tmp_path):
+    """Order 2 on a pendulum's closed form; error control; events; a loop; a restart to the bit."""
+    method = module(folder, "explicit_midpoint").ExplicitMidpoint()
+    period = 4.0 / np.sqrt(9.81) * ellipk(0.5)
+    errors = []
+    for steps in (200, 400, 800):
+        scene, _, hinge = pendulum()
+        run = scene.simulate(period, h=period / steps, integrator=method)
+        errors.append(abs(run.beta(hinge)[-1] - run.beta(hinge)[0]))
+    assert np.log2(errors[0] / errors[1]) > 1.8
+    assert np.log2(errors[1] / errors[2]) > 1.8
+    scene, _, hinge = pendulum()
+    lowest = fm.Event(lambda moment: moment.beta(hinge) - 1.5 * np.pi, name="lowest")
+    run = scene.simulate(period, rtol=1e-6, integrator=method, events=[lowest])
+    assert [one.t for one in run.events] == pytest.approx([0.25 * period, 0.75 * period], abs=3e-5)
+    assert run.stats.rejected >= 0
+    crank = slider_crank()[0]
+    own = crank.simulate(0.2, rtol=1e-6, integrator=method)
+    best = crank.simulate(0.2, rtol=1e-9, integrator=fm.ExplicitRungeKutta())
+    assert abs(own.x[-1] - best.x[-1]).max() < 1e-4
+    whole = crank.simulate(0.2, rtol=1e-5, integrator=method, checkpoints=[0.1])
+    kept = whole.checkpoints[0].save(tmp_path / "kept.npz")
+    rest = crank.simulate(0.2, rtol=1e-5, integrator=method, restart=fm.Checkpoint.load(kept))
+    np.testing.assert_array_equal(rest.x, whole.x[len(whole.t) - len(rest.t) :])
+
+
+def test_a_joint(folder):
+    """By coordinates and by constraints alike."""
+    joint = module(folder, "pin_in_slot").PinInSlot()
+    ends = []
+    for way in (fm.Way.COORDINATES, fm.Way.CONSTRAINTS):
+        scene = fm.System(gravity=(3.0, -9.81, 0.0))
+        body = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.2, 0.1, 0.0)), name="body")
+        scene.connect(joint, scene.ground.frame(), body.frame(), way=way)
+        run = scene.simulate(0.7, rtol=1e-8, integrator=fm.ExplicitRungeKutta())
+        ends.append(run.position(body.frame(p=(0.2, 0.1, 0.0)))[-1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    assert ends[0][0] > 0.5
+
+
+def test_a_form(folder):
+    """The same stiffness as the form built in, of the same material."""
+    from flexmbd import forms, meshes
+    from flexmbd.continuum import ContinuumModel, Interface
+    from flexmbd.reduction import guyan
+
+    form = module(folder, "bulk_and_shear")
+    E, nu = 2.0e11, 0.3
+    materials = {
+        form: form.Parameters(K=E / (3.0 - 6.0 * nu), G=E / (2.0 + 2.0 * nu), rho=7850.0),
+        forms.solid_linear: forms.solid_linear.Parameters(E=E, nu=nu, rho=7850.0),
+    }
+    ends = [Interface("x_min"), Interface("x_max")]
+    mesh = meshes.block(0.3, 0.04, 0.06, divisions=(3, 1, 1))
+    own, theirs = (
+        guyan(ContinuumModel(mesh, one, material, degree=2, interfaces=ends), frame="x_min")
+        for one, material in materials.items()
+    )
+    np.testing.assert_allclose(own.stiffness, theirs.stiffness, rtol=1e-9)
+    assert own.mass == pytest.approx(theirs.mass, rel=1e-12)
+
+
+def test_an_export_format(folder, tmp_path, monkeypatch):
+    """Found by its path, also by the command."""
+    monkeypatch.chdir(tmp_path)
+    body = particle_body(3, modes=4).record
+    body.save("cloud.h5")
+    assert main(["export", "cloud.h5", "--to", str(folder / "modal_json.py"), "-o", "cloud.json"]) == 0
+    found = json.loads(Path("cloud.json").read_text())
+    assert found["mass"] == body.mass
+    np.testing.assert_array_equal(found["frames"]["tip"], body.interface("tip").modes)
+    with pytest.raises(ExportError, match="sloshing.py has no FORMAT"):
+        fm.export.format_named(str(folder / "sloshing.py"))
+    with pytest.raises(ExportError, match="nothing.py cannot be imported"):
+        fm.export.format_named("nothing.py")
+
+
+def test_a_body(folder):
+    """A held tank feels k x0 cos(w t)."""
+    scene = fm.System()
+    tank = scene.add(fm.ContinuumBody(module(folder, "sloshing").Sloshing(2.0, 800.0, 0.01)), name="tank")
+    held = scene.connect(fm.joint.Fixed(), scene.ground.frame(), tank.frame("tank"))
+    run = scene.simulate(0.5, h=1e-3)
+    late = 10.0 * 0.02**2 / 24.0  # phase (rad) at the end: central differences swing faster by (w h)^2 / 24
+    np.testing.assert_allclose(run.reaction(held)[:, 0], -8.0 * np.cos(20.0 * run.t), atol=2.0 * 8.0 * late)
