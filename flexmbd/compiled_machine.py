@@ -37,6 +37,7 @@ from flexmbd.multibody.plan.forces import refuse_misplaced_elements
 from flexmbd.multibody.plan.variation import vary
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start, consistent_start
+from flexmbd.multibody.start.energy_check import refuse_false_energies
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
@@ -148,6 +149,7 @@ class CompiledMachine:
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(_STARTING)
         refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
+        refuse_false_energies(scene, work, start.x)
         if start.strain.warning is not None and self.team.is_root:
             warnings.warn(start.strain.warning, StartWarning, stacklevel=4)
         return start

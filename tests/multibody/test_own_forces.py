@@ -172,6 +172,18 @@ def test_a_law_that_is_not_finite_stops_the_run_and_is_named():
 
 
 @fm.compiled
+def twice_its_energy(data, d, R, rate, spin, out):
+    for k in range(3):
+        out[k] = -data[0] * d[k]
+    return data[0] * (d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+
+
+def test_an_energy_that_is_not_the_wrench_s_own_is_refused():
+    with pytest.raises(SceneError, match=r"OwnLaw .*: at the start its force at rest, .* is not that of the energy"):
+        flying(OwnLaw, twice_its_energy, (30.0,)).simulate(0.1)
+
+
+@fm.compiled
 def of_time(t):
     return t
 
