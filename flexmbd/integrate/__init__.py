@@ -23,6 +23,7 @@ from flexmbd.integrate.explicit.explicit_machine import new_explicit_machine as 
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory as LoopMemory
+from flexmbd.integrate.explicit.loop_dynamics import Loops as Loops
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory as new_loop_memory
 from flexmbd.integrate.explicit.loop_dynamics import set_row_scales as set_row_scales
 from flexmbd.integrate.explicit.tableau import Pair as Pair

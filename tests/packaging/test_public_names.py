@@ -113,7 +113,7 @@ ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule",
 OPAQUE = {
     "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
     "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
-    "PlacedInterior", "Bearing", "UserBody", "Element",
+    "PlacedInterior", "Bearing", "UserBody", "ElementKind",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 

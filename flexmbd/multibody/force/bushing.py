@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
-from flexmbd.multibody.kernels.elements.bushing import BUSHING
+from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.kane.equations import Kinematics
-from flexmbd.multibody.kernels.elements.state_force import STATE_FORCE
+from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 from flexmbd.multibody.motion.machine import Contribution, Machine
 
 

@@ -18,7 +18,7 @@ from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
-from flexmbd.multibody.kernels.elements.element import Element
+from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 
@@ -84,7 +84,7 @@ class ElementTable(Protocol):
         """Add a body with history; return the row of ``Plan.wrenches`` of its first frame, the others follow."""
 
     def element(
-        self, element: Element, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
         data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.

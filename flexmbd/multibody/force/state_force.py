@@ -8,7 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
-from flexmbd.multibody.kernels.elements.state_force import STATE_FORCE
+from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,11 @@ from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.elements.element import CoordinateLaw, Element
+from flexmbd.multibody.kernels.elements.element import CoordinateLaw, ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
-from flexmbd.multibody.kernels.elements.state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.kernels.elements.table import ELEMENTS, kind_of
+from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap
@@ -238,7 +238,7 @@ class ForceTable:
         self.element(SOLVED_TOGETHER, what, address=address)
 
     def element(
-        self, element: Element, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
+        self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
         data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""

@@ -110,4 +110,4 @@ class GeneralisedForce:
     energy: Any = None
 
 
-Element = CoordinateLaw | FrameElement | GeneralisedForce
+ElementKind = CoordinateLaw | FrameElement | GeneralisedForce

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.elements.bushing import BUSHING
+from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
 from flexmbd.multibody.kernels.elements.element import (
     Behaviour,
     CoordinateLaw,
-    Element,
+    ElementKind,
     FrameElement,
     GeneralisedForce,
 )
@@ -34,19 +34,19 @@ from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
-from flexmbd.multibody.kernels.elements.state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.kernels.elements.stop import STOP
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
+from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 
 #: All kinds, in the order in which kernels ask for them.
-ELEMENTS: tuple[Element, ...] = (
+ELEMENTS: tuple[ElementKind, ...] = (
     SPRING, CHARACTERISTIC, STOP, FRICTION,
     USER_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW, STORING_FRAME_LAW,
 )  # fmt: skip
 
 
-def kind_of(element: Element) -> int:
+def kind_of(element: ElementKind) -> int:
     """The number of a kind in rows of ``Plan.elements``."""
     return ELEMENTS.index(element)
 
@@ -61,7 +61,7 @@ def stores(plan: Plan) -> NDArray[np.bool_]:
     return np.array([ELEMENTS[kind].energy is not None for kind in plan.elements[:, at.EL_KIND]], bool)
 
 
-def are_of(plan: Plan, element: Element) -> NDArray[np.bool_]:
+def are_of(plan: Plan, element: ElementKind) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan is of a kind."""
     return np.asarray(plan.elements[:, at.EL_KIND] == kind_of(element))
 
