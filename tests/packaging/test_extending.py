@@ -142,9 +142,9 @@ def test_an_export_format(folder, tmp_path, monkeypatch):
     found = json.loads(Path("cloud.json").read_text())
     assert found["mass"] == body.mass
     np.testing.assert_array_equal(found["frames"]["tip"], body.interface("tip").modes)
-    with pytest.raises(ExportError, match="sloshing.py has no FORMAT"):
+    with pytest.raises(ExportError, match=r"sloshing\.py has no FORMAT"):
         fm.export.format_named(str(folder / "sloshing.py"))
-    with pytest.raises(ExportError, match="nothing.py cannot be imported"):
+    with pytest.raises(ExportError, match=r"nothing\.py cannot be imported"):
         fm.export.format_named("nothing.py")
 
 
