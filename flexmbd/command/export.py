@@ -52,7 +52,7 @@ def export(arguments: argparse.Namespace) -> int:
     source: Path = arguments.record
     output: Path = arguments.output or source.with_name(source.stem + chosen.suffix)
     check_free(output, force=arguments.force, source=source)
-    left_out = write_body(read_body(source), output, kind=chosen.name, lossy=arguments.lossy)
+    left_out = write_body(read_body(source), output, kind=arguments.to, lossy=arguments.lossy)
     report_written(output, chosen.name, left_out, as_json=arguments.json)
     return 0
 
