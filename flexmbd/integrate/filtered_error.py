@@ -23,7 +23,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        lenient = leniency * groups.lasting[g]
+        lenient = leniency if groups.kind[g] == kinds.GROUP_MODAL else leniency * state.numbers[st.STEP_LASTING]
         own = lenient * st.own_rate(own_rates[k], rates_before[k], machine_rate)
         # what changes within the step is one radian at least
         share = min(1.0, h * max(machine_rate, own, lenient * own_rates[k]))

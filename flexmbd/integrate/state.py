@@ -33,7 +33,9 @@ STEP_REMAINDER, STEP_PART = 13, 14
 # machine begins anew.
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
-LARGEST_PIVOT, N_NUMBER = 18, 19
+LARGEST_PIVOT = 18
+# Share of joints' own rates that is sure to last (see ``lasting``): at TIME; at the end of the step at hand; in it.
+LASTING, LASTING_AT_END, STEP_LASTING, N_NUMBER = range(19, 23)
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
@@ -80,22 +82,22 @@ class Groups(ArrayStruct):
     """Scales of the error norm: a group of coordinates shares one scale.
 
     of: (nv,) group of each velocity.  kind: (ng,) kinds.GROUP_*.
-    lasting: (ng,) 1 where a vibration faster than the machine lasts, so that an error of its velocity swings and does
-        not drift: of modes, and of joints between which no force changes its stiffness.  Where a stop lets go in
-        mid-swing, the velocity's error stays.
     full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
     floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
     position, velocity, acceleration: (ng,) the largest magnitudes met so far.
+    stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
+        derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
     """
 
     of: IntArray
     kind: IntArray
-    lasting: IntArray
     full: FloatArray
     floor: FloatArray
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    stiffness: FloatArray
+    softest: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +219,10 @@ def store(plan, state, groups, record, h):
             g = groups.of[qv + k]
             size = abs(state.x[qx + k])
             groups.position[g] = max(groups.position[g], size)
+    for i in range(groups.softest.shape[0]):
+        for c in range(2):
+            groups.softest[i, c] = min(groups.softest[i, c], groups.stiffness[i, c])
+    state.numbers[LASTING] = state.numbers[LASTING_AT_END]
     state.numbers[TIME] = state.numbers[STEP_END]
     state.numbers[STEP_BEFORE] = h
     state.counts[STEPS] += 1

@@ -15,7 +15,6 @@ from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -352,14 +351,15 @@ def new_snapshot(
     number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
+    number[[st.LASTING, st.LASTING_AT_END, st.STEP_LASTING]] = 1.0
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     sizes = np.zeros((3, len(scene.group_floor)))
-    kind = scene.group_kind
-    lasting = np.where(stiffness_may_change(scene.plan), kind == kinds.GROUP_MODAL, True).astype(np.int64)
-    groups = st.Groups(scene.group_of, kind, lasting, scene.group_full, scene.group_floor, *sizes)
+    ne = len(scene.plan.elements) if stiffness_may_change(scene.plan) else 0
+    softest = np.full((2, ne, 2), np.inf)
+    groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
     rows = np.array(start.choice.rows, np.int64)
     return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, _kept(scene))
 

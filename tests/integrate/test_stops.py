@@ -79,3 +79,36 @@ def test_impacts_are_as_exact_as_rtol_asks(method, stop):
         errors.append(abs(run.beta(hinge)[-1].item() - exact(stop)) / rtol)
     assert max(errors) < 250.0
     assert np.median(errors) < 60.0
+
+
+def chain(law):
+    """Three rods, the outer two held by stiff springs that users write."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    before = scene.ground.frame()
+    hinges = []
+    for k in range(3):
+        rod = scene.add(fm.RigidBody(MASS, (1e-3, SPIN_INERTIA, SPIN_INERTIA), (LENGTH, 0.0, 0.0)), name=f"rod {k}")
+        hinges.append(scene.connect(fm.joint.Revolute("z"), before, rod.frame(), name=f"hinge {k}"))
+        before = rod.frame(p=(2.0 * LENGTH, 0.0, 0.0))
+    for hinge in hinges[1:]:
+        scene.add_force(law(hinge))
+    hinges[0].position = START
+    return scene, hinges
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "Radau", "energy-momentum"])
+def test_a_stiffness_that_stays_costs_no_steps(method):
+    """A user's stiff law, whose vibration of 1e-5 rad no step need follow, takes the steps of a spring."""
+    @fm.compiled
+    def law(t, angle, rate):
+        return -1e4 * angle - 1e-2 * rate
+
+    steps = []
+    for hold in (
+        lambda hinge: fm.force.JointSpring(hinge, 1e4, damping=1e-2),
+        lambda hinge: fm.force.JointLaw(hinge, law),
+    ):
+        scene, _ = chain(hold)
+        steps.append(scene.simulate(0.5, rtol=1e-4, integrator=METHODS[method][0]).stats.steps)
+    assert steps[1] < 1.3 * steps[0]
+    assert steps[1] < 500  # the vibration turns through 1 500 radians

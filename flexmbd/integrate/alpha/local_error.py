@@ -7,6 +7,7 @@ from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.lasting import judge_lasting
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
@@ -148,6 +149,7 @@ def _across_rows(plan, state, groups, s, h, machine_rate):
 @kernel
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
+    judge_lasting(plan, work, state, groups, s.x, s.v)
     _difference(plan, state, s, h)
     if s.memory.filters[0] == 1:
         _filter(plan, work, state, s)

@@ -28,6 +28,7 @@ from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspac
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.lasting import judge_lasting
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -271,6 +272,7 @@ def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
 @kernel
 def _local_error(plan, work, state, groups, s, a_end, h, rate):
     """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
+    judge_lasting(plan, work, state, groups, s.x_end, s.v_end)
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = s.v_end
     for k in range(a_end.shape[0]):

@@ -7,13 +7,16 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
-from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL
+from flexmbd.integrate.lasting import judge_lasting
+from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
+_LAST = STAGES - 1
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
 _SMOOTH, _GROWTH = 4.0, 8.0
@@ -74,7 +77,9 @@ def widen_vibration_scales(state, groups, s, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(s.scale_x.shape[0]):
-        own = groups.lasting[groups.of[k]] * s.memory.own_rate[k]
+        own = s.memory.own_rate[k]
+        if groups.kind[groups.of[k]] != kinds.GROUP_MODAL:
+            own *= state.numbers[st.LASTING]
         gain = min(1.0, h * max(machine_rate, own)) / share
         s.scale_x[k] *= gain
         s.scale_v[k] *= gain
@@ -102,7 +107,9 @@ def _ratio(plan, state, groups, s, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = groups.lasting[g] * st.own_rate(s.own_rate[k], s.memory.own_rate[k], machine_rate)
+        own = st.own_rate(s.own_rate[k], s.memory.own_rate[k], machine_rate)
+        if groups.kind[g] != kinds.GROUP_MODAL:
+            own *= state.numbers[st.STEP_LASTING]
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -182,6 +189,7 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, s, h)
+    judge_lasting(plan, work, state, groups, s.x[_LAST], s.v[_LAST])
     ratio = _ratio(plan, state, groups, s, h, machine_rate)
     if ratio <= 1.0 and s.data.known[0] == 1:
         return _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)

@@ -36,7 +36,7 @@ class Behaviour:
         name: in words, in the plural.
         stiffness: how fast the vibrations are that it makes.
         abrupt: whether it starts or reverses within a step, which costs a method of high order its order.
-        changing: whether its stiffness may change much on the way, as that of a stop does.
+        changing: whether the stiffness on its coordinate may change on the way, as that of a stop does.
         given: whether it follows functions of time alone, so that it may be an input of a linear machine.
         calls_user: whether it calls a function of the user at each evaluation.
         drives: whether it counts among what drives joints, as a motor does and a spring does not.
@@ -102,12 +102,15 @@ class GeneralisedForce:
         subtract_tangent: (plan, work, tw, row, x, v, per_x, per_v, matrix) subtracts per_x times their derivatives by x
             and per_v times those by v from the ``matrix`` (nv, nv).  None where they have none.
         energy: (plan, row, x) -> J that they store; None where they store nothing.
+        slope: (plan, work, row, x, rate, size) -> derivative by the coordinate x of a force on it, whose group's size
+            is given; for those that are ``changing``.
     """
 
     behaviour: Behaviour
     subtract: Any
     subtract_tangent: Any = None
     energy: Any = None
+    slope: Any = None
 
 
 ElementKind = CoordinateLaw | FrameElement | GeneralisedForce

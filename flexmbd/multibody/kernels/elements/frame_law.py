@@ -75,8 +75,8 @@ def _energy(plan, work, row, d, R, rate, spin):
 
 
 _NAME = "forces of the state, which may be stiff"
-FRAME_LAW = FrameElement(Behaviour(_NAME, Stiffness.UNSEEN, changing=True, calls_user=True), _wrench, _variation)
+FRAME_LAW = FrameElement(Behaviour(_NAME, Stiffness.UNSEEN, calls_user=True), _wrench, _variation)
 #: The same of a law that gives its energy: without rates it stores all that it takes.
 STORING_FRAME_LAW = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, changing=True, calls_user=True, damper=(0, 1)), _wrench, _variation, _energy
+    Behaviour(_NAME, Stiffness.UNSEEN, calls_user=True, damper=(0, 1)), _wrench, _variation, _energy
 )

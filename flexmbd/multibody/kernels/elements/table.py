@@ -127,12 +127,19 @@ subtract_force_tangent = _compiled(
 )
 force_energy = _compiled(_write("force_energy", "plan, row, x", "force", "energy", nothing="0.0"), kernel)
 
+#: Derivative of a force on a coordinate x by it, of a row that ``changes`` and is no coordinate law.
+force_slope = _compiled(
+    _write("force_slope", "plan, work, row, x, rate, size", "force", "slope", nothing="0.0"), kernel
+)
+
 is_coordinate_law = _compiled(
     _write_question("is_coordinate_law", [kind_of(one) for one in ELEMENTS if isinstance(one, CoordinateLaw)]), kernel
 )
 is_between_frames = _compiled(
     _write_question("is_between_frames", [kind_of(one) for one in ELEMENTS if isinstance(one, FrameElement)]), kernel
 )
+#: Whether the stiffness on an element's coordinate may change on the way.
+changes = _compiled(_write_question("changes", [kind_of(one) for one in ELEMENTS if one.behaviour.changing]), kernel)
 #: Whether an element between frames stores energy.
 stores_between_frames = _compiled(
     _write_question(

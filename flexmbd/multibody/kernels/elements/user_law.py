@@ -46,8 +46,19 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
     matrix[k, k] -= (up - down) / (2.0 * step)
 
 
+@kernel
+def _slope(plan, work, row, x, rate, size):
+    if plan.flag[0] != 0:
+        return 0.0
+    step = difference_step(1.0, 0.0, max(size, abs(x)), 1.0)
+    t = work.time[plan.times.shape[0], 0]
+    address = row[at.EL_ADDRESS]
+    return (call_law(address, t, x + step, rate) - call_law(address, t, x - step, rate)) / (2.0 * step)
+
+
 USER_LAW = GeneralisedForce(
     Behaviour("forces of the state, which may be stiff", Stiffness.UNSEEN, changing=True, calls_user=True, drives=True),
     _subtract,
     _subtract_tangent,
+    slope=_slope,
 )

@@ -60,9 +60,9 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
 
 _NAME = "forces of the state, which may be stiff"
 STATE_FORCE = GeneralisedForce(
-    Behaviour(_NAME, Stiffness.UNSEEN, changing=True, calls_user=True, drives=True), _subtract, _subtract_tangent
+    Behaviour(_NAME, Stiffness.UNSEEN, calls_user=True, drives=True), _subtract, _subtract_tangent
 )
 #: What is solved for the whole machine at once, as friction that follows reactions: it drives no joint.
 SOLVED_TOGETHER = GeneralisedForce(
-    Behaviour(_NAME, Stiffness.UNSEEN, changing=True, calls_user=True), _subtract, _subtract_tangent
+    Behaviour(_NAME, Stiffness.UNSEEN, calls_user=True), _subtract, _subtract_tangent
 )
