@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.elements.table import changes, coordinate_law, fo
 
 @kernel
 def judge_lasting(plan, work, state, groups, x, v):
-    """Write STEP_LASTING: the share, 0 to 1, of joints' own rates that lasts from the step's start to its end (x, v).
+    """Write STEP_LASTING: the share, 0 to 1, of joints' own rates that lasts, up to the step's end (x, v).
 
     A rate goes with the root of a stiffness, and with a damper as it is.
     """
@@ -42,7 +42,7 @@ def judge_lasting(plan, work, state, groups, x, v):
         if abs(by_v) > groups.softest[i, 1]:
             share = min(share, groups.softest[i, 1] / abs(by_v))
     state.numbers[st.LASTING_AT_END] = share
-    state.numbers[st.STEP_LASTING] = min(share, state.numbers[st.LASTING])
+    state.numbers[st.STEP_LASTING] = min(share, state.numbers[st.LASTING], state.numbers[st.LASTING_BEFORE])
 
 
 @kernel

@@ -34,8 +34,9 @@ STEP_REMAINDER, STEP_PART = 13, 14
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
 LARGEST_PIVOT = 18
-# Share of joints' own rates that is sure to last (see ``lasting``): at TIME; at the end of the step at hand; in it.
-LASTING, LASTING_AT_END, STEP_LASTING, N_NUMBER = range(19, 23)
+# Share of joints' own rates that is sure to last (see ``lasting``): at TIME and a step before; at the end of the step
+# at hand; over these three, whose accelerations show a rate.
+LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING, N_NUMBER = range(19, 24)
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
@@ -222,6 +223,7 @@ def store(plan, state, groups, record, h):
     for i in range(groups.softest.shape[0]):
         for c in range(2):
             groups.softest[i, c] = min(groups.softest[i, c], groups.stiffness[i, c])
+    state.numbers[LASTING_BEFORE] = state.numbers[LASTING]
     state.numbers[LASTING] = state.numbers[LASTING_AT_END]
     state.numbers[TIME] = state.numbers[STEP_END]
     state.numbers[STEP_BEFORE] = h

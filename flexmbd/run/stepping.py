@@ -351,7 +351,7 @@ def new_snapshot(
     number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
-    number[[st.LASTING, st.LASTING_AT_END, st.STEP_LASTING]] = 1.0
+    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = 1.0
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS

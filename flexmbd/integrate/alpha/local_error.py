@@ -7,7 +7,7 @@ from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
-from flexmbd.integrate.lasting import judge_lasting
+from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
@@ -160,4 +160,5 @@ def local_error(plan, work, state, groups, s, h, machine_rate):
     along = _ratio(plan, state, groups, s, h, machine_rate, 1.0)
     if along <= 1.0 and s.data.known[0] == 1:
         along = _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, along)
+    forget_passing(plan, state, groups, s.own_rate)
     return max(across, along)

@@ -28,7 +28,7 @@ from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspac
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
 from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.interior_support import refuse_interiors
-from flexmbd.integrate.lasting import judge_lasting
+from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -301,7 +301,8 @@ def _local_error(plan, work, state, groups, s, a_end, h, rate):
         s.error_v[j] = s.correction[0, j]
     ratio = _ratio(plan, state, groups, s, h, rate, 1.0)
     if ratio <= 1.0 and s.data.known[0] == 1:
-        return _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
+        ratio = _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
+    forget_passing(plan, state, groups, s.own_rate)
     return ratio
 
 

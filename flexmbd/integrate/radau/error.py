@@ -7,7 +7,7 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
-from flexmbd.integrate.lasting import judge_lasting
+from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
@@ -16,7 +16,6 @@ from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
-_LAST = STAGES - 1
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
 _SMOOTH, _GROWTH = 4.0, 8.0
@@ -189,10 +188,15 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, s, h)
-    judge_lasting(plan, work, state, groups, s.x[_LAST], s.v[_LAST])
+    least = 1.0
+    for i in range(STAGES):  # a contact may lie between the step's ends
+        judge_lasting(plan, work, state, groups, s.x[i], s.v[i])
+        least = min(least, state.numbers[st.STEP_LASTING])
+    state.numbers[st.STEP_LASTING] = least
     ratio = _ratio(plan, state, groups, s, h, machine_rate)
     if ratio <= 1.0 and s.data.known[0] == 1:
-        return _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)
+        ratio = _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)
+    forget_passing(plan, state, groups, s.own_rate)
     return ratio
 
 
