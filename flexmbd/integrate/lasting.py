@@ -13,12 +13,13 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.table import changes, coordinate_law, force_slope, is_coordinate_law
 
 
-@kernel
-def judge_lasting(plan, work, state, groups, x, v):
-    """Write STEP_LASTING: the share, 0 to 1, of joints' own rates that lasts, up to the step's end (x, v).
+@deferred_kernel(NUMBER)
+def _share(plan, work, groups, x, v):
+    """The share, 0 to 1, of joints' own rates that is sure to last at (x, v); writes ``groups.stiffness``.
 
     A rate goes with the root of a stiffness, and with a damper as it is.
     """
@@ -41,6 +42,15 @@ def judge_lasting(plan, work, state, groups, x, v):
             share = min(share, np.sqrt(groups.softest[i, 0] / abs(by_x)))
         if abs(by_v) > groups.softest[i, 1]:
             share = min(share, groups.softest[i, 1] / abs(by_v))
+    return share
+
+
+@kernel
+def judge_lasting(plan, work, state, groups, x, v):
+    """Write STEP_LASTING, of a step that ends at (x, v)."""
+    if groups.stiffness.shape[0] == 0:
+        return
+    share = _share(plan, work, groups, x, v)
     state.numbers[st.LASTING_AT_END] = share
     state.numbers[st.STEP_LASTING] = min(share, state.numbers[st.LASTING], state.numbers[st.LASTING_BEFORE])
 

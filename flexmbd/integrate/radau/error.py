@@ -188,11 +188,12 @@ def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
 def local_error(plan, work, state, groups, s, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, s, h)
-    least = 1.0
-    for i in range(STAGES):  # a contact may lie between the step's ends
-        judge_lasting(plan, work, state, groups, s.x[i], s.v[i])
-        least = min(least, state.numbers[st.STEP_LASTING])
-    state.numbers[st.STEP_LASTING] = least
+    if groups.stiffness.shape[0] > 0:
+        least = 1.0
+        for i in range(STAGES):  # a contact may lie between the step's ends
+            judge_lasting(plan, work, state, groups, s.x[i], s.v[i])
+            least = min(least, state.numbers[st.STEP_LASTING])
+        state.numbers[st.STEP_LASTING] = least
     ratio = _ratio(plan, state, groups, s, h, machine_rate)
     if ratio <= 1.0 and s.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)
