@@ -96,8 +96,8 @@ def test_a_stop_gives_back_what_hunt_and_crossley_say(damping):
     np.testing.assert_allclose(rate[between & (rate < 0.0)], -first, rtol=1e-5)
     np.testing.assert_allclose(rate[between & (rate > 0.0) & (run.t > 0.2)], second, rtol=1e-5)
     controlled = scene.simulate(0.07, rtol=1e-7)
-    assert controlled.beta_rate(hinge)[-1] == pytest.approx(-first, rel=1e-3)
-    assert controlled.stats.steps < 300
+    assert controlled.beta_rate(hinge)[-1] == pytest.approx(-first, rel=1e-5)
+    assert controlled.stats.steps < 4500  # nearly all in the contact, by a method of order 2
     energy = run.energy()
     if damping == 0.0:
         np.testing.assert_allclose(energy.total[between], energy.total[0], rtol=1e-5)
