@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE
 from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -23,7 +23,7 @@ class Cylindrical(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC), Step(kinds.REVOLUTE))
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC), Step(REVOLUTE))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement", "angle")
     angular: ClassVar[tuple[bool, ...]] = (False, True)

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from flexmbd.multibody.joint.kinematic_pair import FIXED
 from flexmbd.multibody.joint.protocol import TOGETHER, UNTURNED, FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Fixed:
     """No relative motion; no coordinates."""
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.FIXED),)
+    steps: ClassVar[tuple[Step, ...]] = (Step(FIXED),)
     start: ClassVar[tuple[float, ...]] = ()
     velocity_names: ClassVar[tuple[str, ...]] = ()
     angular: ClassVar[tuple[bool, ...]] = ()

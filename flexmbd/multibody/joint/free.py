@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from flexmbd.multibody.joint.kinematic_pair import FREE
 from flexmbd.multibody.joint.protocol import FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Free:
     """
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.FREE),)
+    steps: ClassVar[tuple[Step, ...]] = (Step(FREE),)
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("vx", "vy", "vz", "wx", "wy", "wz")
     angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE
 from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
@@ -24,7 +25,7 @@ class Planar(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC, "x"), Step(kinds.PRISMATIC, "y"), Step(kinds.REVOLUTE))
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC, "x"), Step(PRISMATIC, "y"), Step(REVOLUTE))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement 1", "displacement 2", "angle")
     angular: ClassVar[tuple[bool, ...]] = (False, False, True)

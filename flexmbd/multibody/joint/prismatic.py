@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC
 from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -22,7 +22,7 @@ class Prismatic(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC),)
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC),)
     start: ClassVar[tuple[float, ...]] = (0.0,)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement",)
     angular: ClassVar[tuple[bool, ...]] = (False,)

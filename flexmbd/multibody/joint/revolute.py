@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
 from flexmbd.multibody.joint.protocol import ALIGNED, TOGETHER, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
@@ -22,7 +22,7 @@ class Revolute(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.REVOLUTE),)
+    steps: ClassVar[tuple[Step, ...]] = (Step(REVOLUTE),)
     start: ClassVar[tuple[float, ...]] = (0.0,)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle",)
     angular: ClassVar[tuple[bool, ...]] = (True,)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
+from flexmbd.multibody.joint.kinematic_pair import screw
 from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
@@ -40,7 +41,7 @@ class Screw(AlongAxis):
     @property
     def steps(self) -> tuple[Step, ...]:
         """One screw."""
-        return (Step(kinds.SCREW, pitch=self.pitch),)
+        return (Step(screw(self.pitch)),)
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from flexmbd.multibody.joint.kinematic_pair import SPHERICAL
 from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import kinds
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Spherical:
     """
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.SPHERICAL),)
+    steps: ClassVar[tuple[Step, ...]] = (Step(SPHERICAL),)
     start: ClassVar[tuple[float, ...]] = (1.0, 0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("wx", "wy", "wz")
     angular: ClassVar[tuple[bool, ...]] = (True, True, True)

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
 from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
@@ -39,7 +40,7 @@ class Universal:
                 f"angles; the cosine between them is {cosine:.3g}"
             )
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.REVOLUTE), Step(kinds.REVOLUTE, "x"))
+    steps: ClassVar[tuple[Step, ...]] = (Step(REVOLUTE), Step(REVOLUTE, "x"))
     start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle 1", "angle 2")
     angular: ClassVar[tuple[bool, ...]] = (True, True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 # Columns of Plan.tree, one row a body, parents before children.  The inner links of a joint of several steps are
 # rows of no mass.
 PARENT = 0  # row of the parent body, -1 the ground
-JOINT = 1  # joint kind of the inboard joint
+JOINT_TURN = 1  # how the inboard joint turns: kinds.TURN_NONE to kinds.TURN_BALL
 FRAME_PARENT = 2  # row of Plan.frames: the joint's frame on the parent
 FRAME_CHILD = 3  # row of Plan.frames: the joint's frame on this body
 JOINT_X = 4  # first entry of the joint in the configuration x
@@ -13,9 +13,11 @@ JOINT_V = 5  # first entry of the joint in the velocity v
 FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
-JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
+JOINT_DATA = 9  # offset in Plan.data of the turn and slide of each coordinate that adds, see physics.joints
 ROTATION = 10  # how the body's frame may rotate: kinds.NONROTATING to kinds.FREE_ROTATION
-N_TREE = 11
+JOINT_ADDS = 11  # how many of the joint's coordinates add; a ball's quaternion follows them
+JOINT_SIZE = 12  # number of the joint's velocities: those that add, and a ball's three
+N_TREE = 13
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
@@ -68,8 +70,8 @@ B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
 B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
 B_F, B_T = 24, 27  # wrench about B's origin that the motion requires, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
-B_COORDINATE = 42  # coordinate of an inboard joint that has one, its rate and its acceleration
-N_BODY_WORK = 45
+B_COORDINATE = 42  # the coordinates of the inboard joint that add, four at most: each with its rate and acceleration
+N_BODY_WORK = 54
 
 # Columns of Work.frame.
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
@@ -26,7 +25,8 @@ FREEDOMS = 4  # coordinates that are eliminated: 0 for a fixed or prescribed joi
 FLEX = 5  # row of ArticulatedWork.flex, -1 for a rigid body
 INTERFACE = 6  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
 SUBSPACE = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
-N_LINK = 8
+ADDS = 8  # coordinates of the joint that add; MULTI_DOF with none is a ball
+N_LINK = 9
 
 # FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that carries no child but the next row.
 # ALIGNED: one coordinate at most, F along the axes of a rigid parent.  TURNED: one coordinate at most.
@@ -123,13 +123,6 @@ class ArticulatedWork(ArrayStruct):
     planar: IntArray
 
 
-def _motion_subspace(kind: int, pitch: float) -> tuple[float, float] | None:
-    """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
-    slide, turn = (0.0, 1.0), (1.0, 0.0)
-    known = {kinds.FIXED: (0.0, 0.0), kinds.REVOLUTE: turn, kinds.PRISMATIC: slide, kinds.SCREW: (1.0, pitch)}
-    return known.get(kind)
-
-
 def new_articulated_work(plan: Plan) -> ArticulatedWork:
     """Re-express ``plan`` for the articulated-body recursion and allocate its scratch space."""
     count = len(plan.tree)
@@ -146,21 +139,24 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     _place_bodies(plan, constants, axes)
     level = (axes[:, X_R : X_R + 9].reshape(-1, 3, 3) == _IDENTITY).all(axis=(1, 2)).tolist()
     for i, tree in enumerate(rows):
-        kind = tree[at.JOINT]
+        adds, size = tree[at.JOINT_ADDS], tree[at.JOINT_SIZE]
         slot = slot_of.get(tree[at.FRAME_PARENT], -1)
-        subspace = _motion_subspace(kind, plan.data[tree[at.JOINT_DATA]])
-        if subspace is not None:
-            constants[i, C_TURN : C_TURN + 2] = subspace
+        if size <= 1:
+            if size == 1:  # a pair of one coordinate turns and slides about z alone
+                turn, _, _, shift = plan.data[tree[at.JOINT_DATA] :][:4]
+                constants[i, C_TURN], constants[i, C_SHIFT] = turn, shift
             subspace_row = -1
             form = ALIGNED if level[i] and slot < 0 else TURNED
-            freedoms = 0 if kind == kinds.FIXED or tree[at.JOINT_V] in driven else 1
-            if form == ALIGNED and kind == kinds.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
+            freedoms = 0 if tree[at.JOINT_V] in driven else size
+            hinge = freedoms == 1 and constants[i, C_TURN] == 1.0 and constants[i, C_SHIFT] == 0.0
+            if form == ALIGNED and hinge and i not in flex_of and i not in apart:
                 form = PLAIN
         else:
-            form, subspace_row, freedoms = MULTI_DOF, multi_dof, 3 if kind == kinds.SPHERICAL else 6
+            form, subspace_row, freedoms = MULTI_DOF, multi_dof, size
             multi_dof += 1
         links[i] = [
-            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, subspace_row
+            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot,
+            subspace_row, adds,
         ]  # fmt: skip
     modes = int(flex[:, F_MODES].max(initial=0))
     pairs, table = _modal_moments(plan, flex, modes)

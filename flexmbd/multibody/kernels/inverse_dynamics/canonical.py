@@ -40,7 +40,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward_forces
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, flexible_inertia, rigid_second_moment
-from flexmbd.multibody.kernels.physics.joints import joint_force, joint_size
+from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -216,8 +216,9 @@ def _propagate_momenta(plan, work, v, wrench, p, part, out):
     for i in range(plan.tree.shape[0] - 1, -1, -1):
         tree = plan.tree[i]
         row = work.body[i]
-        kind = tree[at.JOINT]
-        pitch = plan.data[tree[at.JOINT_DATA]]
+        kind = tree[at.JOINT_TURN]
+        adds = tree[at.JOINT_ADDS]
+        o = tree[at.JOINT_DATA]
         child = plan.frames[tree[at.FRAME_CHILD]]
         R_BG = load9(child, at.FRAME_R)
         l_B = load3(wrench[i], 0)
@@ -227,15 +228,18 @@ def _propagate_momenta(plan, work, v, wrench, p, part, out):
         place = load3(row, at.B_JOINT_P)
         l_F = rotate(R_FG, l_G)
         h_F = add3(rotate(R_FG, h_G), cross3(place, l_F))
-        joint_force(kind, pitch, l_F, h_G, p, tree[at.JOINT_V])
+        joint_force(kind, adds, plan.data, o, l_F, h_G, p, tree[at.JOINT_V])
         # the velocity that the joint passes on turns with it, and changes as it slides
         _, _, v_F, w_F, _, _ = frame_motion(plan, work, tree[at.FRAME_PARENT])
-        passed = rotate_back(R_FG, add3(v_F, cross3(w_F, place)))
+        moving = add3(v_F, cross3(w_F, place))
+        if not is_free(tree):
+            moving = add3(moving, joint_motion(kind, adds, plan.data, o, v, tree[at.JOINT_V])[0])
+        passed = rotate_back(R_FG, moving)
         turn = add3(cross3(passed, l_G), cross3(rotate_back(R_FG, w_F), h_G))
         for k in range(6):
             part[k] = 0.0
-        joint_force(kind, pitch, cross3(w_F, l_F), turn, part, 0)
-        for k in range(joint_size(kind)):
+        joint_force(kind, adds, plan.data, o, cross3(w_F, l_F), turn, part, 0)
+        for k in range(tree[at.JOINT_SIZE]):
             out[tree[at.JOINT_V] + k] += part[k]
         _pass_momentum(plan, work, tree[at.FRAME_PARENT], v, l_F, h_F, wrench, p, out)
 

@@ -88,7 +88,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
             edge_of[f] = edges
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
-    quaternions = int(np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE)).sum())
+    quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
     return TangentWork(
         origin=zeros(6),
