@@ -12,6 +12,7 @@ from flexmbd.multibody.joint.enforcement import Enforcement as Enforcement
 from flexmbd.multibody.joint.fixed import Fixed as Fixed
 from flexmbd.multibody.joint.free import Free as Free
 from flexmbd.multibody.joint.gear import Gear as Gear
+from flexmbd.multibody.joint.kinematic_pair import KinematicPair as KinematicPair
 from flexmbd.multibody.joint.planar import Planar as Planar
 from flexmbd.multibody.joint.point_on_line import PointOnLine as PointOnLine
 from flexmbd.multibody.joint.point_on_plane import PointOnPlane as PointOnPlane
