@@ -17,6 +17,7 @@ from flexmbd.multibody.joint.planar import Planar as Planar
 from flexmbd.multibody.joint.point_on_line import PointOnLine as PointOnLine
 from flexmbd.multibody.joint.point_on_plane import PointOnPlane as PointOnPlane
 from flexmbd.multibody.joint.prismatic import Prismatic as Prismatic
+from flexmbd.multibody.joint.protocol import CarriedBySteps as CarriedBySteps
 from flexmbd.multibody.joint.protocol import Joint as Joint
 from flexmbd.multibody.joint.protocol import Row as Row
 from flexmbd.multibody.joint.protocol import Step as Step

@@ -150,8 +150,7 @@ def _branch(c: Connection, reached: set[int]) -> Branch | None:
     inside, outside = id(c.parent.body) in reached, id(c.child.body) in reached
     if inside and not outside and c.child.modes is None:
         return Branch(c, c.parent, c.child, False)
-    both_ways = c.joint.reversible and all(step.pair.reversible for step in c.joint.steps)
-    if outside and not inside and c.parent.modes is None and both_ways:
+    if outside and not inside and c.parent.modes is None and c.joint.reversible:
         return Branch(c, c.child, c.parent, True)
     return None
 

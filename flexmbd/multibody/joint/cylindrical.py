@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Cylindrical(AlongAxis):
+class Cylindrical(AlongAxis, CarriedBySteps):
     """One translation along ``axis`` and one rotation about it.
 
     Coordinates: the displacement (m) of G from F along the axis, and the angle (rad) from F to G
@@ -24,8 +24,5 @@ class Cylindrical(AlongAxis):
     axis: Axis = "z"
 
     steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC), Step(REVOLUTE))
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement", "angle")
-    angular: ClassVar[tuple[bool, ...]] = (False, True)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*ON_AXIS, *ALIGNED)

@@ -81,14 +81,14 @@ class KinematicPair:
         return not self.ball and not self._numbers[:, 1:3].any()
 
     @property
-    def positions(self) -> int:
-        """Number of coordinates."""
-        return len(self.columns) + (4 if self.ball else 0)
+    def start(self) -> tuple[float, ...]:
+        """Coordinates with G on F."""
+        return (0.0,) * len(self.columns) + ((1.0, 0.0, 0.0, 0.0) if self.ball else ())
 
     @property
-    def velocities(self) -> int:
-        """Number of velocities."""
-        return len(self.columns) + (3 if self.ball else 0)
+    def angular(self) -> tuple[bool, ...]:
+        """Whether each velocity is an angular one (rad/s), else it is a linear one (m/s)."""
+        return (*(column[0] != 0.0 for column in self.columns), *((True, True, True) if self.ball else ()))
 
 
 def screw(pitch: float) -> KinematicPair:

@@ -61,8 +61,8 @@ def step_turn(step: Step, reverse: bool) -> FloatArray:
 
 def step_slices(steps: Sequence[Step]) -> list[tuple[slice, slice]]:
     """Where the coordinates and the velocities of each step lie among those of its joint."""
-    x = np.cumsum([0, *(step.pair.positions for step in steps)])
-    v = np.cumsum([0, *(step.pair.velocities for step in steps)])
+    x = np.cumsum([0, *(len(step.pair.start) for step in steps)])
+    v = np.cumsum([0, *(len(step.pair.angular) for step in steps)])
     return [(slice(int(x[k]), int(x[k + 1])), slice(int(v[k]), int(v[k + 1]))) for k in range(len(steps))]
 
 
@@ -121,6 +121,25 @@ class AlongAxis:
     def turn(self) -> FloatArray:
         """The axis as z."""
         return z_onto(self.axis)
+
+
+class CarriedBySteps:
+    """Base of joints that a tree can carry: what their steps say of their coordinates."""
+
+    @property
+    def start(self: Joint) -> tuple[float, ...]:
+        """Zeros, and (1, 0, 0, 0) for a quaternion."""
+        return tuple(value for step in self.steps for value in step.pair.start)
+
+    @property
+    def angular(self: Joint) -> tuple[bool, ...]:
+        """Of the coordinates that turn."""
+        return tuple(turns for step in self.steps for turns in step.pair.angular)
+
+    @property
+    def reversible(self: Joint) -> bool:
+        """Whether all steps are."""
+        return all(step.pair.reversible for step in self.steps)
 
 
 class ConstraintsAlone:

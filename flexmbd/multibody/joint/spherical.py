@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.multibody.joint.kinematic_pair import SPHERICAL
-from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import TOGETHER, CarriedBySteps, FloatArray, Row, Step
 
 
 @dataclass(frozen=True)
-class Spherical:
+class Spherical(CarriedBySteps):
     """Three rotations about a point.
 
     Coordinates: the quaternion of R_FG (scalar first); velocities: w_FG_G (rad/s).
@@ -20,8 +20,5 @@ class Spherical:
 
     turn: ClassVar[FloatArray] = np.eye(3)
     steps: ClassVar[tuple[Step, ...]] = (Step(SPHERICAL),)
-    start: ClassVar[tuple[float, ...]] = (1.0, 0.0, 0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("wx", "wy", "wz")
-    angular: ClassVar[tuple[bool, ...]] = (True, True, True)
-    reversible: ClassVar[bool] = False
     rows: ClassVar[tuple[Row, ...]] = TOGETHER

@@ -9,13 +9,13 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
-from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
+from flexmbd.multibody.joint.protocol import TOGETHER, CarriedBySteps, FloatArray, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
 
 
 @dataclass(frozen=True)
-class Universal:
+class Universal(CarriedBySteps):
     """A rotation about ``first``, fixed in F, then one about ``second``, fixed in G.
 
     Coordinates: the angle (rad) of the cross against F about the first axis, and that of G against
@@ -41,10 +41,7 @@ class Universal:
             )
 
     steps: ClassVar[tuple[Step, ...]] = (Step(REVOLUTE), Step(REVOLUTE, "x"))
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle 1", "angle 2")
-    angular: ClassVar[tuple[bool, ...]] = (True, True)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(kinds.ROW_DIRECTION, 6, "right angle of the cross"))
 
     @property

@@ -16,6 +16,7 @@ from flexmbd.multibody.joint.kinematic_pair import KinematicPair
 from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.physics.modal_moments import modal_moments
 from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
@@ -102,7 +103,7 @@ class Numbering:
             x, v = (slots.start + own.start for slots, own in zip((slots.x, slots.v), places[k], strict=True))
             pair = joint.steps[k].pair
             ends = [inner_row, pair.turning, f, g, x, v]
-            sizes = [len(pair.columns), pair.velocities]
+            sizes = [len(pair.columns), len(pair.angular)]
             self.tree.append([*ends, -1, -1, -1, self.add_pair(pair), kinds.FREE_ROTATION, *sizes])
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
@@ -196,15 +197,12 @@ class Numbering:
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""
         n = record.n_modes
-        gram = record.gram
-        pair = gram[4:, 4:].reshape(n, 3, n, 3).transpose(0, 1, 3, 2).reshape(n, 9, n)
         damped = bool(record.damping.any())
         self.flex.append(
             [
                 n,
-                self.add_modal(gram[0, 4:]),
-                self.add_modal(gram[4:, 1:4]),
-                self.add_modal(pair),
+                self.add_modal(record.gram[0, 4:].reshape(n, 3).T),
+                self.add_modal(modal_moments(record.gram, n)),
                 self.add_modal(record.stiffness),
                 self.add_modal(record.damping) if damped else -1,
                 *self.add_stretch(record),

@@ -31,16 +31,15 @@ MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
 
 # Columns of Plan.flex: number of modes and offsets in Plan.modal.
 N_MODES = 0
-MODAL_FIRST = 1  # (n, 3) integral of rho phi_i
-MODAL_SECOND = 2  # (n, 9) integral of rho phi_i x^T
-MODAL_PAIR = 3  # (n, 9, n) integral of rho phi_i,a phi_j,b at [i, 3 a + b, j]
-MODAL_STIFFNESS = 4  # (n,) diagonal of K_qq
-MODAL_DAMPING = 5  # (n, n) D_qq, or -1 where it is zero
+MODAL_FIRST = 1  # (3, n) integrals of rho phi_i
+MODAL_MOMENTS = 2  # (1 + n, 9, n) moments of the modes with x and with each mode, see physics.modal_moments
+MODAL_STIFFNESS = 3  # (n,) diagonal of K_qq
+MODAL_DAMPING = 4  # (n, n) D_qq, or -1 where it is zero
 # Rows of stretch: a membrane strain's slope c (n), and the lower triangle of its C (n (n + 1) / 2); their number, 0
 # where there are none.
-STRETCH = 6
-N_STRETCH = 7
-N_FLEX = 8
+STRETCH = 5
+N_STRETCH = 6
+N_FLEX = 7
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
 # parameters in Plan.data, whether it holds positions or velocities alone, the function of time (-1: none) that is
@@ -72,6 +71,9 @@ B_F, B_T = 24, 27  # wrench about B's origin that the motion requires, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
 B_COORDINATE = 42  # the coordinates of the inboard joint that add, four at most: each with its rate and acceleration
 N_BODY_WORK = 54
+
+# Rows of Work.moments, see physics.modal_moments.
+N_MOMENTS = 15
 
 # Columns of Work.frame.
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body

@@ -25,19 +25,14 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
     sub3,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
-from flexmbd.multibody.kernels.physics.inertial_forces import (
-    add_rigid_wrench,
-    flexible_inertia,
-    nonrotating_inertia,
-    rigid_second_moment,
-)
+from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import joint_force, joint_motion, joint_pose
+from flexmbd.multibody.kernels.physics.reduced_inertia import flexible_inertia
 
 
 @deferred_kernel()
@@ -197,10 +192,7 @@ def _write_flexible_wrench(plan, work, i, x, v, a, out):
     qx = tree[at.MODAL_X]
     qv = tree[at.MODAL_V]
     q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-    if tree[at.ROTATION] == kinds.NONROTATING:
-        nonrotating_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
-    else:
-        flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+    flexible_inertia(plan, work.moments, i, q, qd, a[qv : qv + n], tree[at.ROTATION], work.body[i], force)
     elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
 
 

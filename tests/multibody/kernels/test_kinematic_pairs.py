@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE, SPHERICAL, KinematicPair, screw
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, Row, Step
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, CarriedBySteps, Row, Step
 from flexmbd.multibody.kernels.forward_dynamics.articulated import articulate, forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical
@@ -32,30 +32,13 @@ ALONG_X, ALONG_Y, ALONG_Z = ((0.0, *unit) for unit in np.eye(3).tolist())
 
 
 @dataclass(frozen=True)
-class Made:
+class Made(CarriedBySteps):
     """A joint of the steps that it is given, about and along the axes of its frames."""
 
     steps: tuple[Step, ...]
 
     turn: ClassVar[np.ndarray] = np.eye(3)
     rows: ClassVar[tuple[Row, ...]] = (*ON_AXIS, *ALIGNED)  # no joint here closes a loop
-
-    @property
-    def start(self):
-        """All at zero."""
-        parts = (np.concatenate([np.zeros(len(s.pair.columns)), np.eye(4)[0, : 4 * s.pair.ball]]) for s in self.steps)
-        return tuple(np.concatenate([*parts]).tolist())
-
-    @property
-    def angular(self):
-        """Whether each velocity is one."""
-        found = [[c[0] != 0.0 for c in s.pair.columns] + [True, True, True] * s.pair.ball for s in self.steps]
-        return tuple(one for each in found for one in each)
-
-    @property
-    def reversible(self):
-        """Where both ends see the same coordinates."""
-        return all(s.pair.reversible for s in self.steps)
 
     @property
     def velocity_names(self):
@@ -148,7 +131,8 @@ def test_output_has_the_numbers_of_the_steps(name):
     for made in ((Step(pair),), steps):
         scene, bodies, joints = machine(made)
         run = scene.simulate(0.05, h=1e-3, integrator=fm.RadauIIA())
-        motions = [f(b.frame()) for b in bodies[1:] for f in (run.position, run.rotation, run.velocity, run.acceleration)]
+        observed = (run.position, run.rotation, run.velocity, run.acceleration)
+        motions = [f(b.frame()) for b in bodies[1:] for f in observed]
         told = [f(j) for j in joints for f in (run.beta, run.beta_rate, run.reaction)]
         found.append([*motions, *told, run.energy().total])
     assert_same(found[0], found[1], 1e-9)
