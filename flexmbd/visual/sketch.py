@@ -153,7 +153,7 @@ def _joints(trajectory: RecordedMotion) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
-    return [c for c in (*along, *topology.closures) if not any(s.kind == kinds.FREE for s in c.joint.steps)]
+    return [c for c in (*along, *topology.closures) if not any(len(s.pair.angular) == 6 for s in c.joint.steps)]
 
 
 def _frames(trajectory: RecordedMotion, joints: Sequence[Connection]) -> IdentityMap[Body, list[Frame]]:
@@ -212,21 +212,22 @@ def _joint_primitives(
     steps = joint.joint.steps
     turn = joint.joint.turn
     parent, child = (Pose(poses[f].p, poses[f].R @ turn) for f in ends)
-    kind = steps[0].kind if len(steps) == 1 else None
+    pair = steps[0].pair if len(steps) == 1 else None
+    single = pair is not None and len(pair.angular) == 1
     axis = child.R[:, :, 2]
-    if kind == kinds.REVOLUTE or kind == kinds.SCREW:
+    if pair is not None and single and pair.turning == kinds.TURN_ABOUT_Z:
         reach = 2.7 * size + max(_thickness(f, turn[:, 2]) for f in ends)
         yield cylinder(child.p - reach * axis, child.p + reach * axis, 1.1 * size, JOINT)
         if grounded:
             depth = 0.5 * size * axis
             yield cylinder(child.p - depth, child.p + depth, 2.8 * size, GROUND)
-    elif kind == kinds.PRISMATIC:
+    elif single:
         yield box(child, (2.2 * size, 2.2 * size, 3.6 * size), colours[ends[1].body.name])
         travel = np.einsum("ki,ki->k", child.p - parent.p, parent.R[:, :, 2])
         low, high = travel.min() - 6.0 * size, travel.max() + 6.0 * size
         a, b = (parent.p + s * parent.R[:, :, 2] for s in (low, high))
         yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT)
-    elif kind != kinds.FIXED:
+    elif pair is None or len(pair.angular) > 0:
         yield ball(child.p, 1.5 * size, JOINT)
     elif grounded:
         yield box(child, (2.0 * size,) * 3, GROUND)

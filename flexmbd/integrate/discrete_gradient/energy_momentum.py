@@ -30,7 +30,6 @@ from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vib
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -38,12 +37,12 @@ from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
-from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.physics.joints import retract, spin_of
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
-from flexmbd.multibody.kernels.reading.plan_entries import driven_time, spin_of, time_of_row
+from flexmbd.multibody.kernels.reading.plan_entries import driven_time, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
@@ -159,10 +158,12 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
         o = joint.v.start
         if joint.spin is not None:
             kept[2 * joint.row + 1] = _span_projection(seen[:, joint.spin], size[joint.spin.start], nothing)
-        if joint.kind == kinds.FREE:
+        if joint.is_free:
             kept[2 * joint.row] = _span_projection(seen[:, joint.plain_v], size[o], nothing)
-        elif joint.plain_v != slice(o, o) and np.abs(seen[:, o]).max() * size[o] <= nothing:
-            kept[2 * bodies + o, 0] = 0.0
+            continue
+        for k in range(joint.plain_v.start, joint.plain_v.stop):
+            if np.abs(seen[:, k]).max() * size[k] <= nothing:
+                kept[2 * bodies + k, 0] = 0.0
     return kept
 
 

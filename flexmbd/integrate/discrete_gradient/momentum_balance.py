@@ -21,18 +21,16 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
-from flexmbd.multibody.kernels.physics.joints import has_one_coordinate
+from flexmbd.multibody.kernels.physics.joints import is_free, spin_of
 from flexmbd.multibody.kernels.reading.plan_entries import (
     driven_place,
     flexible_of,
     joint_of,
     membrane_strains_of,
     modes_of,
-    spin_of,
 )
 
 
@@ -73,23 +71,19 @@ def place(plan, x, s, h):
         s.increment[k] = h * s.u[k]
     for i in range(plan.tree.shape[0]):
         link = plan.tree[i]
-        kind, ox, ov = joint_of(link)
-        if has_one_coordinate(kind):
-            s.x_mid[ox] = x[ox] + 0.5 * s.increment[ov]
-            s.x_end[ox] = x[ox] + s.increment[ov]
-        elif kind == kinds.SPHERICAL:
-            _turn_joint(x, ox, load3(s.increment, ov), s.x_mid, s.x_end)
-        elif kind == kinds.FREE:
-            turn = load3(s.increment, ov + 3)
-            _turn_joint(x, ox + 3, turn, s.x_mid, s.x_end)
-            _, kappa = _half_turn(turn)
-            # the rotation in the middle keeps the axis that it turns about
-            turn_F = rotate(quaternion_matrix(_load4(s.x_mid, ox + 3)), turn)
-            shift = _mean_turn(turn_F, kappa, load3(s.increment, ov))
-            store3(s.increment, ov, shift)
-            for k in range(3):
-                s.x_mid[ox + k] = x[ox + k] + 0.5 * shift[k]
-                s.x_end[ox + k] = x[ox + k] + shift[k]
+        adds, ox, ov = joint_of(link)
+        o = spin_of(link)
+        if o >= 0:
+            turn = load3(s.increment, o)
+            _turn_joint(x, ox + adds, turn, s.x_mid, s.x_end)
+            if is_free(link):
+                _, kappa = _half_turn(turn)
+                # the rotation in the middle keeps the axis that it turns about
+                turn_F = rotate(quaternion_matrix(_load4(s.x_mid, ox + adds)), turn)
+                store3(s.increment, ov, _mean_turn(turn_F, kappa, load3(s.increment, ov)))
+        for k in range(adds):
+            s.x_mid[ox + k] = x[ox + k] + 0.5 * s.increment[ov + k]
+            s.x_end[ox + k] = x[ox + k] + s.increment[ov + k]
         n, qx, qv = modes_of(link, plan.flex)
         for k in range(n):
             s.x_mid[qx + k] = x[qx + k] + 0.5 * s.increment[qv + k]
@@ -124,7 +118,7 @@ def balance_momenta(plan, p, s, h):
         s.balance[k] = (s.p_end[k] - p[k]) / h + s.gradient[k]
         work += s.u[k] * (s.p_end[k] - p[k])
     for i in range(plan.tree.shape[0]):
-        kind, ox, _ = joint_of(plan.tree[i])
+        adds, ox, shift = joint_of(plan.tree[i])
         o = spin_of(plan.tree[i])
         if o < 0:
             continue
@@ -132,9 +126,8 @@ def balance_momenta(plan, p, s, h):
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.gradient, o)
-        if kind == kinds.FREE:
-            shift = o - 3
-            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
+        if is_free(plan.tree[i]):
+            R = quaternion_matrix(_load4(s.x_mid, ox + adds))
             start = rotate_back(R, load3(p, shift))
             own = rotate(E, start)
             own_end = sub3(scale3(2.0, rotate_back(R, load3(s.p_mid, shift))), own)
@@ -163,19 +156,18 @@ def conserve_momenta(plan, p, s, h):
     for k in range(p.shape[0]):
         s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
     for i in range(plan.tree.shape[0]):
-        kind, ox, shift = joint_of(plan.tree[i])
-        if has_one_coordinate(kind) or kind == kinds.FREE:
-            for k in range(shift, shift + (3 if kind == kinds.FREE else 1)):
-                s.p_end[k] = p[k] - h * s.gradient[k]
-        if kind != kinds.SPHERICAL and kind != kinds.FREE:
+        adds, ox, shift = joint_of(plan.tree[i])
+        for k in range(shift, shift + adds):
+            s.p_end[k] = p[k] - h * s.gradient[k]
+        o = spin_of(plan.tree[i])
+        if o < 0:
             continue
-        o = shift + (3 if kind == kinds.FREE else 0)
         turn = load3(s.increment, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
         torque = load3(s.gradient, o)
-        if kind == kinds.FREE:
-            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
+        if is_free(plan.tree[i]):
+            R = quaternion_matrix(_load4(s.x_mid, ox + adds))
             mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
             torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
         spin = sub3(rotate_back(E, load3(p, o)), scale3(h, torque))
@@ -266,12 +258,12 @@ def project_out_symmetries(plan, s, out):
     for k in range(out.shape[0]):
         out[k] *= s.projector[2 * bodies + k, 0]
     for i in range(bodies):
-        kind, ox, o = joint_of(plan.tree[i])
-        if kind == kinds.FREE:
+        adds, ox, shift = joint_of(plan.tree[i])
+        o = spin_of(plan.tree[i])
+        if o < 0:
+            continue
+        R = quaternion_matrix(_load4(s.x_mid, ox + adds))
+        store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))
+        if is_free(plan.tree[i]):
             unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-            store3(out, o, _projected(s.projector, 2 * i, unturned, load3(out, o)))
-            R = quaternion_matrix(_load4(s.x_mid, ox + 3))
-            store3(out, o + 3, _projected(s.projector, 2 * i + 1, R, load3(out, o + 3)))
-        elif kind == kinds.SPHERICAL:
-            R = quaternion_matrix(_load4(s.x_mid, ox))
-            store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))
+            store3(out, shift, _projected(s.projector, 2 * i, unturned, load3(out, shift)))

@@ -13,8 +13,7 @@ from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.time_function import TimeFunction, as_row
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
-from flexmbd.multibody.joint.protocol import Joint
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.protocol import Joint, step_slices
 
 FloatArray = NDArray[np.float64]
 
@@ -149,5 +148,5 @@ def motion_name(connection: Connection) -> str:
 
 def _quaternions(joint: Joint) -> tuple[int, ...]:
     """Where quaternions begin among the joint's coordinates."""
-    found = {step.kind for step in joint.steps}
-    return (0,) if kinds.SPHERICAL in found else (3,) if kinds.FREE in found else ()
+    places = zip(joint.steps, step_slices(joint.steps), strict=True)
+    return tuple(x.stop - 4 for step, (x, _) in places if step.pair.ball)

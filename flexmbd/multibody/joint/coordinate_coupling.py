@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.joint.protocol import Joint, step_slices
 
 if TYPE_CHECKING:
     from flexmbd.multibody.joint.connection import Connection
@@ -39,6 +40,18 @@ class CoordinateCoupling(Protocol):
         """The terms of the sum."""
 
 
+def coordinate_place(joint: Joint, index: int) -> tuple[int, int]:
+    """The step of a joint that has its velocity ``index``, and which of the step's it is.
+
+    Raises:
+        SceneError: it has no such velocity, or that of a ball, which is no coordinate's rate.
+    """
+    for k, (step, (_, v)) in enumerate(zip(joint.steps, step_slices(joint.steps), strict=True)):
+        if v.start <= index < v.start + len(step.pair.columns):
+            return k, index - v.start
+    raise SceneError(f"a {type(joint).__name__} has no coordinate {index} that adds")
+
+
 def single_coordinate(connection: Connection, *, angular: bool, what: str) -> int:
     """Index of the only angle, or the only displacement, among a joint's coordinates.
 
@@ -47,7 +60,7 @@ def single_coordinate(connection: Connection, *, angular: bool, what: str) -> in
     """
     joint = connection.joint
     found = [k for k, turns in enumerate(joint.angular) if turns == angular]
-    if len(found) != 1 or len(joint.angular) != len(joint.steps):  # balls and free joints: one step of several
+    if len(found) != 1:
         kind = "rotation" if angular else "translation"
         raise SceneError(
             f"{what}: joint {connection.name!r} is a {type(joint).__name__}; a joint with exactly one "

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Cylindrical(AlongAxis):
+class Cylindrical(AlongAxis, CarriedBySteps):
     """One translation along ``axis`` and one rotation about it.
 
     Coordinates: the displacement (m) of G from F along the axis, and the angle (rad) from F to G
@@ -23,9 +23,6 @@ class Cylindrical(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC), Step(kinds.REVOLUTE))
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC), Step(REVOLUTE))
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement", "angle")
-    angular: ClassVar[tuple[bool, ...]] = (False, True)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*ON_AXIS, *ALIGNED)

@@ -7,18 +7,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexmbd.multibody.joint.protocol import TOGETHER, UNTURNED, FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.kinematic_pair import FIXED
+from flexmbd.multibody.joint.protocol import TOGETHER, UNTURNED, CarriedBySteps, FloatArray, Row, Step
 
 
 @dataclass(frozen=True)
-class Fixed:
+class Fixed(CarriedBySteps):
     """No relative motion; no coordinates."""
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.FIXED),)
-    start: ClassVar[tuple[float, ...]] = ()
+    steps: ClassVar[tuple[Step, ...]] = (Step(FIXED),)
     velocity_names: ClassVar[tuple[str, ...]] = ()
-    angular: ClassVar[tuple[bool, ...]] = ()
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, *UNTURNED)

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexmbd.multibody.joint.protocol import FloatArray, Row, Step
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.kinematic_pair import FREE
+from flexmbd.multibody.joint.protocol import CarriedBySteps, FloatArray, Row, Step
 
 
 @dataclass(frozen=True)
-class Free:
+class Free(CarriedBySteps):
     """Six relative motions, no reaction.
 
     Coordinates: p_FG_F (m), then the quaternion of R_FG; velocities: the rate of p_FG_F
@@ -20,9 +20,6 @@ class Free:
     """
 
     turn: ClassVar[FloatArray] = np.eye(3)
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.FREE),)
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    steps: ClassVar[tuple[Step, ...]] = (Step(FREE),)
     velocity_names: ClassVar[tuple[str, ...]] = ("vx", "vy", "vz", "wx", "wy", "wz")
-    angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)
-    reversible: ClassVar[bool] = False
     rows: ClassVar[tuple[Row, ...]] = ()

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, Row, Step
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC, REVOLUTE
+from flexmbd.multibody.joint.protocol import ALIGNED, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Planar(AlongAxis):
+class Planar(AlongAxis, CarriedBySteps):
     """Two translations across ``axis``, the plane's normal, and one rotation about it.
 
     Coordinates: the displacements (m) of G from F along the first and second column of ``turn``
@@ -24,9 +25,6 @@ class Planar(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC, "x"), Step(kinds.PRISMATIC, "y"), Step(kinds.REVOLUTE))
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC, "x"), Step(PRISMATIC, "y"), Step(REVOLUTE))
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement 1", "displacement 2", "angle")
-    angular: ClassVar[tuple[bool, ...]] = (False, False, True)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (Row(kinds.ROW_TRANSLATION, 2, "translation z"), *ALIGNED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.joint.protocol import Joint
+from flexmbd.multibody.joint.protocol import Joint, step_slices
 from flexmbd.multibody.kernels.physics.joints import joint_motion, joint_pose
 from flexmbd.rotation import z_onto
 
@@ -21,12 +21,12 @@ def joint_state(
     """
     p, rate, spin = np.zeros((3, 3))
     R: FloatArray = np.eye(3)
-    several = len(joint.steps) > 1
-    for k, step in enumerate(joint.steps):
+    x, v = (np.array(values, dtype=np.float64) for values in (position, velocity))
+    for step, (in_x, in_v) in zip(joint.steps, step_slices(joint.steps), strict=True):
         turn = z_onto(step.axis)
-        x, v = (np.array([values[k]]) if several else np.array([*values, 0.0]) for values in (position, velocity))
-        p_step, R_step = joint_pose(step.kind, step.pitch, x, 0)
-        linear, angular = joint_motion(step.kind, step.pitch, v, 0)
+        pair = (step.pair.turning, len(step.pair.columns), step.pair.numbers.ravel(), 0)
+        p_step, R_step = joint_pose(*pair, x, in_x.start)
+        linear, angular = joint_motion(*pair, v, in_v.start)
         arm = R @ turn @ p_step
         rate += np.cross(spin, arm) + R @ turn @ linear
         p += arm

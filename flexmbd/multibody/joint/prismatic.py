@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.kinematic_pair import PRISMATIC
+from flexmbd.multibody.joint.protocol import ON_AXIS, UNTURNED, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Prismatic(AlongAxis):
+class Prismatic(AlongAxis, CarriedBySteps):
     """One translation along ``axis``.
 
     Coordinate: the displacement (m) of G from F along the axis.
@@ -22,9 +22,6 @@ class Prismatic(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.PRISMATIC),)
-    start: ClassVar[tuple[float, ...]] = (0.0,)
+    steps: ClassVar[tuple[Step, ...]] = (Step(PRISMATIC),)
     velocity_names: ClassVar[tuple[str, ...]] = ("displacement",)
-    angular: ClassVar[tuple[bool, ...]] = (False,)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*ON_AXIS, *UNTURNED)

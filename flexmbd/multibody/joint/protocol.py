@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
+from flexmbd.multibody.joint.kinematic_pair import KinematicPair
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
 
@@ -40,14 +42,12 @@ class Step:
     """One of the kernels' joints on the way from F to G.
 
     Attributes:
-        kind: kinds.FIXED, REVOLUTE, PRISMATIC, SCREW, SPHERICAL or FREE.
-        axis: along which it turns or slides, in the turned frames of the joint.
-        pitch: advance of a screw (m/rad).
+        pair: how it moves.
+        axis: where the z axis of the pair's frames lies in the turned frames of the joint.
     """
 
-    kind: int
+    pair: KinematicPair
     axis: Axis = "z"
-    pitch: float = 0.0
 
 
 #: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.
@@ -57,6 +57,13 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 def step_turn(step: Step, reverse: bool) -> FloatArray:
     """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
     return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
+
+
+def step_slices(steps: Sequence[Step]) -> list[tuple[slice, slice]]:
+    """Where the coordinates and the velocities of each step lie among those of its joint."""
+    x = np.cumsum([0, *(len(step.pair.start) for step in steps)])
+    v = np.cumsum([0, *(len(step.pair.angular) for step in steps)])
+    return [(slice(int(x[k]), int(x[k + 1])), slice(int(v[k]), int(v[k + 1]))) for k in range(len(steps))]
 
 
 @runtime_checkable
@@ -72,7 +79,7 @@ class Joint(Protocol):
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The joints that lead from F to G in a tree; several have one coordinate each, in order.
+        """The joints that lead from F to G in a tree, with their coordinates in order.
 
         None: the joint exists as constraints alone.
         """
@@ -114,6 +121,25 @@ class AlongAxis:
     def turn(self) -> FloatArray:
         """The axis as z."""
         return z_onto(self.axis)
+
+
+class CarriedBySteps:
+    """Base of joints that a tree can carry: what their steps say of their coordinates."""
+
+    @property
+    def start(self: Joint) -> tuple[float, ...]:
+        """Zeros, and (1, 0, 0, 0) for a quaternion."""
+        return tuple(value for step in self.steps for value in step.pair.start)
+
+    @property
+    def angular(self: Joint) -> tuple[bool, ...]:
+        """Of the coordinates that turn."""
+        return tuple(turns for step in self.steps for turns in step.pair.angular)
+
+    @property
+    def reversible(self: Joint) -> bool:
+        """Whether all steps are."""
+        return all(step.pair.reversible for step in self.steps)
 
 
 class ConstraintsAlone:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexmbd.multibody.joint.protocol import ALIGNED, TOGETHER, AlongAxis, Row, Step
-from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
+from flexmbd.multibody.joint.protocol import ALIGNED, TOGETHER, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Revolute(AlongAxis):
+class Revolute(AlongAxis, CarriedBySteps):
     """One rotation about ``axis``.
 
     Coordinate: the angle (rad) from F to G about the axis, right-handed.
@@ -22,9 +22,6 @@ class Revolute(AlongAxis):
 
     axis: Axis = "z"
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.REVOLUTE),)
-    start: ClassVar[tuple[float, ...]] = (0.0,)
+    steps: ClassVar[tuple[Step, ...]] = (Step(REVOLUTE),)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle",)
-    angular: ClassVar[tuple[bool, ...]] = (True,)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, *ALIGNED)

@@ -7,13 +7,14 @@ from typing import ClassVar
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
-from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, Row, Step
+from flexmbd.multibody.joint.kinematic_pair import screw
+from flexmbd.multibody.joint.protocol import ALIGNED, ON_AXIS, AlongAxis, CarriedBySteps, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis
 
 
 @dataclass(frozen=True)
-class Screw(AlongAxis):
+class Screw(AlongAxis, CarriedBySteps):
     """One rotation about ``axis`` that advances along it.
 
     Coordinate: the angle (rad) from F to G about the axis, right-handed, over any number of
@@ -32,15 +33,12 @@ class Screw(AlongAxis):
         if not is_number(self.pitch) or self.pitch == 0.0:
             raise SceneError(f"the pitch of a screw must be finite and not 0 (that is a Revolute), got {self.pitch!r}")
 
-    start: ClassVar[tuple[float, ...]] = (0.0,)
     velocity_names: ClassVar[tuple[str, ...]] = ("angle",)
-    angular: ClassVar[tuple[bool, ...]] = (True,)
-    reversible: ClassVar[bool] = True
 
     @property
     def steps(self) -> tuple[Step, ...]:
         """One screw."""
-        return (Step(kinds.SCREW, pitch=self.pitch),)
+        return (Step(screw(self.pitch)),)
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -8,13 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.joint.protocol import TOGETHER, FloatArray, Row, Step
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
+from flexmbd.multibody.joint.protocol import TOGETHER, CarriedBySteps, FloatArray, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
 
 
 @dataclass(frozen=True)
-class Universal:
+class Universal(CarriedBySteps):
     """A rotation about ``first``, fixed in F, then one about ``second``, fixed in G.
 
     Coordinates: the angle (rad) of the cross against F about the first axis, and that of G against
@@ -39,11 +40,8 @@ class Universal:
                 f"angles; the cosine between them is {cosine:.3g}"
             )
 
-    steps: ClassVar[tuple[Step, ...]] = (Step(kinds.REVOLUTE), Step(kinds.REVOLUTE, "x"))
-    start: ClassVar[tuple[float, ...]] = (0.0, 0.0)
+    steps: ClassVar[tuple[Step, ...]] = (Step(REVOLUTE), Step(REVOLUTE, "x"))
     velocity_names: ClassVar[tuple[str, ...]] = ("angle 1", "angle 2")
-    angular: ClassVar[tuple[bool, ...]] = (True, True)
-    reversible: ClassVar[bool] = True
     rows: ClassVar[tuple[Row, ...]] = (*TOGETHER, Row(kinds.ROW_DIRECTION, 6, "right angle of the cross"))
 
     @property

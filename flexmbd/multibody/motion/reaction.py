@@ -9,7 +9,6 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint, step_turn
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
 from flexmbd.multibody.kernels.reading.tree import joint_frame, outboard
@@ -90,6 +89,5 @@ def coordinate_force(joint: Joint, reaction: FloatArray) -> FloatArray:
     """(nt,) what reactions (nt, 6) do on the coordinate of a joint that has only one (N m or N)."""
     (step,) = joint.steps
     axis = (joint.turn @ step_turn(step, False))[:, 2]
-    if step.kind == kinds.PRISMATIC:
-        return reaction[:, :3] @ axis
-    return reaction[:, 3:] @ axis + step.pitch * (reaction[:, :3] @ axis)
+    turn, _, _, slide = step.pair.numbers[0]
+    return turn * (reaction[:, 3:] @ axis) + slide * (reaction[:, :3] @ axis)

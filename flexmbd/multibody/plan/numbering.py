@@ -12,9 +12,11 @@ from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.protocol import Joint, step_turn
+from flexmbd.multibody.joint.kinematic_pair import KinematicPair
+from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.physics.modal_moments import modal_moments
 from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
@@ -76,6 +78,7 @@ class Numbering:
         self.callbacks = callbacks
         self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
         self.data_size = 1
+        self.pairs: dict[KinematicPair, int] = {}
 
     def add_branch(self, branch: Branch, mass: list[float]) -> None:
         """Append a body with its inboard joint; steps but the last lead to massless links.
@@ -87,7 +90,7 @@ class Numbering:
         label = f"{body.name} (flying)" if connection is None else connection.name
         slots = self.add_joint(joint, label)
         order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
-        turns = [step_turn(step, branch.reversed) for step in joint.steps]
+        turns, places = [step_turn(step, branch.reversed) for step in joint.steps], step_slices(joint.steps)
         rows: dict[int, int] = {}
         inner_row = self.index.bodies[branch.inner.body]
         f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])
@@ -97,10 +100,11 @@ class Numbering:
                 g = self.add_frame(branch.outer, row, joint.turn @ turns[k])
             else:
                 g = self.add_body_frame(row, np.zeros(3), turns[k])
-            step = joint.steps[k]
-            pitch = self.add_data(np.array([step.pitch])) if step.kind == kinds.SCREW else 0
-            ends = [inner_row, step.kind, f, g, slots.x.start + k, slots.v.start + k]
-            self.tree.append([*ends, -1, -1, -1, pitch, kinds.FREE_ROTATION])
+            x, v = (slots.start + own.start for slots, own in zip((slots.x, slots.v), places[k], strict=True))
+            pair = joint.steps[k].pair
+            ends = [inner_row, pair.turning, f, g, x, v]
+            sizes = [len(pair.columns), len(pair.angular)]
+            self.tree.append([*ends, -1, -1, -1, self.add_pair(pair), kinds.FREE_ROTATION, *sizes])
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
             if after is not None:
@@ -163,6 +167,12 @@ class Numbering:
         self.data_size += values.size
         return offset
 
+    def add_pair(self, pair: KinematicPair) -> int:
+        """Offset of a pair's columns among the parameters; joints alike share them."""
+        if pair not in self.pairs:
+            self.pairs[pair] = self.add_data(pair.numbers) if pair.columns else 0
+        return self.pairs[pair]
+
     def add_modal(self, values: FloatArray) -> int:
         """Append numbers to the modal store; return their offset."""
         offset = self.modal_size
@@ -187,15 +197,12 @@ class Numbering:
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""
         n = record.n_modes
-        gram = record.gram
-        pair = gram[4:, 4:].reshape(n, 3, n, 3).transpose(0, 1, 3, 2).reshape(n, 9, n)
         damped = bool(record.damping.any())
         self.flex.append(
             [
                 n,
-                self.add_modal(gram[0, 4:]),
-                self.add_modal(gram[4:, 1:4]),
-                self.add_modal(pair),
+                self.add_modal(record.gram[0, 4:].reshape(n, 3).T),
+                self.add_modal(modal_moments(record.gram, n)),
                 self.add_modal(record.stiffness),
                 self.add_modal(record.damping) if damped else -1,
                 *self.add_stretch(record),

@@ -19,9 +19,6 @@ IntArray = NDArray[np.int64]
 _ROUND_OFF = 1e-15
 
 _AXIS = np.array([0.0, 0.0, 1.0])
-#: Joints that turn about no axis but z.
-_HINGES = (kinds.REVOLUTE, kinds.SCREW)
-_SLIDES = (kinds.FIXED, kinds.PRISMATIC)
 
 
 def classify_rotations(tree: IntArray, axes: Sequence[FloatArray | None], rigid: FloatArray) -> IntArray:
@@ -63,9 +60,9 @@ def _axis(
         return None
     before = _rotation(frames[f]).T @ parent  # in F
     after = _rotation(frames[row[at.FRAME_CHILD]])
-    if row[at.JOINT] in _SLIDES:
+    if row[at.JOINT_TURN] == kinds.TURN_NONE:
         return after @ before
-    if row[at.JOINT] in _HINGES and np.hypot(before[0], before[1]) <= 4.0 * _ROUND_OFF:
+    if row[at.JOINT_TURN] == kinds.TURN_ABOUT_Z and np.hypot(before[0], before[1]) <= 4.0 * _ROUND_OFF:
         return after @ _AXIS
     return None
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.time_function import as_row
 from flexmbd.multibody.joint.connection import Connection, motion_name
-from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
+from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling, coordinate_place
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Penalty
 from flexmbd.multibody.joint.protocol import Row
 from flexmbd.multibody.kernels.base import kinds
@@ -59,11 +59,10 @@ class RowTable:
     scaled: list[ScaledRow]
 
 
-#: The row that holds a joint's only coordinate, by the kind of its step.
+#: The row that holds a joint's only coordinate, by how its step turns.
 _COORDINATE = {
-    kinds.REVOLUTE: Row(kinds.ROW_ANGLE, 0, "prescribed angle"),
-    kinds.SCREW: Row(kinds.ROW_ANGLE, 0, "prescribed angle"),
-    kinds.PRISMATIC: Row(kinds.ROW_TRANSLATION, 2, "prescribed displacement"),
+    kinds.TURN_ABOUT_Z: Row(kinds.ROW_ANGLE, 0, "prescribed angle"),
+    kinds.TURN_NONE: Row(kinds.ROW_TRANSLATION, 2, "prescribed displacement"),
 }
 
 
@@ -85,7 +84,8 @@ def assemble_rows(b: Numbering, topology: Topology, couplings: Sequence[Coordina
                     f"{coupling.name}: joint {term.connection.name!r} is held by constraints and has no "
                     "coordinate to couple; ask for Way.COORDINATES"
                 )
-            values += [float(found[term.index]), term.share]
+            step, which = coordinate_place(term.connection.joint, term.index)
+            values += [float(found[step]), float(which), term.share]
         data = b.add_data(np.array(values))
         rows.table.append([-1, -1, kinds.ROW_COUPLING, 0, data, kinds.LEVEL_POSITION, -1, 0])
         rows.names.append(coupling.name)
@@ -103,7 +103,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
     if closure.motion is not None:
         what = motion_name(closure)
         time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)
-        held.append((_COORDINATE[joint.steps[0].kind], time))
+        held.append((_COORDINATE[joint.steps[0].pair.turning], time))
     for row, time in held:
         data = b.add_data(np.array(row.data)) if row.data else 0
         line = [f, g, row.kind, row.index, data, row.level, time, 0]

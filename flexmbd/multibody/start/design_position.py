@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.tree import tree_joints
@@ -48,7 +47,7 @@ def assemble_from_design(scene: CompiledScene, work: Work, x: FloatArray, held: 
     for slots in scene.index.modes.values():
         led[slots.v], design[slots.x] = False, x[slots.x]
     way = np.where(led, coordinate_values(scene, x) - coordinate_values(scene, design), 0.0)
-    hinges = [joint.v.start for joint in tree_joints(scene.plan) if joint.kind == kinds.REVOLUTE]
+    hinges = [joint.v.start for joint in tree_joints(scene.plan) if joint.is_hinge]
     way[hinges] -= 2.0 * np.pi * np.round(way[hinges] / (2.0 * np.pi))  # whole turns of a hinge are none
     place_flying(scene, work, design, np.zeros(scene.nv))
     if not way.any():

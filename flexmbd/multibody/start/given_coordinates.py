@@ -13,7 +13,6 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.pose import joint_state
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -143,18 +142,15 @@ def _measure(joint: Joint, R: FloatArray) -> FloatArray:
 
     ``R`` is R_FG.  Of several steps the last turns about an axis fixed in G, those before it about axes fixed in F.
     """
-    rows = []
+    rows: list[FloatArray] = [np.zeros((0, 6))]
     for k, step in enumerate(joint.steps):
-        axis = z_onto(step.axis)[:, 2]
-        if step.kind == kinds.SPHERICAL:
-            return np.hstack([np.zeros((3, 3)), R.T])
-        if step.kind == kinds.FREE:
-            return np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), R.T]])
-        if step.kind == kinds.PRISMATIC:
-            rows.append(np.concatenate([axis, np.zeros(3)]))
-        elif step.kind == kinds.SCREW:
-            rows.append(np.concatenate([axis / step.pitch, np.zeros(3)]))
-        elif step.kind == kinds.REVOLUTE:
-            turned = R @ axis if k > 0 and k == len(joint.steps) - 1 else axis
-            rows.append(np.concatenate([np.zeros(3), turned]))
-    return np.array(rows).reshape(-1, 6)
+        turn = z_onto(step.axis)
+        axis = R @ turn[:, 2] if k > 0 and k == len(joint.steps) - 1 else turn[:, 2]
+        for column in step.pair.numbers:
+            slide = turn @ column[1:]
+            # what slides is told by how far: of a screw that counts its turns as well
+            seen = [slide / (slide @ slide), np.zeros(3)] if slide.any() else [np.zeros(3), axis / column[0]]
+            rows.append(np.concatenate(seen)[None])
+        if step.pair.ball:
+            rows.append(np.hstack([np.zeros((3, 3)), turn.T @ R.T]))
+    return np.concatenate(rows)

@@ -1,7 +1,8 @@
 """Joints along the axes of their parent, which the recursion takes a shorter way, against the general way.
 
 Most machines are made of them: a hinge about z on a body whose own hinge is about z.  The two ways are run over the
-same machine, in every combination of two joints one on the other, of rigid and flexible bodies, of chain and branch.
+same machine, in every combination of two joints one on the other, of rigid and flexible bodies, of chain and branch,
+with loads and without.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def mark(body, p, R):
     return body.frame() if isinstance(body, fm.FlexibleBody) else body.frame(p=p, R=R)
 
 
-def machine(lower, upper, *, root="ball", second="rigid", shape="chain", tilt=None):
+def machine(lower, upper, *, root="ball", second="rigid", shape="chain", tilt=None, loaded=False):
     """Four bodies: ``root`` on the ground, then ``lower``, ``upper`` and a hinge; ``tilt`` turns the lower's frame.
 
     On a ball all of it turns in space; on a hinge all axes stay parallel.
@@ -63,6 +64,11 @@ def machine(lower, upper, *, root="ball", second="rigid", shape="chain", tilt=No
         if name.startswith("driven"):
             joint.prescribe(fm.Sine(0.3, 1.7, 0.4))
         bodies.append(body)
+        if loaded:
+            here = scene.ground.frame(p=(0.2 * k, -0.1, 0.3))
+            scene.add_force(fm.force.Bushing(here, outer, np.linspace(20.0, 40.0, 6), np.linspace(0.3, 0.1, 6)))
+            if len(joint.joint.velocity_names) == 1 and not name.startswith("driven"):
+                scene.add_force(fm.force.JointSpring(joint, 30.0, 0.2, 1.5))
     return scene.compile().scene
 
 
@@ -86,12 +92,13 @@ def answers(compiled, make, seed=3):
     return aw, a, moved, again
 
 
+@pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("second", ["rigid", "flexible"])
 @pytest.mark.parametrize("root", ROOTS)
-@pytest.mark.parametrize(("lower", "upper"), product(JOINTS, JOINTS))
-def test_the_short_way_is_the_general_one(lower, upper, root, second, shape):
-    compiled = machine(lower, upper, root=root, second=second, shape=shape)
+@pytest.mark.parametrize(("lower", "upper"), [*product(JOINTS, JOINTS)])
+def test_the_short_way_is_the_general_one(lower, upper, root, second, shape, loaded):
+    compiled = machine(lower, upper, root=root, second=second, shape=shape, loaded=loaded)
     short, *found = answers(compiled, lambda aw: aw)
     assert (short.link[root == "ball" :, to.FORM] <= to.ALIGNED).all()
     _, *expected = answers(compiled, general)

@@ -7,7 +7,6 @@ import pytest
 from mixed_machine import mixed_scene
 
 import flexmbd as fm
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
@@ -26,7 +25,7 @@ def state(compiled, seed):
 
 def free_rows(plan):
     """Offsets in x (of the quaternion) and v (of the linear velocity) of free joints."""
-    return [(row[at.JOINT_X] + 3, row[at.JOINT_V]) for row in plan.tree if row[at.JOINT] == kinds.FREE]
+    return [(row[at.JOINT_X] + 3, row[at.JOINT_V]) for row in plan.tree if row[at.JOINT_SIZE] == 6]
 
 
 def lagrangian(compiled, x, v):

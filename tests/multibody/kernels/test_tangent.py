@@ -285,5 +285,6 @@ def test_weights_add_up():
 
 
 def test_joint_kinds_are_all_there():
-    found = set(mixed_scene()[0].compile().scene.plan.tree[:, at.JOINT])
-    assert found == {kinds.FIXED, kinds.REVOLUTE, kinds.PRISMATIC, kinds.SPHERICAL, kinds.FREE}
+    found = set(map(tuple, mixed_scene()[0].compile().scene.plan.tree[:, [at.JOINT_TURN, at.JOINT_ADDS]].tolist()))
+    none, about_z, ball = kinds.TURN_NONE, kinds.TURN_ABOUT_Z, kinds.TURN_BALL
+    assert found == {(none, 0), (about_z, 1), (none, 1), (ball, 0), (ball, 3)}

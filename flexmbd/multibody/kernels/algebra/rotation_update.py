@@ -41,10 +41,8 @@ def coordinate_slots(plan: Plan) -> tuple[IntArray, IntArray]:
     found = []
     rows: Any = plan.tree.tolist()
     for row in rows:
-        if row[at.JOINT] == kinds.SPHERICAL:
-            found.append((row[at.JOINT_X], row[at.JOINT_V]))
-        elif row[at.JOINT] == kinds.FREE:
-            found.append((row[at.JOINT_X] + 3, row[at.JOINT_V] + 3))
+        if row[at.JOINT_TURN] == kinds.TURN_BALL:
+            found.append((row[at.JOINT_X] + row[at.JOINT_ADDS], row[at.JOINT_V] + row[at.JOINT_ADDS]))
     nv = len(plan.free) + len(plan.driven)
     quaternions = np.array(found, np.int64).reshape(-1, 2)
     if not found:

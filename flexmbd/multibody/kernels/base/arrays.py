@@ -58,6 +58,7 @@ class Plan(ArrayStruct):
 class Work(ArrayStruct):
     """Scratch arrays of one evaluation; written before they are read.
 
+    moments: (15, n) the table of moments of the reduced body at hand, see ``physics.modal_moments``.
     time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
     generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
     """
@@ -66,6 +67,7 @@ class Work(ArrayStruct):
     frame: FloatArray
     time: FloatArray
     generalized: FloatArray
+    moments: FloatArray
 
 
 def new_work(plan: Plan) -> Work:
@@ -75,4 +77,5 @@ def new_work(plan: Plan) -> Work:
         np.zeros((len(plan.frames), at.N_FRAME_WORK)),
         np.zeros((len(plan.times) + 1, 3)),
         np.zeros(len(plan.free) + len(plan.driven)),
+        np.zeros((at.N_MOMENTS, int(plan.flex[:, at.N_MODES].max(initial=0)))),
     )

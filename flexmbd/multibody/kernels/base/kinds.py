@@ -6,8 +6,9 @@ order.  Force elements: ``elements.table``.
 
 from __future__ import annotations
 
-# Joint kinds.
-FIXED, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SCREW = range(6)
+# How a joint lets its outer frame turn: not at all, about the z axis that both frames share, or about any axis, by a
+# quaternion.
+TURN_NONE, TURN_ABOUT_Z, TURN_BALL = range(3)
 
 # How a body's frame may rotate, decided from the joints between it and the ground.
 # NONROTATING: it keeps its orientation.  BALANCED_ROTATION: about one axis fixed in the body that is a principal one,
@@ -26,7 +27,9 @@ ROW_SCREW = 4  # d[2] - pitch angle = 0, to the nearest turn; data: pitch (m/rad
 ROW_DISTANCE = 5  # |d| = L; data: L (m)
 ROW_TOUCH = 6  # the rim of a disc about n in the plane z = 0; data: its radius (m)
 ROW_ROLL = 7  # the touching point's velocity along axis index of F = 0 (velocity level); data: the radius
-ROW_COUPLING = 8  # sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, r_k) ...
+# sum r_k x_k = c over coordinates of the tree, no frames; data: their number, c, (tree row, which of its joint's
+# coordinates that add, r_k) ...
+ROW_COUPLING = 8
 ROWS_IN_RAD = (ROW_DIRECTION, ROW_AXIS, ROW_ANGLE)  # their multipliers are moments, those of the others forces
 # What a row holds: positions, or velocities alone.
 LEVEL_POSITION, LEVEL_VELOCITY = range(2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 # Columns of Plan.tree, one row a body, parents before children.  The inner links of a joint of several steps are
 # rows of no mass.
 PARENT = 0  # row of the parent body, -1 the ground
-JOINT = 1  # joint kind of the inboard joint
+JOINT_TURN = 1  # how the inboard joint turns: kinds.TURN_NONE to kinds.TURN_BALL
 FRAME_PARENT = 2  # row of Plan.frames: the joint's frame on the parent
 FRAME_CHILD = 3  # row of Plan.frames: the joint's frame on this body
 JOINT_X = 4  # first entry of the joint in the configuration x
@@ -13,9 +13,11 @@ JOINT_V = 5  # first entry of the joint in the velocity v
 FLEX = 6  # row of Plan.flex, -1 for a rigid body
 MODAL_X = 7  # first entry of q in x
 MODAL_V = 8  # first entry of q's rate in v
-JOINT_DATA = 9  # offset in Plan.data of a screw's pitch (m/rad); 0, where a zero lies, for all other joints
+JOINT_DATA = 9  # offset in Plan.data of the turn and slide of each coordinate that adds, see physics.joints
 ROTATION = 10  # how the body's frame may rotate: kinds.NONROTATING to kinds.FREE_ROTATION
-N_TREE = 11
+JOINT_ADDS = 11  # how many of the joint's coordinates add; a ball's quaternion follows them
+JOINT_SIZE = 12  # number of the joint's velocities: those that add, and a ball's three
+N_TREE = 13
 
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
@@ -29,16 +31,15 @@ MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
 
 # Columns of Plan.flex: number of modes and offsets in Plan.modal.
 N_MODES = 0
-MODAL_FIRST = 1  # (n, 3) integral of rho phi_i
-MODAL_SECOND = 2  # (n, 9) integral of rho phi_i x^T
-MODAL_PAIR = 3  # (n, 9, n) integral of rho phi_i,a phi_j,b at [i, 3 a + b, j]
-MODAL_STIFFNESS = 4  # (n,) diagonal of K_qq
-MODAL_DAMPING = 5  # (n, n) D_qq, or -1 where it is zero
+MODAL_FIRST = 1  # (3, n) integrals of rho phi_i
+MODAL_MOMENTS = 2  # (1 + n, 9, n) moments of the modes with x and with each mode, see physics.modal_moments
+MODAL_STIFFNESS = 3  # (n,) diagonal of K_qq
+MODAL_DAMPING = 4  # (n, n) D_qq, or -1 where it is zero
 # Rows of stretch: a membrane strain's slope c (n), and the lower triangle of its C (n (n + 1) / 2); their number, 0
 # where there are none.
-STRETCH = 6
-N_STRETCH = 7
-N_FLEX = 8
+STRETCH = 5
+N_STRETCH = 6
+N_FLEX = 7
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
 # parameters in Plan.data, whether it holds positions or velocities alone, the function of time (-1: none) that is
@@ -70,8 +71,11 @@ B_W, B_V = 12, 15  # w_WB_B, velocity of B's origin in B's axes
 B_DW, B_A = 18, 21  # angular acceleration; acceleration of the origin minus gravity; in B
 B_F, B_T = 24, 27  # wrench about B's origin that the motion requires, in B
 B_JOINT_P, B_JOINT_R = 30, 33  # p_FG_F and R_FG of the inboard joint
-B_COORDINATE = 42  # coordinate of an inboard joint that has one, its rate and its acceleration
-N_BODY_WORK = 45
+B_COORDINATE = 42  # the coordinates of the inboard joint that add, four at most: each with its rate and acceleration
+N_BODY_WORK = 54
+
+# Rows of Work.moments, see physics.modal_moments.
+N_MOMENTS = 15
 
 # Columns of Work.frame.
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
@@ -26,7 +25,8 @@ FREEDOMS = 4  # coordinates that are eliminated: 0 for a fixed or prescribed joi
 FLEX = 5  # row of ArticulatedWork.flex, -1 for a rigid body
 INTERFACE = 6  # row of ArticulatedWork.interface where the parent's frame deforms, else -1
 SUBSPACE = 7  # row of ArticulatedWork.subspace, -1 for a joint of one coordinate or none
-N_LINK = 8
+ADDS = 8  # coordinates of the joint that add; MULTI_DOF with none is a ball
+N_LINK = 9
 
 # FORM.  PLAIN: a hinge with F along the parent's axes, on a rigid body that carries no child but the next row.
 # ALIGNED: one coordinate at most, F along the axes of a rigid parent.  TURNED: one coordinate at most.
@@ -52,12 +52,8 @@ P_R, P_P, P_BIAS, P_OWN_BIAS, P_ANGULAR, P_LINEAR, N_POSE = 0, 9, 12, 15, 18, 21
 # Columns of ArticulatedWork.gathered: A, B, M and the bias force of the children, summed.
 G_A, G_B, G_M, G_TORQUE, G_FORCE, N_GATHERED = 0, 6, 15, 21, 24, 27
 
-# Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many, offset in pairs.
-F_MODES, F_FLEX, F_BODY, F_FIRST, F_COUNT, F_PAIRS, N_FLEXIBLE = range(7)
-
-# Rows of ArticulatedWork.table, one column a mode: symmetric part of the mode's first moments (xx .. zz); torque and
-# force per unit modal acceleration, six rows; vector of the skew part of the moments with the modes' rates.
-T_COUPLING, N_TABLE = 6, 15
+# Columns of ArticulatedWork.flex: modes, row in Plan.flex and Plan.tree, first interface, how many.
+F_MODES, F_FLEX, F_BODY, F_FIRST, F_COUNT, N_FLEXIBLE = range(6)
 
 # Columns of ArticulatedWork.body, one row a flexible body: its rigid inertia and bias wrench in B.
 B_INERTIA, B_FIRST, B_TORQUE, B_FORCE, N_BODY = 0, 6, 9, 12, 15
@@ -84,8 +80,7 @@ class ArticulatedWork(ArrayStruct):
     link, constant, axes: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.
     subspace (k, 3, 6, 6), force (k, 6): S, U, D of joints of several coordinates, and u.
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
-    pairs: for each flexible body (1 + n, 9, n), the symmetric parts and the skew parts' vectors of its modes' first
-    moments with x and with each mode.  table (f, 15, n): the same of the deformed body, see N_TABLE.
+    table (f, 15, n): moments of the deformed bodies, see ``physics.modal_moments``.
     bias, modal_acceleration (f, n): modal bias forces; accelerations of the modes without interface wrenches.
     inertia_root, turned_root, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children
     on c frames that deform, see ``interface_elimination``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S;
@@ -106,7 +101,6 @@ class ArticulatedWork(ArrayStruct):
     body: FloatArray
     interface: FloatArray
     interface_frame: IntArray
-    pairs: FloatArray
     table: FloatArray
     bias: FloatArray
     modal_acceleration: FloatArray
@@ -121,13 +115,6 @@ class ArticulatedWork(ArrayStruct):
     required: FloatArray
     zeros: FloatArray
     planar: IntArray
-
-
-def _motion_subspace(kind: int, pitch: float) -> tuple[float, float] | None:
-    """Turn and shift per unit of the coordinate, both about z; None for a joint of several coordinates."""
-    slide, turn = (0.0, 1.0), (1.0, 0.0)
-    known = {kinds.FIXED: (0.0, 0.0), kinds.REVOLUTE: turn, kinds.PRISMATIC: slide, kinds.SCREW: (1.0, pitch)}
-    return known.get(kind)
 
 
 def new_articulated_work(plan: Plan) -> ArticulatedWork:
@@ -146,25 +133,27 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     _place_bodies(plan, constants, axes)
     level = (axes[:, X_R : X_R + 9].reshape(-1, 3, 3) == _IDENTITY).all(axis=(1, 2)).tolist()
     for i, tree in enumerate(rows):
-        kind = tree[at.JOINT]
+        adds, size = tree[at.JOINT_ADDS], tree[at.JOINT_SIZE]
         slot = slot_of.get(tree[at.FRAME_PARENT], -1)
-        subspace = _motion_subspace(kind, plan.data[tree[at.JOINT_DATA]])
-        if subspace is not None:
-            constants[i, C_TURN : C_TURN + 2] = subspace
+        if size <= 1:
+            if size == 1:  # a pair of one coordinate turns and slides about z alone
+                turn, _, _, shift = plan.data[tree[at.JOINT_DATA] :][:4]
+                constants[i, C_TURN], constants[i, C_SHIFT] = turn, shift
             subspace_row = -1
             form = ALIGNED if level[i] and slot < 0 else TURNED
-            freedoms = 0 if kind == kinds.FIXED or tree[at.JOINT_V] in driven else 1
-            if form == ALIGNED and kind == kinds.REVOLUTE and freedoms == 1 and i not in flex_of and i not in apart:
+            freedoms = 0 if tree[at.JOINT_V] in driven else size
+            hinge = freedoms == 1 and constants[i, C_TURN] == 1.0 and constants[i, C_SHIFT] == 0.0
+            if form == ALIGNED and hinge and i not in flex_of and i not in apart:
                 form = PLAIN
         else:
-            form, subspace_row, freedoms = MULTI_DOF, multi_dof, 3 if kind == kinds.SPHERICAL else 6
+            form, subspace_row, freedoms = MULTI_DOF, multi_dof, size
             multi_dof += 1
         links[i] = [
-            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot, subspace_row
+            tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot,
+            subspace_row, adds,
         ]  # fmt: skip
     modes = int(flex[:, F_MODES].max(initial=0))
-    pairs, table = _modal_moments(plan, flex, modes)
-    coupled, mobility = _frame_moments(plan, flex, interface_frames, table)
+    coupled, mobility = _frame_moments(plan, flex, interface_frames)
     wide = mobility.shape[1]
     nv = len(plan.free) + len(plan.driven)
     zeros = np.zeros
@@ -181,8 +170,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         body=zeros((len(flex), N_BODY)),
         interface=zeros((len(interface_frames), N_INTERFACE)),
         interface_frame=np.array(interface_frames, np.int64),
-        pairs=pairs,
-        table=table,
+        table=zeros((len(flex), at.N_MOMENTS, modes)),
         bias=zeros((len(flex), modes)),
         modal_acceleration=zeros((len(flex), modes)),
         inertia_root=zeros((len(flex), wide, 6)),
@@ -217,59 +205,30 @@ def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
     """Rows of ArticulatedWork.flex, and the frames of all interfaces body by body."""
     rows: list[list[int]] = []
     frames: list[int] = []
-    offset = 0
     for i, tree in enumerate(plan.tree):
         if tree[at.FLEX] < 0:
             continue
         carriers = [int(f) for f in plan.tree[plan.tree[:, at.PARENT] == i, at.FRAME_PARENT]]
         deforming = [f for f in carriers if plan.frame_of[f, at.FRAME_MODES] >= 0]
         modes = int(plan.flex[tree[at.FLEX], at.N_MODES])
-        rows.append([modes, int(tree[at.FLEX]), i, len(frames), len(deforming), offset])
+        rows.append([modes, int(tree[at.FLEX]), i, len(frames), len(deforming)])
         frames.extend(deforming)
-        offset += 9 * modes * (modes + 1)
     return np.array(rows, np.int64).reshape(-1, N_FLEXIBLE), frames
 
 
-def _modal_moments(plan: Plan, flex: IntArray, modes: int) -> tuple[FloatArray, FloatArray]:
-    """Fill ArticulatedWork.pairs, and the constant rows of ArticulatedWork.table."""
-    blocks: list[FloatArray] = [np.zeros(0)]
-    table = np.zeros((len(flex), N_TABLE, modes))
-    for k, row in enumerate(flex):
-        n, offsets = int(row[F_MODES]), plan.flex[row[F_FLEX]]
-        first = plan.modal[offsets[at.MODAL_FIRST] :][: 3 * n].reshape(n, 3)
-        table[k, T_COUPLING + 3 : T_COUPLING + 6, :n] = first.T
-        # [mode, component a b, with what]: x first, then each mode
-        of_x = plan.modal[offsets[at.MODAL_SECOND] :][: 9 * n].reshape(n, 3, 3).transpose(1, 2, 0)
-        of_modes = plan.modal[offsets[at.MODAL_PAIR] :][: 9 * n * n].reshape(n, 3, 3, n)
-        for moments in (of_x, *of_modes):
-            blocks.append(np.concatenate([_symmetric_part(moments), _skew_vector(moments)]).ravel())
-    return np.concatenate(blocks), table
-
-
-def _frame_moments(
-    plan: Plan, flex: IntArray, frames: list[int], table: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _frame_moments(plan: Plan, flex: IntArray, frames: list[int]) -> tuple[FloatArray, FloatArray]:
     """ArticulatedWork.coupled, its columns of translation, and ArticulatedWork.mobility."""
     wide = 6 * int(flex[:, F_COUNT].max(initial=0))
     coupled, mobility = np.zeros((len(flex), wide, 6)), np.zeros((len(flex), wide, wide))
     for k, row in enumerate(flex):
         n, first, size = int(row[F_MODES]), int(row[F_FIRST]), 6 * int(row[F_COUNT])
+        force = int(plan.flex[row[F_FLEX], at.MODAL_FIRST])
         offsets = [int(plan.frame_of[f, at.FRAME_MODES]) for f in frames[first : first + row[F_COUNT]]]
         modes = [plan.modal[o : o + 6 * n].reshape(2, 3, n)[::-1].reshape(6, n) for o in offsets]
         motion = np.concatenate([np.zeros((0, n)), *modes])
-        coupled[k, :size, 3:] = motion @ table[k, T_COUPLING + 3 : T_COUPLING + 6, :n].T
+        coupled[k, :size, 3:] = motion @ plan.modal[force : force + 3 * n].reshape(3, n).T
         mobility[k, :size, :size] = motion @ motion.T
     return coupled, mobility
-
-
-def _symmetric_part(moments: FloatArray) -> FloatArray:
-    """(xx, xy, xz, yy, yz, zz) of (3, 3, n)."""
-    return (0.5 * (moments + moments.transpose(1, 0, 2)))[np.triu_indices(3)]
-
-
-def _skew_vector(moments: FloatArray) -> FloatArray:
-    """Integral of r x phi from that of phi r^T, (3, 3, n)."""
-    return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
 
 
 def _place_bodies(plan: Plan, constants: FloatArray, axes: FloatArray) -> None:

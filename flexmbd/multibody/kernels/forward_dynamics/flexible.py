@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     store9,
 )
-from flexmbd.multibody.kernels.algebra.spatial import add6, load6, skew, store6, sub6, sub9, symmetric_times
+from flexmbd.multibody.kernels.algebra.spatial import load6, skew, store6, sub6, sub9
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import TUPLE3, deferred_kernel
@@ -34,16 +34,14 @@ from flexmbd.multibody.kernels.forward_dynamics.interface_elimination import (
     interface_wrenches,
 )
 from flexmbd.multibody.kernels.forward_dynamics.modes import (
-    first_moments,
     free_modal_accelerations,
     modes_schur,
     modes_wrench,
-    second_moments,
-    spin_forces,
-    sum_pairs,
 )
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
+from flexmbd.multibody.kernels.physics.modal_moments import COUPLING
+from flexmbd.multibody.kernels.physics.reduced_inertia import add_velocity_forces, deform_body
 
 
 @kernel
@@ -98,27 +96,19 @@ def prepare_body(plan, aw, k, x, v, w):
     qd = v[qv : qv + n]
     bias = aw.bias[k]
     table = aw.table[k]
-    coupling = table[to.T_COUPLING : to.T_COUPLING + 6]
     for j in range(n):
         bias[j] = aw.required[qv + j]
     elastic_forces(plan.modal, flex, q, qd, aw.modal_acceleration[k], bias)
-    o = info[to.F_PAIRS]
+    i = info[to.F_BODY]
     spins = w[0] != 0.0 or w[1] != 0.0 or w[2] != 0.0
-    sum_pairs(aw.pairs, o, n, q, qd, spins, table)
-    constant = aw.constant[info[to.F_BODY]]
-    xx, xy, xz, yy, yz, zz = second_moments(aw.pairs, o, n, q, table)
-    inertia = load6(constant, to.C_INERTIA)
-    inertia = add6(inertia, (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy))
-    first = add3(load3(constant, to.C_FIRST), first_moments(coupling, n, q))
+    second, first = deform_body(plan, i, q, qd, spins, table)
     torque = (0.0, 0.0, 0.0)
     force = torque
     if spins:
-        torque = spin_forces(n, w, qd, table, coupling, bias)
-        torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
-        coriolis = scale3(2.0, first_moments(coupling, n, qd))
-        force = cross3(w, add3(cross3(w, first), coriolis))
+        torque, force = add_velocity_forces(plan, i, w, qd, second, first, table, bias)
     row = aw.body[k]
-    store6(row, to.B_INERTIA, inertia)
+    xx, xy, xz, yy, yz, zz = second
+    store6(row, to.B_INERTIA, (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy))
     store3(row, to.B_FIRST, first)
     store3(row, to.B_TORQUE, torque)
     store3(row, to.B_FORCE, force)
@@ -129,7 +119,7 @@ def eliminate_modes(plan, aw, k):
     """Blocks A, B, M of flexible body k about B with its modes eliminated (a, b, m)."""
     info = aw.flex[k]
     row = aw.body[k]
-    coupling = aw.table[k, to.T_COUPLING : to.T_COUPLING + 6]
+    coupling = aw.table[k, COUPLING : COUPLING + 6]
     a, b, m = modes_schur(coupling, info[to.F_MODES])
     mass = aw.constant[info[to.F_BODY], to.C_MASS]
     a = sub6(load6(row, to.B_INERTIA), a)
@@ -149,7 +139,7 @@ def modal_wrench(plan, aw, k, share):
     info = aw.flex[k]
     n = info[to.F_MODES]
     bias = aw.bias[k]
-    torque, force = modes_wrench(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], bias, n)
+    torque, force = modes_wrench(aw.table[k, COUPLING : COUPLING + 6], bias, n)
     if info[to.F_COUNT] > 0:
         more_torque, more_force = child_bias_wrench(plan, aw, k, share)
         torque = add3(torque, more_torque)
@@ -165,7 +155,7 @@ def accelerate_modes(plan, aw, k, angular, linear, share, a):
     qv = plan.tree[info[to.F_BODY], at.MODAL_V]
     modal = plan.modal
     qdd = a[qv : qv + n]
-    free_modal_accelerations(aw.table[k, to.T_COUPLING : to.T_COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
+    free_modal_accelerations(aw.table[k, COUPLING : COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
     count = info[to.F_COUNT]
     if count == 0:
         return

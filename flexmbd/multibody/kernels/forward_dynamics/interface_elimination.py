@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.modes import three_sums
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
+from flexmbd.multibody.kernels.physics.modal_moments import COUPLING
 
 # A pivot below this share of the inertia's size before its joint was eliminated is the joint's free direction.
 _FREE_PIVOT = 1e-13
@@ -188,7 +189,7 @@ def add_child_inertia(plan, aw, k, a, b, m):
     n = info[to.F_MODES]
     first = info[to.F_FIRST]
     count = info[to.F_COUNT]
-    rotations = aw.table[k, to.T_COUPLING : to.T_COUPLING + 3]
+    rotations = aw.table[k, COUPLING : COUPLING + 3]
     for s in range(count):
         o = 6 * s
         row = aw.interface[first + s]

@@ -1,4 +1,4 @@
-"""Joints of several coordinates, spherical and free ones, in the articulated-body recursion.
+"""Joints of several coordinates in the articulated-body recursion.
 
 S is the motion subspace of the joint, the motion of G per unit of each velocity, I the articulated inertia of the
 child and D = S^T I S = L L^T.  Eliminating the joint leaves I - I S D^-1 S^T I and the bias force for the parent
@@ -13,20 +13,18 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, rotate, rot
 from flexmbd.multibody.kernels.algebra.spatial import load6, store6, subtract_outer, symmetric_times
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.physics.joints import joint_column
 
 
 @kernel
-def set_motion_subspace(S, freedoms, R_FG):
+def set_motion_subspace(S, freedoms, adds, data, o, R_FG):
     """Write the motion subspace S of a joint of several coordinates: motion of G (angular, linear; G's axes)."""
-    for i in range(6):
-        for j in range(6):
-            S[i, j] = 0.0
-    o = freedoms - 3
-    for i in range(3):
-        S[i, o + i] = 1.0
-        if freedoms == 6:
-            for j in range(3):
-                S[3 + i, j] = R_FG[3 * j + i]
+    for k in range(freedoms):
+        angular, linear = joint_column(adds, data, o, k)
+        linear = rotate_back(R_FG, linear)
+        for i in range(3):
+            S[i, k] = angular[i]
+            S[3 + i, k] = linear[i]
 
 
 @kernel
@@ -36,7 +34,7 @@ def eliminate_multi_dof_joint(aw, link, a, b, m, torque, force):
     D = S^T I S = L L^T; Q = L^-1 S^T I takes the place of U^T.
     """
     n = link[to.FREEDOMS]
-    if n == 3:
+    if link[to.ADDS] == 0:
         _factor_spherical(aw, link, a, b, torque)
     else:
         _factor_joint_inertia(aw, link, a, b, m, torque, force)
@@ -170,7 +168,7 @@ def accelerate_multi_dof_joint(aw, link, dw, acc, out):
     """Accelerations of a joint of several coordinates, written to ``out``; those of G with them."""
     S, Q, D = aw.subspace[link[to.SUBSPACE], 0], aw.subspace[link[to.SUBSPACE], 1], aw.subspace[link[to.SUBSPACE], 2]
     n = link[to.FREEDOMS]
-    if n == 3:
+    if link[to.ADDS] == 0:
         return _accelerate_spherical(aw, link, dw, acc, out), acc
     joint_force = aw.force[link[to.SUBSPACE]]
     o = link[to.JOINT_V]

@@ -79,10 +79,12 @@ def _propagate_velocity(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
         p = (0.0, 0.0, slide * position)
         R_FG = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
         if link[i, to.FORM] == to.MULTI_DOF:
-            kind = plan.tree[i, at.JOINT]
-            p, R_FG = joint_pose(kind, 0.0, x, link[i, to.JOINT_X])
-            p_dot, relative = joint_motion(kind, 0.0, v, link[i, to.JOINT_V])
-            set_motion_subspace(aw.subspace[link[i, to.SUBSPACE], 0], link[i, to.FREEDOMS], R_FG)
+            turns = plan.tree[i, at.JOINT_TURN]
+            adds = link[i, to.ADDS]
+            o = plan.tree[i, at.JOINT_DATA]
+            p, R_FG = joint_pose(turns, adds, plan.data, o, x, link[i, to.JOINT_X])
+            p_dot, relative = joint_motion(turns, adds, plan.data, o, v, link[i, to.JOINT_V])
+            set_motion_subspace(aw.subspace[link[i, to.SUBSPACE], 0], link[i, to.FREEDOMS], adds, plan.data, o, R_FG)
         R_AG = compose(R, R_FG)
         r = add3(r, rotate(R, p))
         bias = rotate_back(R_AG, cross3(w, add3(cross3(w, r), scale3(2.0, rotate(R, p_dot)))))

@@ -33,8 +33,8 @@ def round_axes(plan: Plan, quaternions: IntArray) -> FloatArray:
     """
     axes = np.zeros((len(quaternions), 3))
     for k, (in_x, _) in enumerate(quaternions):
-        start = plan.tree[:, at.JOINT_X] + 3 * (plan.tree[:, at.JOINT] == kinds.FREE)
-        turning = np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE))
+        start = plan.tree[:, at.JOINT_X] + plan.tree[:, at.JOINT_ADDS]
+        turning = plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL
         i = int(np.flatnonzero((start == in_x) & turning)[0])
         if plan.tree[i, at.FLEX] < 0 and not (plan.tree[:, at.PARENT] == i).any():
             axes[k] = _axis(*body_about_joint(plan, i)[1:])

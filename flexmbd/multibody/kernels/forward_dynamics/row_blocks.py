@@ -17,9 +17,6 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 
-#: Velocities of a joint, by its kind; one of those not named.
-JOINT_VELOCITIES = {kinds.FIXED: 0, kinds.SPHERICAL: 3, kinds.FREE: 6}
-
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
@@ -44,7 +41,7 @@ def row_bodies(plan: Plan, row: IntArray) -> tuple[int, ...]:
     """Tree rows of the bodies, -1 for the ground, that a constraint row is about."""
     if row[at.ROW_KIND] == kinds.ROW_COUPLING:
         o = row[at.ROW_DATA]
-        return tuple(int(b) for b in plan.data[o + 2 :: 2][: int(plan.data[o])])
+        return tuple(int(b) for b in plan.data[o + 2 :: 3][: int(plan.data[o])])
     return int(plan.frame_of[row[at.ROW_F], at.FRAME_BODY]), int(plan.frame_of[row[at.ROW_G], at.FRAME_BODY])
 
 
@@ -105,7 +102,7 @@ def _velocities(plan: Plan) -> list[list[int]]:
     trees: Any = plan.tree.tolist()
     for tree in trees:
         first = tree[at.JOINT_V]
-        count = JOINT_VELOCITIES.get(tree[at.JOINT], 1)
+        count = tree[at.JOINT_SIZE]
         own = [*range(first, first + count)]
         if tree[at.FLEX] >= 0:
             own += range(tree[at.MODAL_V], tree[at.MODAL_V] + int(plan.flex[tree[at.FLEX], at.N_MODES]))

@@ -25,13 +25,12 @@ from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
 from flexmbd.multibody.kernels.forward_dynamics.row_blocks import (
-    JOINT_VELOCITIES,
     block_bounds,
     bodies_on_paths,
     row_blocks,
     row_bodies,
 )
-from flexmbd.multibody.kernels.inverse_dynamics.closure import load_relative, relative_pose
+from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, load_relative, relative_pose
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces
@@ -73,7 +72,7 @@ def new_row_paths(plan: Plan) -> RowPaths:
     slots = np.zeros((len(plan.tree), 5), np.int64)
     trees: Any = plan.tree.tolist()
     for i, tree in enumerate(trees):
-        count = JOINT_VELOCITIES.get(tree[at.JOINT], 1)
+        count = tree[at.JOINT_SIZE]
         slots[i, :3] = tree[at.JOINT_V], count, 0 if tree[at.JOINT_V] in driven else count
         if tree[at.FLEX] >= 0:
             slots[i, 3:] = tree[at.MODAL_V], plan.flex[tree[at.FLEX], at.N_MODES]
@@ -165,7 +164,8 @@ def _unit_reaction(plan, work, paths, i):
     if row[at.ROW_KIND] == kinds.ROW_COUPLING:
         o = row[at.ROW_DATA]
         for k in range(int(plan.data[o])):
-            out[plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]] += plan.data[o + 3 + 2 * k]
+            v, share = coupling_term(plan, o, k)
+            out[v] += share
         return
     f = row[at.ROW_F]
     g = row[at.ROW_G]

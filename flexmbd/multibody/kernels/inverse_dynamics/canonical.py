@@ -39,14 +39,15 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward_forces, forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
-from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, flexible_inertia, rigid_second_moment
-from flexmbd.multibody.kernels.physics.joints import joint_force, joint_size
+from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
+from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
+from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
 
 _ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
-def _body_momentum(plan, i, x, v, none, row, out):
+def _body_momentum(plan, work, i, x, v, none, row, out):
     """Write the momentum of body i about its origin as its wrench, and its modal momenta.
 
     The momentum is the wrench that the velocities would require as accelerations from rest.
@@ -61,18 +62,19 @@ def _body_momentum(plan, i, x, v, none, row, out):
         first = load3(rigid, at.FIRST_MOMENT)
         add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
     else:
-        _modal_momentum(plan, i, x, v, none, row, out)
+        _modal_momentum(plan, work, i, x, v, none, row, out)
     store3(row, at.B_W, w)
 
 
 @deferred_kernel()
-def _modal_momentum(plan, i, x, v, none, row, out):
+def _modal_momentum(plan, work, i, x, v, none, row, out):
     """``_body_momentum`` of flexible body i, whose work row is that of a body at rest."""
     tree = plan.tree[i]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     qx = tree[at.MODAL_X]
     qv = tree[at.MODAL_V]
-    flexible_inertia(plan, i, x[qx : qx + n], none[:n], v[qv : qv + n], row, out[qv : qv + n])
+    q, turning = x[qx : qx + n], kinds.FREE_ROTATION
+    flexible_inertia(plan, work.moments, i, q, none[:n], v[qv : qv + n], turning, row, out[qv : qv + n])
 
 
 @entry_kernel
@@ -80,7 +82,7 @@ def momenta(plan, work, x, v, none, out):
     """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
     forward_kinematics(plan, work, x, v, none)
     for i in range(plan.tree.shape[0]):
-        _body_momentum(plan, i, x, v, none, work.body[i], out)
+        _body_momentum(plan, work, i, x, v, none, work.body[i], out)
     backward_forces(plan, work, out)
 
 
@@ -90,9 +92,8 @@ def _first_moment(plan, i, x):
     first = load3(plan.rigid[i], at.FIRST_MOMENT)
     tree = plan.tree[i]
     if tree[at.FLEX] >= 0:
-        flex = plan.flex[tree[at.FLEX]]
-        for j in range(flex[at.N_MODES]):
-            first = add3(first, scale3(x[tree[at.MODAL_X] + j], load3(plan.modal, flex[at.MODAL_FIRST] + 3 * j)))
+        qx = tree[at.MODAL_X]
+        first = deformed_first_moment(plan, i, x[qx : qx + plan.flex[tree[at.FLEX], at.N_MODES]])
     return first
 
 
@@ -132,7 +133,7 @@ def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
-        _body_momentum(plan, i, x, v, none, row, p)
+        _body_momentum(plan, work, i, x, v, none, row, p)
         for k in range(6):
             wrench[i, k] = row[at.B_F + k]
         weight = rotate_back(load9(row, at.B_R), scale3(-1.0, g))
@@ -155,9 +156,10 @@ def _write_modal_gradient(plan, work, i, x, v, half, none, weight, out):
     store3(row, at.B_DW, _ZERO)
     store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
     force = out[qv : qv + n]
-    flexible_inertia(plan, i, x[qx : qx + n], half[qv : qv + n], none[:n], row, force)
+    q, turning = x[qx : qx + n], kinds.FREE_ROTATION
+    flexible_inertia(plan, work.moments, i, q, half[qv : qv + n], none[:n], turning, row, force)
     scratch = work.generalized[qv : qv + n]
-    elastic_forces(plan.modal, flex, x[qx : qx + n], v[qv : qv + n], scratch, force)
+    elastic_forces(plan.modal, flex, q, v[qv : qv + n], scratch, force)
 
 
 @kernel
@@ -216,8 +218,9 @@ def _propagate_momenta(plan, work, v, wrench, p, part, out):
     for i in range(plan.tree.shape[0] - 1, -1, -1):
         tree = plan.tree[i]
         row = work.body[i]
-        kind = tree[at.JOINT]
-        pitch = plan.data[tree[at.JOINT_DATA]]
+        kind = tree[at.JOINT_TURN]
+        adds = tree[at.JOINT_ADDS]
+        o = tree[at.JOINT_DATA]
         child = plan.frames[tree[at.FRAME_CHILD]]
         R_BG = load9(child, at.FRAME_R)
         l_B = load3(wrench[i], 0)
@@ -227,15 +230,18 @@ def _propagate_momenta(plan, work, v, wrench, p, part, out):
         place = load3(row, at.B_JOINT_P)
         l_F = rotate(R_FG, l_G)
         h_F = add3(rotate(R_FG, h_G), cross3(place, l_F))
-        joint_force(kind, pitch, l_F, h_G, p, tree[at.JOINT_V])
+        joint_force(kind, adds, plan.data, o, l_F, h_G, p, tree[at.JOINT_V])
         # the velocity that the joint passes on turns with it, and changes as it slides
         _, _, v_F, w_F, _, _ = frame_motion(plan, work, tree[at.FRAME_PARENT])
-        passed = rotate_back(R_FG, add3(v_F, cross3(w_F, place)))
+        moving = add3(v_F, cross3(w_F, place))
+        if not is_free(tree):
+            moving = add3(moving, joint_motion(kind, adds, plan.data, o, v, tree[at.JOINT_V])[0])
+        passed = rotate_back(R_FG, moving)
         turn = add3(cross3(passed, l_G), cross3(rotate_back(R_FG, w_F), h_G))
         for k in range(6):
             part[k] = 0.0
-        joint_force(kind, pitch, cross3(w_F, l_F), turn, part, 0)
-        for k in range(joint_size(kind)):
+        joint_force(kind, adds, plan.data, o, cross3(w_F, l_F), turn, part, 0)
+        for k in range(tree[at.JOINT_SIZE]):
             out[tree[at.JOINT_V] + k] += part[k]
         _pass_momentum(plan, work, tree[at.FRAME_PARENT], v, l_F, h_F, wrench, p, out)
 

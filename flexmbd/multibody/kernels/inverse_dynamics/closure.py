@@ -81,13 +81,21 @@ def _same_frames(row, other):
 
 
 @kernel
+def coupling_term(plan, o, k):
+    """Entry in v and factor of term k of the coupling whose data begin at ``o``."""
+    c = o + 2 + 3 * k
+    return plan.tree[int(plan.data[c]), at.JOINT_V] + int(plan.data[c + 1]), plan.data[c + 2]
+
+
+@kernel
 def _coupling_sum(plan, work, row, order):
     """Sum of r_k times coupled coordinates (order 0), their rates (1) or accelerations (2)."""
     o = row[at.ROW_DATA]
     total = 0.0
     for k in range(int(plan.data[o])):
-        body = work.body[int(plan.data[o + 2 + 2 * k])]
-        total += plan.data[o + 3 + 2 * k] * body[at.B_COORDINATE + order]
+        c = o + 2 + 3 * k
+        body = work.body[int(plan.data[c])]
+        total += plan.data[c + 2] * body[at.B_COORDINATE + 3 * int(plan.data[c + 1]) + order]
     return total
 
 
@@ -156,5 +164,5 @@ def load_couplings(plan, multipliers, out):
         if row[at.ROW_KIND] == kinds.ROW_COUPLING:
             o = row[at.ROW_DATA]
             for k in range(int(plan.data[o])):
-                v = plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]
-                out[v] += plan.data[o + 3 + 2 * k] * multipliers[i]
+                v, share = coupling_term(plan, o, k)
+                out[v] += share * multipliers[i]

@@ -25,19 +25,14 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
     sub3,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
-from flexmbd.multibody.kernels.physics.inertial_forces import (
-    add_rigid_wrench,
-    flexible_inertia,
-    nonrotating_inertia,
-    rigid_second_moment,
-)
-from flexmbd.multibody.kernels.physics.joints import has_one_coordinate, joint_force, joint_motion, joint_pose
+from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
+from flexmbd.multibody.kernels.physics.joints import joint_force, joint_motion, joint_pose
+from flexmbd.multibody.kernels.physics.reduced_inertia import flexible_inertia
 
 
 @deferred_kernel()
@@ -130,16 +125,17 @@ def forward_kinematics(plan, work, x, v, a):
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
-        kind = tree[at.JOINT]
         p_WF, R_WF, v_F, w_F, a_F, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
-        pitch = plan.data[tree[at.JOINT_DATA]]
+        turn = tree[at.JOINT_TURN]
+        adds = tree[at.JOINT_ADDS]
+        o = tree[at.JOINT_DATA]
         ox = tree[at.JOINT_X]
         ov = tree[at.JOINT_V]
-        p, R_FG = joint_pose(kind, pitch, x, ox)
-        p_dot, w_rel = joint_motion(kind, pitch, v, ov)
-        p_ddot, dw_rel = joint_motion(kind, pitch, a, ov)
-        if has_one_coordinate(kind):
-            store3(row, at.B_COORDINATE, (x[ox], v[ov], a[ov]))
+        p, R_FG = joint_pose(turn, adds, plan.data, o, x, ox)
+        p_dot, w_rel = joint_motion(turn, adds, plan.data, o, v, ov)
+        p_ddot, dw_rel = joint_motion(turn, adds, plan.data, o, a, ov)
+        for k in range(adds):
+            store3(row, at.B_COORDINATE + 3 * k, (x[ox + k], v[ov + k], a[ov + k]))
         store3(row, at.B_JOINT_P, p)
         store9(row, at.B_JOINT_R, R_FG)
         wp = cross3(w_F, p)
@@ -196,10 +192,7 @@ def _write_flexible_wrench(plan, work, i, x, v, a, out):
     qx = tree[at.MODAL_X]
     qv = tree[at.MODAL_V]
     q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
-    if tree[at.ROTATION] == kinds.NONROTATING:
-        nonrotating_inertia(plan, i, q, a[qv : qv + n], work.body[i], force)
-    else:
-        flexible_inertia(plan, i, q, qd, a[qv : qv + n], work.body[i], force)
+    flexible_inertia(plan, work.moments, i, q, qd, a[qv : qv + n], tree[at.ROTATION], work.body[i], force)
     elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
 
 
@@ -249,8 +242,8 @@ def propagate_wrench(plan, work, i, out):
     torque_G = rotate_back(R_BG, torque_B)
     R_FG = load9(row, at.B_JOINT_R)
     force_F = rotate(R_FG, rotate_back(R_BG, force_B))
-    pitch = plan.data[tree[at.JOINT_DATA]]
-    joint_force(tree[at.JOINT], pitch, force_F, torque_G, out, tree[at.JOINT_V])
+    o = tree[at.JOINT_DATA]
+    joint_force(tree[at.JOINT_TURN], tree[at.JOINT_ADDS], plan.data, o, force_F, torque_G, out, tree[at.JOINT_V])
     torque_F = add3(rotate(R_FG, torque_G), cross3(load3(row, at.B_JOINT_P), force_F))
     load_frame(plan, work, tree[at.FRAME_PARENT], force_F, torque_F, out)
 

@@ -1,9 +1,11 @@
-"""Joint kinds along the tree: relative pose, relative motion, generalised force, retraction.
+"""Joints along the tree: relative pose and motion, generalised force, retraction.
 
-The joint turns and slides about the z axis of its frames F (on the parent) and G (on the
-child); any other axis is reached by how the frames are laid.  Velocities of a spherical or
-free joint are w_FG_G and the rate of p_FG_F.  ``pitch`` (m/rad) is a screw's advance, and not
-read for other kinds.
+A joint is a kinematic pair, whose motion subspace is constant (Wittenburg 2008, section 5.3): a coordinate k that adds
+slides G along a vector of F and may turn it about the z axis that F and G share; a ball's three velocities after those
+are w_FG_G, its four coordinates the quaternion of R_FG.  So the linear velocity is a constant matrix times the
+velocities in F's axes, and the angular one in G's.  ``turn`` (``kinds.TURN_NONE``, ``TURN_ABOUT_Z``, ``TURN_BALL``)
+says how G may turn, ``adds`` how many coordinates add, and ``data[o:]`` has four numbers of each: its turn (rad) and
+its slide (3,) (m) a unit.  Nothing else in the package knows how a joint moves.
 """
 
 from __future__ import annotations
@@ -15,92 +17,95 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     quaternion_exp,
     quaternion_matrix,
     quaternion_product,
+    store3,
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 _ZERO = (0.0, 0.0, 0.0)
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@kernel
+def spin_of(link):
+    """First entry in v of the angular velocity of a ball, after those of coordinates that add; -1 of other joints."""
+    return link[at.JOINT_V] + link[at.JOINT_ADDS] if link[at.JOINT_TURN] == kinds.TURN_BALL else -1
+
+
+@kernel
+def is_free(link):
+    """Whether a link's joint holds nothing: its momenta are then those of a body in space, not of coordinates."""
+    return link[at.JOINT_SIZE] == 6
 
 
 @entry_kernel
-def joint_pose(kind, pitch, x, o):
-    """p_FG_F and R_FG from the joint's coordinates x[o:]."""
-    p = _ZERO
-    r = _IDENTITY
-    if kind == kinds.REVOLUTE or kind == kinds.SCREW:
-        c = math.cos(x[o])
-        s = math.sin(x[o])
-        r = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-        if kind == kinds.SCREW:
-            p = (0.0, 0.0, pitch * x[o])
-    elif kind == kinds.PRISMATIC:
-        p = (0.0, 0.0, x[o])
-    elif kind == kinds.SPHERICAL:
-        r = quaternion_matrix((x[o], x[o + 1], x[o + 2], x[o + 3]))
-    elif kind == kinds.FREE:
-        p = load3(x, o)
-        r = quaternion_matrix((x[o + 3], x[o + 4], x[o + 5], x[o + 6]))
-    return p, r
-
-
-@kernel
-def joint_size(kind):
-    """Number of velocities of a joint."""
-    if kind == kinds.FIXED:
-        return 0
-    if kind == kinds.SPHERICAL:
-        return 3
-    return 6 if kind == kinds.FREE else 1
+def joint_pose(turn, adds, data, o, x, first):
+    """p_FG_F and R_FG from the joint's coordinates x[first:]."""
+    angle = 0.0
+    px = py = pz = 0.0
+    for k in range(adds):
+        c = o + 4 * k
+        q = x[first + k]
+        angle += data[c] * q
+        px += data[c + 1] * q
+        py += data[c + 2] * q
+        pz += data[c + 3] * q
+    r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    if turn == kinds.TURN_ABOUT_Z:
+        cos = math.cos(angle)
+        sin = math.sin(angle)
+        r = (cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+    elif turn == kinds.TURN_BALL:
+        b = first + adds
+        r = quaternion_matrix((x[b], x[b + 1], x[b + 2], x[b + 3]))
+    return (px, py, pz), r
 
 
 @entry_kernel
-def joint_motion(kind, pitch, v, o):
-    """Rate of p_FG_F and w_FG_G from the joint's entries v[o:]; for accelerations alike."""
-    linear = _ZERO
-    angular = _ZERO
-    if kind == kinds.REVOLUTE:
-        angular = (0.0, 0.0, v[o])
-    elif kind == kinds.PRISMATIC:
-        linear = (0.0, 0.0, v[o])
-    elif kind == kinds.SCREW:
-        linear = (0.0, 0.0, pitch * v[o])
-        angular = (0.0, 0.0, v[o])
-    elif kind == kinds.SPHERICAL:
-        angular = load3(v, o)
-    elif kind == kinds.FREE:
-        linear = load3(v, o)
-        angular = load3(v, o + 3)
-    return linear, angular
+def joint_motion(turn, adds, data, o, v, first):
+    """Rate of p_FG_F and w_FG_G from the joint's entries v[first:]; for accelerations alike."""
+    rate = 0.0
+    px = py = pz = 0.0
+    for k in range(adds):
+        c = o + 4 * k
+        q = v[first + k]
+        rate += data[c] * q
+        px += data[c + 1] * q
+        py += data[c + 2] * q
+        pz += data[c + 3] * q
+    angular = (0.0, 0.0, rate)
+    if turn == kinds.TURN_BALL:
+        angular = load3(v, first + adds)
+    return (px, py, pz), angular
 
 
 @kernel
-def joint_force(kind, pitch, force_F, torque_G, out, o):
-    """Project the wrench at G onto the joint's coordinates: out[o:]."""
-    if kind == kinds.REVOLUTE:
-        out[o] = torque_G[2]
-    elif kind == kinds.PRISMATIC:
-        out[o] = force_F[2]
-    elif kind == kinds.SCREW:
-        out[o] = torque_G[2] + pitch * force_F[2]
-    elif kind == kinds.SPHERICAL:
-        out[o] = torque_G[0]
-        out[o + 1] = torque_G[1]
-        out[o + 2] = torque_G[2]
-    elif kind == kinds.FREE:
-        out[o] = force_F[0]
-        out[o + 1] = force_F[1]
-        out[o + 2] = force_F[2]
-        out[o + 3] = torque_G[0]
-        out[o + 4] = torque_G[1]
-        out[o + 5] = torque_G[2]
+def joint_column(adds, data, o, k):
+    """Column k of the motion subspace: angular velocity (G's axes) and linear one (F's axes) a unit of velocity k."""
+    if k >= adds:
+        return _unit(k - adds), _ZERO
+    c = o + 4 * k
+    return (0.0, 0.0, data[c]), load3(data, c + 1)
 
 
 @kernel
-def has_one_coordinate(kind):
-    """Whether the joint is a revolute, prismatic or screw joint."""
-    return kind == kinds.REVOLUTE or kind == kinds.PRISMATIC or kind == kinds.SCREW
+def _unit(k):
+    return (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+
+
+@kernel
+def joint_force(turn, adds, data, o, force_F, torque_G, out, first):
+    """Project the wrench at G onto the joint's velocities, the motion subspace transposed: out[first:]."""
+    for k in range(adds):
+        c = o + 4 * k
+        out[first + k] = (
+            data[c] * torque_G[2]
+            + data[c + 1] * force_F[0]
+            + data[c + 2] * force_F[1]
+            + data[c + 3] * force_F[2]
+        )
+    if turn == kinds.TURN_BALL:
+        store3(out, first + adds, torque_G)
 
 
 @kernel
@@ -123,20 +128,15 @@ def retract(plan, x, step, out):
     """
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
-        kind = row[at.JOINT]
+        adds = row[at.JOINT_ADDS]
         ox = row[at.JOINT_X]
         ov = row[at.JOINT_V]
-        if has_one_coordinate(kind):
-            out[ox] = x[ox] + step[ov]
-        elif kind == kinds.SPHERICAL:
-            _turn(x, ox, load3(step, ov), out)
-        elif kind == kinds.FREE:
-            for k in range(3):
-                out[ox + k] = x[ox + k] + step[ov + k]
-            _turn(x, ox + 3, load3(step, ov + 3), out)
+        for k in range(adds):
+            out[ox + k] = x[ox + k] + step[ov + k]
+        if row[at.JOINT_TURN] == kinds.TURN_BALL:
+            _turn(x, ox + adds, load3(step, ov + adds), out)
         if row[at.FLEX] >= 0:
             qx = row[at.MODAL_X]
             qv = row[at.MODAL_V]
             for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
                 out[qx + k] = x[qx + k] + step[qv + k]
-

@@ -91,8 +91,9 @@ def coupling_rows(plan: Plan) -> IntArray:
 def coupling_terms(plan: Plan, row: int) -> tuple[IntArray, FloatArray]:
     """Of a coupling: entries in v (k,) of the coordinates, and their factors r (k,)."""
     o = int(plan.rows[row, at.ROW_DATA])
-    terms = plan.data[o + 2 : o + 2 + 2 * int(plan.data[o])].reshape(-1, 2)
-    return plan.tree[terms[:, 0].astype(int), at.JOINT_V], terms[:, 1]
+    terms = plan.data[o + 2 : o + 2 + 3 * int(plan.data[o])].reshape(-1, 3)
+    rows, which = terms[:, :2].astype(int).T
+    return plan.tree[rows, at.JOINT_V] + which, terms[:, 2]
 
 
 def with_coupling_sums(plan: Plan, rows: IntArray, sums: FloatArray) -> Plan:

@@ -50,16 +50,8 @@ def time_of_row(row):
 
 @kernel
 def joint_of(link):
-    """Kind of the inboard joint of a link, and its first entries in x and in v."""
-    return link[at.JOINT], link[at.JOINT_X], link[at.JOINT_V]
-
-
-@kernel
-def spin_of(link):
-    """First entry in v of the angular velocity of a ball's or a free link's joint; -1 of other joints."""
-    if link[at.JOINT] == kinds.SPHERICAL:
-        return link[at.JOINT_V]
-    return link[at.JOINT_V] + 3 if link[at.JOINT] == kinds.FREE else -1
+    """How many coordinates of a link's inboard joint add, and its first entries in x and in v."""
+    return link[at.JOINT_ADDS], link[at.JOINT_X], link[at.JOINT_V]
 
 
 @kernel

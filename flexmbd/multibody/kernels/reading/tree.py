@@ -15,36 +15,27 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Numbers of coordinates in x and in v that add, and whether a quaternion follows them.
-_COORDINATES = {
-    kinds.FIXED: (0, False),
-    kinds.REVOLUTE: (1, False),
-    kinds.PRISMATIC: (1, False),
-    kinds.SCREW: (1, False),
-    kinds.SPHERICAL: (0, True),
-    kinds.FREE: (3, True),
-}
-
-
 class TreeJoint(NamedTuple):
     """The inboard joint of a link of the tree.
 
     Attributes:
         row: of the link.
-        kind: joint kind.
         x, v: all its entries in the configuration and in the velocity.
         plain_x, plain_v: those that add.
         quaternion, spin: a quaternion in x and its angular velocity in v (axes of the link); None where there is none.
+        is_hinge: whether its only coordinate turns and does not slide.
+        is_free: whether it holds nothing.
     """
 
     row: int
-    kind: int
     x: slice
     v: slice
     plain_x: slice
     plain_v: slice
     quaternion: slice | None
     spin: slice | None
+    is_hinge: bool
+    is_free: bool
 
 
 class ModalPlace(NamedTuple):
@@ -67,17 +58,19 @@ class MembraneStretch(NamedTuple):
 def tree_joint(plan: Plan, row: int) -> TreeJoint:
     """The inboard joint of a link."""
     link = plan.tree[row]
-    kind, x, v = int(link[at.JOINT]), int(link[at.JOINT_X]), int(link[at.JOINT_V])
-    plain, turns = _COORDINATES[kind]
+    x, v, plain, o = (int(link[k]) for k in (at.JOINT_X, at.JOINT_V, at.JOINT_ADDS, at.JOINT_DATA))
+    turns = link[at.JOINT_TURN] == kinds.TURN_BALL
+    turns_about_z = link[at.JOINT_TURN] == kinds.TURN_ABOUT_Z
     return TreeJoint(
         row,
-        kind,
         slice(x, x + plain + 4 * turns),
         slice(v, v + plain + 3 * turns),
         slice(x, x + plain),
         slice(v, v + plain),
         slice(x + plain, x + plain + 4) if turns else None,
         slice(v + plain, v + plain + 3) if turns else None,
+        bool(turns_about_z and plain == 1 and not plan.data[o + 1 : o + 4].any()),
+        bool(link[at.JOINT_SIZE] == 6),
     )
 
 

@@ -20,11 +20,8 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import elements_e
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
-from flexmbd.multibody.kernels.physics.inertial_forces import (
-    add_rigid_wrench,
-    flexible_inertia,
-    rigid_second_moment,
-)
+from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
+from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
@@ -71,12 +68,11 @@ def _body_energy(plan, work, i, x, v, none, out):
         n = flex[at.N_MODES]
         q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
         qd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
-        flexible_inertia(plan, i, q, none[:n], qd, row, out[:n])
+        flexible_inertia(plan, work.moments, i, q, none[:n], qd, kinds.FREE_ROTATION, row, out[:n])
         elastic = elastic_energy(plan, flex, q)
         for j in range(n):
             kinetic += 0.5 * qd[j] * out[j]
-            o = flex[at.MODAL_FIRST] + 3 * j
-            first = add3(first, scale3(q[j], load3(plan.modal, o)))
+        first = deformed_first_moment(plan, i, q)
     kinetic += 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(w, load3(row, at.B_T)))
     g = load3(plan.gravity, 0)
     moment = add3(

@@ -22,9 +22,11 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel, summing_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.inertial_forces import rigid_second_moment
+from flexmbd.multibody.kernels.physics.modal_moments import FORCE, add_pair_products, first_moments, sum_pairs
+from flexmbd.multibody.kernels.physics.reduced_inertia import deform_body
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
 
@@ -45,11 +47,12 @@ def outer(a, b):
 
 
 @kernel
-def _column9(m, o, j):
-    return (
-        m[o, j], m[o + 1, j], m[o + 2, j], m[o + 3, j], m[o + 4, j],
-        m[o + 5, j], m[o + 6, j], m[o + 7, j], m[o + 8, j],
-    )  # fmt: skip
+def _moments(table, o, j):
+    """Integral of rho phi_j u^T, row by row, from its nine numbers in rows o of a table (``modal_moments``)."""
+    xx, xy, xz = table[o, j], table[o + 1, j], table[o + 2, j]
+    yy, yz, zz = table[o + 3, j], table[o + 4, j], table[o + 5, j]
+    x, y, z = 0.5 * table[o + 6, j], 0.5 * table[o + 7, j], 0.5 * table[o + 8, j]
+    return (xx, xy - z, xz + y, xy + z, yy, yz - x, xz - y, yz + x, zz)
 
 
 @kernel
@@ -109,58 +112,23 @@ def rigid_composite(plan, work, tw, i):
     _put_composite(tw.body[i], tw.origin, body, rigid[at.MASS], first, (0.0, 0.0, 0.0), second, flow)
 
 
-@summing_kernel
-def _sum_pairs(modal, flex, q, qd, qdd, sums):
-    """Fill ``sums``: for each mode j the integrals of rho phi_j (r, Phi qd, Phi qdd)^T."""
-    n = flex[at.N_MODES]
-    o = flex[at.MODAL_PAIR]
-    s = flex[at.MODAL_SECOND]
-    pairs = modal[o : o + 9 * n * n].reshape((n, 9, n))
-    of_x = modal[s : s + 9 * n].reshape((n, 9))
-    for j in range(n):
-        for c in range(9):
-            f = g = e = 0.0
-            for k in range(n):
-                p = pairs[j, c, k]
-                f += p * q[k]
-                g += p * qd[k]
-                e += p * qdd[k]
-            sums[c, j] = f + of_x[j, c]
-            sums[9 + c, j] = g
-            sums[18 + c, j] = e
-
-
 @kernel
 def flexible_composite(plan, work, tw, i, q, qd, qdd):
     """Write the moments of reduced body i as it is deformed; leaves ``tw.mode_moments``."""
     flex = plan.flex[plan.tree[i, at.FLEX]]
-    modal = plan.modal
-    rigid = plan.rigid[i]
+    n = flex[at.N_MODES]
     body = work.body[i]
     sums = tw.mode_moments
-    _sum_pairs(modal, flex, q, qd, qdd, sums)
-    first = load3(rigid, at.FIRST_MOMENT)
-    xx, xy, xz, yy, yz, zz = rigid_second_moment(rigid)
-    rest = (0.0, 0.0, 0.0)
-    flow = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for j in range(flex[at.N_MODES]):
-        V = _column9(sums, 0, j)
-        c = load3(modal, flex[at.MODAL_FIRST] + 3 * j)
-        s = flex[at.MODAL_SECOND] + 9 * j
-        f = q[j]
-        xx += f * (V[0] + modal[s])
-        yy += f * (V[4] + modal[s + 4])
-        zz += f * (V[8] + modal[s + 8])
-        xy += f * (V[1] + modal[s + 3])
-        xz += f * (V[2] + modal[s + 6])
-        yz += f * (V[5] + modal[s + 7])
-        first = add3(first, scale3(f, c))
-        rest = add3(rest, scale3(qd[j], c))
+    second, first = deform_body(plan, i, q, qd, False, sums)
+    sum_pairs(plan.modal, flex[at.MODAL_MOMENTS], n, qd, sums, tl.M_RATES)
+    sum_pairs(plan.modal, flex[at.MODAL_MOMENTS], n, qdd, sums, tl.M_SECOND_RATES)
+    rest = first_moments(plan.modal, flex[at.MODAL_FIRST], n, qd)
+    flow = _spun_second(load3(body, at.B_W), second)
+    for j in range(n):
+        V = _moments(sums, 0, j)
         V = (V[0], V[3], V[6], V[1], V[4], V[7], V[2], V[5], V[8])
         flow = add9(flow, scale9(qd[j], V))
-    second = (xx, xy, xz, yy, yz, zz)
-    flow = add9(flow, _spun_second(load3(body, at.B_W), second))
-    _put_composite(tw.body[i], tw.origin, body, rigid[at.MASS], first, rest, second, flow)
+    _put_composite(tw.body[i], tw.origin, body, plan.rigid[i, at.MASS], first, rest, second, flow)
 
 
 @kernel
@@ -179,10 +147,12 @@ def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
     a = load3(body, at.B_A)
     W = _spin_matrix(w, load3(body, at.B_DW))
     own = _particle_matrix(W, w, per_x, per_v)
+    sums = tw.mode_moments
     G = (own[0] + per_a, own[1], own[2], own[3], own[4] + per_a, own[5], own[6], own[7], own[8] + per_a)
     for j in range(flex[at.N_MODES]):
-        V, U, Z = _column9(tw.mode_moments, 0, j), _column9(tw.mode_moments, 9, j), _column9(tw.mode_moments, 18, j)
-        c = load3(plan.modal, flex[at.MODAL_FIRST] + 3 * j)
+        V, U = _moments(sums, 0, j), _moments(sums, tl.M_RATES, j)
+        Z = _moments(sums, tl.M_SECOND_RATES, j)
+        c = (sums[FORCE, j], sums[FORCE + 1, j], sums[FORCE + 2, j])
         # projection on phi_j: integrals of rho r' x phi_j, rho r x phi_j, rho phi_j
         cw = rotate(R, c)
         wV = (w[0] * V[0] + w[1] * V[3] + w[2] * V[6],
@@ -228,24 +198,6 @@ def _particle_matrix(W, w, per_x, per_v):
     return add9(scale9(per_x, W), scale9(2.0 * per_v, skew(w)))
 
 
-@summing_kernel
-def _add_pairs(modal, o, n, G, row):
-    """Add to ``row`` (n,) the integrals of rho phi_j^T G phi_k, the pairs of mode j standing from ``o``."""
-    pairs = modal[o : o + 9 * n].reshape((9, n))
-    for k in range(n):
-        row[k] += (
-            G[0] * pairs[0, k]
-            + G[1] * pairs[1, k]
-            + G[2] * pairs[2, k]
-            + G[3] * pairs[3, k]
-            + G[4] * pairs[4, k]
-            + G[5] * pairs[5, k]
-            + G[6] * pairs[6, k]
-            + G[7] * pairs[7, k]
-            + G[8] * pairs[8, k]
-        )
-
-
 @kernel
 def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch."""
@@ -260,10 +212,9 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
     damping = flex[at.MODAL_DAMPING]
     spins = tree[at.ROTATION] != kinds.NONROTATING
     for j in range(n):
-        o = flex[at.MODAL_PAIR] + 9 * n * j
         row = matrix[first + j, first : first + n]
         if spins:
-            _add_pairs(modal, o, n, G, row)
+            add_pair_products(modal, flex[at.MODAL_MOMENTS], n, j, G, row)
         row[j] += per_a + per_x * modal[flex[at.MODAL_STIFFNESS] + j]
         if damping >= 0:
             for k in range(n):

@@ -13,10 +13,9 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.differences import difference_step
 from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, is_between_frames
-from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
-from flexmbd.multibody.kernels.physics.joints import joint_size
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
 
@@ -49,7 +48,7 @@ def _collect_path(plan, tw, f, o, sign, count):
             for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
                 q = tree[at.MODAL_V] + k
                 count = _add_unknown(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
-        for k in range(joint_size(tree[at.JOINT])):
+        for k in range(tree[at.JOINT_SIZE]):
             j = tree[at.JOINT_V] + k
             count = _add_unknown(tw, count, j, tw.twist, tw.motion, j, o, sign)
         edge = tw.edge_of[tree[at.FRAME_PARENT]]
@@ -168,9 +167,9 @@ def _coupling_row(plan, tw, i, per_v):
     """Jacobian of a coupling of coordinates."""
     o = plan.rows[i, at.ROW_DATA]
     for k in range(int(plan.data[o])):
-        v = plan.tree[int(plan.data[o + 2 + 2 * k]), at.JOINT_V]
-        tw.jacobian[i, v] += plan.data[o + 3 + 2 * k]
-        tw.rate_jacobian[i, v] += per_v * plan.data[o + 3 + 2 * k]
+        v, share = coupling_term(plan, o, k)
+        tw.jacobian[i, v] += share
+        tw.rate_jacobian[i, v] += per_v * share
 
 
 @kernel

@@ -9,12 +9,11 @@ r' take the place of their spatial matrices, and frames that deform that of join
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.joints import joint_size
+from flexmbd.multibody.kernels.physics.joints import spin_of
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import (
     add_modal_block,
@@ -103,15 +102,17 @@ def _twist_product(tw, r, k):
 
 
 @kernel
-def _joint_block(tw, kind, o, matrix):
+def _joint_block(plan, tw, link, matrix):
     """The unknowns of one joint among themselves.
 
-    What a free joint pushes along the axes of its parent's frame does not turn with the body.
+    What slides along an axis of the parent's frame does not turn with the body; an axis of turning moves with it.
     """
-    size = joint_size(kind)
+    size = link[at.JOINT_SIZE]
+    o = link[at.JOINT_V]
     for r in range(size):
+        slides = r < link[at.JOINT_ADDS] and plan.data[link[at.JOINT_DATA] + 4 * r] == 0.0
         for k in range(size):
-            if kind == kinds.FREE and r < 3:
+            if slides:
                 matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
             else:
                 matrix[o + r, o + k] += _projection_product(tw, o + r, tw.motion, o + k)
@@ -144,11 +145,11 @@ def _ancestor_sweep(plan, tw, matrix):
     """Fill all entries between a body's unknowns and those of its ancestors."""
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
-        size = joint_size(tree[at.JOINT])
+        size = tree[at.JOINT_SIZE]
         o = tree[at.JOINT_V]
         modes = 0
         q = tree[at.MODAL_V]
-        _joint_block(tw, tree[at.JOINT], o, matrix)
+        _joint_block(plan, tw, tree, matrix)
         if tree[at.FLEX] >= 0:
             modes = plan.flex[tree[at.FLEX], at.N_MODES]
             _joint_coupling_block(tw, o, size, q, q + modes, matrix)
@@ -162,7 +163,7 @@ def _ancestor_sweep(plan, tw, matrix):
                 n = plan.flex[above[at.FLEX], at.N_MODES]
                 _mode_block(tw, edge, n, above[at.MODAL_V], o, o + size, matrix)
                 _mode_block(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix)
-            above_size = joint_size(above[at.JOINT])
+            above_size = above[at.JOINT_SIZE]
             _joint_coupling_block(tw, above[at.JOINT_V], above_size, o, o + size, matrix)
             _joint_coupling_block(tw, above[at.JOINT_V], above_size, q, q + modes, matrix)
             child = parent
@@ -201,10 +202,9 @@ def turn_columns(plan, move, matrix):
     ``matrix`` is (k, nv); `tangent` gives columns by small turns of x itself.
     """
     for i in range(plan.tree.shape[0]):
-        kind = plan.tree[i, at.JOINT]
-        if kind != kinds.SPHERICAL and kind != kinds.FREE:
+        o = spin_of(plan.tree[i])
+        if o < 0:
             continue
-        o = plan.tree[i, at.JOINT_V] + (0 if kind == kinds.SPHERICAL else 3)
         turn = scale3(-1.0, load3(move, o))
         for r in range(matrix.shape[0]):
             store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))

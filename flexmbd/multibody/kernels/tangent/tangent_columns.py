@@ -26,14 +26,12 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     scale3,
     sub3,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
-from flexmbd.multibody.kernels.physics.constraint_laws import column
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
-from flexmbd.multibody.kernels.physics.joints import joint_size
+from flexmbd.multibody.kernels.physics.joints import joint_column
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
 
@@ -146,8 +144,7 @@ def _joint_column(tw, i, k, weights, F, G, angular, linear):
 def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     """Write the columns of body i's inboard joint; its composite must be complete."""
     tree = plan.tree[i]
-    kind = tree[at.JOINT]
-    size = joint_size(kind)
+    size = tree[at.JOINT_SIZE]
     if size == 0:
         return
     _, R_F, _, w_F, _, dw_F = frame_motion(plan, work, tree[at.FRAME_PARENT])
@@ -163,25 +160,11 @@ def joint_columns(plan, work, tw, i, per_x, per_v, per_a):
     v = sub3(rotate(R, add3(load3(body, at.B_V), wp)), load3(tw.origin, 3))
     G = (c, v, rotate(R, a), rotate(R, w))
     R_G = compose(R, load9(child, at.FRAME_R))
-    zero = (0.0, 0.0, 0.0)
     weights = (per_x, per_v, per_a)
     o = tree[at.JOINT_V]
     for k in range(size):
-        angular, linear = zero, zero
-        if kind == kinds.REVOLUTE:
-            angular = column(R_G, 2)
-        elif kind == kinds.PRISMATIC:
-            linear = column(R_F, 2)
-        elif kind == kinds.SCREW:
-            angular = column(R_G, 2)
-            linear = scale3(plan.data[tree[at.JOINT_DATA]], angular)
-        elif kind == kinds.SPHERICAL:
-            angular = column(R_G, k)
-        elif k < 3:
-            linear = column(R_F, k)
-        else:
-            angular = column(R_G, k - 3)
-        _joint_column(tw, i, o + k, weights, F, G, angular, linear)
+        angular, linear = joint_column(tree[at.JOINT_ADDS], plan.data, tree[at.JOINT_DATA], k)
+        _joint_column(tw, i, o + k, weights, F, G, rotate(R_G, angular), rotate(R_F, linear))
 
 
 @kernel

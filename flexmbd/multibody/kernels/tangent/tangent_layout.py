@@ -24,6 +24,9 @@ IntArray = NDArray[np.int64]
 # rho r v^T, all of the body and what hangs on it; then the wrench that it requires of its joint.
 C_MASS, C_FIRST, C_MOMENTUM, C_SECOND, C_FLOW, C_FORCE, C_TORQUE, N_COMPOSITE = 0, 1, 4, 7, 13, 22, 25, 28
 
+# Rows of TangentWork.mode_moments that hold moments with Phi qd and with Phi qdd.
+M_RATES, M_SECOND_RATES = 12, 21
+
 
 @dataclass(frozen=True, eq=False)
 class TangentWork(ArrayStruct):
@@ -38,7 +41,8 @@ class TangentWork(ArrayStruct):
     projection: (9, nv) on the row of this unknown of an inboard column's motion (its first nine).
     edge_of: (frames,) first edge column of a deforming frame, -1 for the others.
     edge_twist, edge_motion: twist and motion of the edge columns.
-    mode_moments: (27, n) integrals of rho phi_j r^T, rho phi_j (Phi qd)^T, rho phi_j (Phi qdd)^T of one body.
+    mode_moments: (30, n) of one body: the rows of a moments' table but its rates, see ``physics.modal_moments``, then
+        nine with Phi qd and nine with Phi qdd.
     point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
@@ -88,7 +92,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
             edge_of[f] = edges
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
-    quaternions = int(np.isin(plan.tree[:, at.JOINT], (kinds.SPHERICAL, kinds.FREE)).sum())
+    quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
     return TangentWork(
         origin=zeros(6),
@@ -100,7 +104,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         edge_of=edge_of,
         edge_twist=zeros((6, edges)),
         edge_motion=zeros((12, edges)),
-        mode_moments=zeros((27, most)),
+        mode_moments=zeros((M_SECOND_RATES + 9, most)),
         point=zeros(N_COMPOSITE),
         path=zeros(nv, np.int64),
         path_mark=zeros(nv, np.int64),

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
@@ -31,7 +30,7 @@ def ancestors(plan: Plan) -> NDArray[np.int64]:
     lines: list[list[int]] = [[] for _ in plan.free]
     for i, row in enumerate(plan.tree):
         line = list(last[int(row[at.PARENT])])
-        own = list(range(row[at.JOINT_V], row[at.JOINT_V] + _JOINT_SIZE[int(row[at.JOINT])]))
+        own = list(range(row[at.JOINT_V], row[at.JOINT_V] + row[at.JOINT_SIZE]))
         if row[at.FLEX] >= 0:
             own += range(row[at.MODAL_V], row[at.MODAL_V] + plan.flex[row[at.FLEX], at.N_MODES])
         for k in own:
@@ -44,11 +43,6 @@ def ancestors(plan: Plan) -> NDArray[np.int64]:
         table[j, 0] = len(line)
         table[j, 1 : 1 + len(line)] = line
     return table
-
-
-_JOINT_SIZE = {
-    kinds.FIXED: 0, kinds.REVOLUTE: 1, kinds.PRISMATIC: 1, kinds.SCREW: 1, kinds.SPHERICAL: 3, kinds.FREE: 6,
-}  # fmt: skip
 
 
 def is_cheaper_than_dense(table: NDArray[np.int64]) -> bool:
