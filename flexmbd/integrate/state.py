@@ -148,7 +148,7 @@ def group_speed(groups, g, rate):
 
 
 @kernel
-def set_scales(state, groups, s, rate, limit):
+def set_scales(state, groups, scratch, rate, limit):
     """Scales of Newton's corrections: sizes met so far, velocities over the machine's own time.
 
     No scale is below round-off of the machine's whole motion, for small modal coordinates are
@@ -157,8 +157,8 @@ def set_scales(state, groups, s, rate, limit):
     for k in range(state.v.shape[0]):
         g = groups.of[k]
         least = groups.full[g] * ROUND_OFF / limit
-        s.scale_x[k] = max(groups.position[g], least)
-        s.scale_v[k] = max(group_speed(groups, g, rate), least * rate) + 1e-300
+        scratch.scale_x[k] = max(groups.position[g], least)
+        scratch.scale_v[k] = max(group_speed(groups, g, rate), least * rate) + 1e-300
 
 
 @kernel

@@ -26,21 +26,21 @@ _LEAST, _MOST = 0.1, 20.0  # bounds of Aitken's factor
 
 
 @deferred_kernel(FLAG)
-def _is_open(plan, work, s):
-    """Whether the gap of a row exceeds its tolerance at the step's end in ``s``."""
-    forward_kinematics(plan, work, s.x, s.v, s.a)
-    constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+def _is_open(plan, work, scratch):
+    """Whether the gap of a row exceeds its tolerance at the step's end in ``scratch``."""
+    forward_kinematics(plan, work, scratch.x, scratch.v, scratch.a)
+    constraints(plan, work, scratch.phi, scratch.phi_rate, scratch.phi_rate2)
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
         if is_augmented(row):
-            gap = s.phi[i] if holds_position(row) else s.phi_rate[i]
+            gap = scratch.phi[i] if holds_position(row) else scratch.phi_rate[i]
             if not abs(gap) <= augmented_gap(plan.data, row):
                 return True
     return False
 
 
 @deferred_kernel(NUMBER)
-def _next_pass(plan, s, factor, first):
+def _next_pass(plan, scratch, factor, first):
     """Add the reaction to the last pass's gap to the known reactions; return Aitken's factor.
 
     Of a row that holds positions the gap alone counts: damping may act on a closed row, for the
@@ -52,37 +52,37 @@ def _next_pass(plan, s, factor, first):
         row = plan.rows[i]
         if is_augmented(row):
             k, c = augmented_stiffness(plan.data, row)
-            lacks = k * s.phi[i] if holds_position(row) else c * s.phi_rate[i]
-            change = lacks - s.row_force[i]
-            along += s.row_force[i] * change
+            lacks = k * scratch.phi[i] if holds_position(row) else c * scratch.phi_rate[i]
+            change = lacks - scratch.row_force[i]
+            along += scratch.row_force[i] * change
             size += change * change
-            s.row_force[i] = lacks
+            scratch.row_force[i] = lacks
     if not first and size > 0.0:
         factor = min(max(-factor * along / size, _LEAST), _MOST)
     for i in range(plan.rows.shape[0]):
         if is_augmented(plan.rows[i]):
-            s.known_reaction[i] += factor * s.row_force[i]
+            scratch.known_reaction[i] += factor * scratch.row_force[i]
     return factor
 
 
 @kernel
-def solve_passes(plan, work, state, s, h, tolerance):
+def solve_passes(plan, work, state, scratch, h, tolerance):
     """``solve_step``, repeated where an augmented Lagrangian enforces rows until they are closed.
 
-    Returns whether it converged; if so ``s`` holds the step's end.
+    Returns whether it converged; if so ``scratch`` holds the step's end.
     """
     augmented = False
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]
         if is_augmented(row):
             augmented = True
-            s.known_reaction[i] = state.multipliers[i]
+            scratch.known_reaction[i] = state.multipliers[i]
             tolerance = min(tolerance, 0.1 * augmented_tolerance(plan.data, row))
     factor = 1.0
     for k in range(_PASSES):
-        if not solve_step(plan, work, state, s, h, tolerance):
+        if not solve_step(plan, work, state, scratch, h, tolerance):
             return False
-        if not augmented or not _is_open(plan, work, s):
+        if not augmented or not _is_open(plan, work, scratch):
             return True
-        factor = _next_pass(plan, s, factor, k == 0)
+        factor = _next_pass(plan, scratch, factor, k == 0)
     return False

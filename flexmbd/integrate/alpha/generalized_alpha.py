@@ -120,16 +120,16 @@ class GeneralizedAlpha:
 
 
 @kernel
-def _start_auxiliary(plan, work, state, groups, s, h, tolerance):
+def _start_auxiliary(plan, work, state, groups, scratch, h, tolerance):
     """Give the first step the auxiliary acceleration of its own instant, for full order.
 
     It belongs alpha_m - alpha_f steps after the true one and follows from the trial's slope.
     """
-    delay = s.memory.scheme[step.ALPHA_M] - s.memory.scheme[step.ALPHA_F]
+    delay = scratch.memory.scheme[step.ALPHA_M] - scratch.memory.scheme[step.ALPHA_F]
     for _ in range(2):
         for k in range(state.a.shape[0]):
-            s.memory.auxiliary[k] = state.a[k] + delay * (s.a[k] - state.a[k])
-        if not solve_passes(plan, work, state, s, h, tolerance):
+            scratch.memory.auxiliary[k] = state.a[k] + delay * (scratch.a[k] - state.a[k])
+        if not solve_passes(plan, work, state, scratch, h, tolerance):
             return False
     return True
 
@@ -139,22 +139,22 @@ def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan
     work = method.work
-    s = method.scratch
+    scratch = method.scratch
     count = state.counts
-    tolerance = prepare_step(plan, work, state, groups, s, h)
-    solved = solve_passes(plan, work, state, s, h, tolerance)
-    if solved and s.memory.known_steps[0] == 0:
-        solved = _start_auxiliary(plan, work, state, groups, s, h, tolerance)
+    tolerance = prepare_step(plan, work, state, groups, scratch, h)
+    solved = solve_passes(plan, work, state, scratch, h, tolerance)
+    if solved and scratch.memory.known_steps[0] == 0:
+        solved = _start_auxiliary(plan, work, state, groups, scratch, h, tolerance)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+            ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            accept(state, s)
+            accept(state, scratch)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
 

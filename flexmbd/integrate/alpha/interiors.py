@@ -35,42 +35,42 @@ _STALLED = 1e-10  # a correction below which an iteration may stall: interiors a
 
 
 @entry_kernel
-def begin_step(rule, knots, plan, work, state, groups, s):
+def begin_step(rule, knots, plan, work, state, groups, scratch):
     """The step to try (s) and the tolerance of Newton's iteration; writes the predictor."""
     h = controller.propose_step(rule, knots, state, groups)
-    tolerance = step_history.prepare_step(plan, work, state, groups, s, h)
-    predict(plan, state, s, h, True)
+    tolerance = step_history.prepare_step(plan, work, state, groups, scratch, h)
+    predict(plan, state, scratch, h, True)
     return h, tolerance
 
 
 @entry_kernel
-def place_end(plan, work, state, s, h, rows, motions):
+def place_end(plan, work, state, scratch, h, rows, motions):
     """Put the step's end where the unknowns say; write the motions (k, N_MOTION) of the frames in ``rows``."""
-    update_end(plan, work, state, s, h, s.unknown)
-    store_motions(plan, work, rows, s.x, s.v, s.a, motions)
+    update_end(plan, work, state, scratch, h, scratch.unknown)
+    store_motions(plan, work, rows, scratch.x, scratch.v, scratch.a, motions)
 
 
 @entry_kernel
-def newton_iteration(plan, work, state, s, h):
+def newton_iteration(plan, work, state, scratch, h):
     """One of Newton's iterations from the unknowns, with the wrenches that act: its correction's size, or NaN."""
-    evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
+    evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
     state.counts[st.ITERATIONS] += 1
-    if not linearise(plan, work, state, s, h):
+    if not linearise(plan, work, state, scratch, h):
         return np.nan
-    size, unbalanced = correct(plan, state, s, h)
+    size, unbalanced = correct(plan, state, scratch, h)
     return max(size, unbalanced)
 
 
 @entry_kernel
-def end_step(rule, plan, work, state, groups, s, record, h):
-    """Accept or reject the step in ``s``, or its failure OUTCOME, by ``controller.accept_or_reject``."""
+def end_step(rule, plan, work, state, groups, scratch, record, h):
+    """Accept or reject the step in ``scratch``, or its failure OUTCOME, by ``controller.accept_or_reject``."""
     if state.counts[st.OUTCOME] == st.DONE:
         ratio = 0.0
         if state.counts[st.FIXED_STEP] == 0:
-            ratio = local_error(plan, work, state, groups, s, h, state.numbers[st.RATE])
+            ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            step_history.accept(state, s)
+            step_history.accept(state, scratch)
     return controller.accept_or_reject(plan, rule, state, groups, record, h)
 
 
@@ -159,19 +159,19 @@ class ImplicitInteriors:
 
     def _try_interiors(self, h: float, scheme: Scheme) -> None:
         """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix."""
-        plan, s, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
+        plan, scratch, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
         motions = self._interiors.split_motions(self._motions)
         answers = self._interiors.evaluate(
             lambda k, body: _implicit(body).trial(t + h, h, scheme, motions[k]),
             doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s",
         )
         self._interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
-        twists = self._interiors.twists(plan, self._work, s.x)[:, plan.free]
-        s.interior_stiffness[:] = 0.0
+        twists = self._interiors.twists(plan, self._work, scratch.x)[:, plan.free]
+        scratch.interior_stiffness[:] = 0.0
         first = 0
         for _, slopes in answers:
             part = twists[first : first + len(slopes)]
-            s.interior_stiffness[:] -= part.T @ slopes @ part
+            scratch.interior_stiffness[:] -= part.T @ slopes @ part
             first += len(slopes)
 
     def _revert(self) -> None:

@@ -24,15 +24,15 @@ _OF_TREE = -1  # in place of LAPACK's first pivot: the factors are those of the 
 
 
 @kernel
-def _add_interiors(plan, s, per_x):
+def _add_interiors(plan, scratch, per_x):
     """Add the stiffness of the interiors' wrenches to ``s.full_tangent``, velocities following positions."""
-    for i in range(s.interior_stiffness.shape[0]):
-        for j in range(s.interior_stiffness.shape[0]):
-            s.full_tangent[plan.free[i], plan.free[j]] += per_x * s.interior_stiffness[i, j]
+    for i in range(scratch.interior_stiffness.shape[0]):
+        for j in range(scratch.interior_stiffness.shape[0]):
+            scratch.full_tangent[plan.free[i], plan.free[j]] += per_x * scratch.interior_stiffness[i, j]
 
 
 @kernel
-def _put_derivatives(plan, work, s, per_x, per_v):
+def _put_derivatives(plan, work, scratch, per_x, per_v):
     """Fill the iteration matrix but for the shifts' columns, from the tangent at the last trial.
 
     Where loops have shifts, ``s.stiffness`` and ``s.rate_stiffness`` get the derivatives by positions alone.  In a
@@ -41,43 +41,55 @@ def _put_derivatives(plan, work, s, per_x, per_v):
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    tw = s.tangent
-    added = s.interior_stiffness.shape[0] > 0
+    tw = scratch.tangent
+    added = scratch.interior_stiffness.shape[0] > 0
     turned = m > 0 or added
     for part in range(0 if turned else 1, 2):
         rates = float(part)
         call_separate(
-            s.kernels[0],
-            (plan, work, tw, s.x, s.v, s.a, s.multipliers, per_x, rates * per_v, rates, s.full_tangent),
+            scratch.kernels[0],
+            (
+                plan,
+                work,
+                tw,
+                scratch.x,
+                scratch.v,
+                scratch.a,
+                scratch.multipliers,
+                per_x,
+                rates * per_v,
+                rates,
+                scratch.full_tangent,
+            ),
         )
         if added:
-            _add_interiors(plan, s, per_x)
+            _add_interiors(plan, scratch, per_x)
         if part == 1:
             break
         for i in range(nu):
             for j in range(nu):
-                s.tree_matrix[i, j] = -s.full_tangent[plan.free[i], plan.free[j]]
-        turn_columns(plan, s.displacement, s.full_tangent)
-        turn_columns(plan, s.displacement, tw.rate_jacobian)
+                scratch.tree_matrix[i, j] = -scratch.full_tangent[plan.free[i], plan.free[j]]
+        turn_columns(plan, scratch.displacement, scratch.full_tangent)
+        turn_columns(plan, scratch.displacement, tw.rate_jacobian)
         for i in range(nu):
             for j in range(nu):
-                s.stiffness[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
-                s.tree_matrix[i, j] += s.stiffness[i, j]
+                scratch.stiffness[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+                scratch.tree_matrix[i, j] += scratch.stiffness[i, j]
         for i in range(m):
             for j in range(nu):
-                s.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
+                scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
     for i in range(nu):
         for j in range(nu):
-            s.matrix[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
+            scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
             if turned:
-                s.matrix[i, j] += s.tree_matrix[i, j]
+                scratch.matrix[i, j] += scratch.tree_matrix[i, j]
         for k in range(m):
-            s.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]
-    turn_columns(plan, s.displacement, tw.jacobian)
+            scratch.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]
+    turn_columns(plan, scratch.displacement, tw.jacobian)
 
 
 @kernel
-def _put_shift_columns(plan, state, s, per_x, per_v):
+def _put_shift_columns(plan, state, scratch, per_x, per_v):
     """Fill the columns of the shifts of positions along ``s.shift_direction``, and the rows that hold the loops."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
@@ -85,99 +97,99 @@ def _put_shift_columns(plan, state, s, per_x, per_v):
         for i in range(nu):
             t = 0.0
             for j in range(nu):
-                t += s.stiffness[i, j] * s.shift_direction[k, j]
-            s.matrix[i, nu + m + k] = t
+                t += scratch.stiffness[i, j] * scratch.shift_direction[k, j]
+            scratch.matrix[i, nu + m + k] = t
     for i in range(m):
-        unshifted = is_unshifted(plan, s, i)
+        unshifted = is_unshifted(plan, scratch, i)
         # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
         augmented = is_augmented(plan.rows[i])
         k_x, k_v = augmented_stiffness(plan.data, plan.rows[i]) if augmented else (0.0, 1.0)
-        if holds_position_alone(plan, s, i):
+        if holds_position_alone(plan, scratch, i):
             k_x, k_v = 1.0, 0.0
         total = k_x * per_x + k_v * per_v
         for j in range(nu):
-            x = s.tangent.jacobian[i, plan.free[j]]
-            s.matrix[nu + i, j] = 0.0 if unshifted else x
-            v = s.tangent.rate_jacobian[i, plan.free[j]]
-            s.matrix[nu + m + i, j] = (k_x * per_x * x + k_v * v) / total
+            x = scratch.tangent.jacobian[i, plan.free[j]]
+            scratch.matrix[nu + i, j] = 0.0 if unshifted else x
+            v = scratch.tangent.rate_jacobian[i, plan.free[j]]
+            scratch.matrix[nu + m + i, j] = (k_x * per_x * x + k_v * v) / total
         for k in range(m):
             t = 0.0
             r = 0.0
             for j in range(nu):
-                x = s.tangent.jacobian[i, plan.free[j]]
-                t += x * s.shift_direction[k, j]
-                r += (k_x * per_x * x + k_v * s.rate_stiffness[i, j]) * s.shift_direction[k, j]
+                x = scratch.tangent.jacobian[i, plan.free[j]]
+                t += x * scratch.shift_direction[k, j]
+                r += (k_x * per_x * x + k_v * scratch.rate_stiffness[i, j]) * scratch.shift_direction[k, j]
             own = 1.0 if i == k else 0.0
-            s.matrix[nu + i, nu + k] = 0.0
-            s.matrix[nu + m + i, nu + k] = -own / total if augmented else 0.0
-            s.matrix[nu + i, nu + m + k] = own if unshifted else t
-            s.matrix[nu + m + i, nu + m + k] = r / total
+            scratch.matrix[nu + i, nu + k] = 0.0
+            scratch.matrix[nu + m + i, nu + k] = -own / total if augmented else 0.0
+            scratch.matrix[nu + i, nu + m + k] = own if unshifted else t
+            scratch.matrix[nu + m + i, nu + m + k] = r / total
 
 
 @kernel
-def _measure_row_pivot(plan, state, s):
+def _measure_row_pivot(plan, state, scratch):
     """Write the rows' smallest pivot into ``s.least_pivot``, by ``s.shift_direction``."""
     m = plan.rows.shape[0]
     for i in range(m):
         for k in range(i + 1):
-            s.row_factors[i, k] = 0.0
+            scratch.row_factors[i, k] = 0.0
             for j in range(plan.free.shape[0]):
-                s.row_factors[i, k] += s.tangent.jacobian[i, plan.free[j]] * s.shift_direction[k, j]
-    rank = factor_rows(state, s.memory.row_length, s.row_factors, s.row_order)
-    s.row_rank[0] = rank
-    s.least_pivot[0] = s.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
+                scratch.row_factors[i, k] += scratch.tangent.jacobian[i, plan.free[j]] * scratch.shift_direction[k, j]
+    rank = factor_rows(state, scratch.memory.row_length, scratch.row_factors, scratch.row_order)
+    scratch.row_rank[0] = rank
+    scratch.least_pivot[0] = scratch.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
 
 
 @deferred_kernel(FLAG)
-def _put_shifts(plan, state, s, per_x, per_v):
+def _put_shifts(plan, state, scratch, per_x, per_v):
     """Find the motion by a unit reaction, along which positions are shifted, and fill its columns.
 
     False if the tree's matrix is singular.
     """
     for i in range(plan.free.shape[0]):
         for j in range(plan.free.shape[0]):
-            s.tree_matrix[i, j] = s.matrix[i, j]
+            scratch.tree_matrix[i, j] = scratch.matrix[i, j]
         for k in range(plan.rows.shape[0]):
-            s.shift_direction[k, i] = s.matrix[i, plan.free.shape[0] + k]
-    if factor(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes) != 0:
+            scratch.shift_direction[k, i] = scratch.matrix[i, plan.free.shape[0] + k]
+    if factor(plan.lapack, scratch.tree_matrix, scratch.tree_pivot, scratch.sizes) != 0:
         return False
-    solve(plan.lapack, s.tree_matrix, s.tree_pivot, s.sizes, s.shift_direction)
-    _measure_row_pivot(plan, state, s)
-    _put_shift_columns(plan, state, s, per_x, per_v)
+    solve(plan.lapack, scratch.tree_matrix, scratch.tree_pivot, scratch.sizes, scratch.shift_direction)
+    _measure_row_pivot(plan, state, scratch)
+    _put_shift_columns(plan, state, scratch, per_x, per_v)
     return True
 
 
 @kernel
-def linearise(plan, work, state, s, h):
+def linearise(plan, work, state, scratch, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     n = nu + 2 * m
-    per_x, per_v = coefficients(s.memory.scheme, h)
+    per_x, per_v = coefficients(scratch.memory.scheme, h)
     state.counts[st.FACTORISATIONS] += 1
-    s.memory.step_factored[0] = h
-    s.memory.contraction[0] = 1.0
-    _put_derivatives(plan, work, s, per_x, per_v)
-    if m > 0 and not _put_shifts(plan, state, s, per_x, per_v):
+    scratch.memory.step_factored[0] = h
+    scratch.memory.contraction[0] = 1.0
+    _put_derivatives(plan, work, scratch, per_x, per_v)
+    if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
     for i in range(n):
         for j in range(n):
-            if not np.isfinite(s.matrix[i, j]):
+            if not np.isfinite(scratch.matrix[i, j]):
                 return False
-    s.pivot[0] = _OF_TREE
-    if s.ancestors.shape[0] > 0 and factor_tree(s.ancestors, s.matrix):
+    scratch.pivot[0] = _OF_TREE
+    if scratch.ancestors.shape[0] > 0 and factor_tree(scratch.ancestors, scratch.matrix):
         return True
-    if s.ancestors.shape[0] > 0:  # it failed without pivoting, and is overwritten
+    if scratch.ancestors.shape[0] > 0:  # it failed without pivoting, and is overwritten
         for i in range(nu):
             for j in range(nu):
-                s.matrix[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
-    return factor(plan.lapack, s.matrix, s.pivot, s.sizes) == 0
+                scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+    return factor(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes) == 0
 
 
 @kernel
-def solve_factored(plan, s, rhs):
+def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
-    if s.pivot[0] == _OF_TREE:
-        solve_tree(s.ancestors, s.matrix, rhs)
+    if scratch.pivot[0] == _OF_TREE:
+        solve_tree(scratch.ancestors, scratch.matrix, rhs)
     else:
-        solve(plan.lapack, s.matrix, s.pivot, s.sizes, rhs)
+        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)

@@ -34,102 +34,102 @@ _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where tryin
 
 
 @kernel
-def update_end(plan, work, state, s, h, unknown):
+def update_end(plan, work, state, scratch, h, unknown):
     """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
-    scheme = s.memory.scheme
+    scheme = scratch.memory.scheme
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     beta = scheme[BETA]
     gamma = scheme[GAMMA]
     per_x, _ = coefficients(scheme, h)
-    for k in range(s.displacement.shape[0]):
-        s.displacement[k] = 0.0
+    for k in range(scratch.displacement.shape[0]):
+        scratch.displacement[k] = 0.0
     for j in range(nu):
         k = plan.free[j]
         new = unknown[j]
         auxiliary = (
             (1.0 - scheme[ALPHA_F]) * new
             + scheme[ALPHA_F] * state.a[k]
-            - scheme[ALPHA_M] * s.memory.auxiliary[k]
+            - scheme[ALPHA_M] * scratch.memory.auxiliary[k]
         ) / (1.0 - scheme[ALPHA_M])
-        s.a[k] = new
-        s.auxiliary[k] = auxiliary
-        s.displacement[k] = h * state.v[k] + h * h * (
-            (0.5 - beta) * s.memory.auxiliary[k] + beta * auxiliary
+        scratch.a[k] = new
+        scratch.auxiliary[k] = auxiliary
+        scratch.displacement[k] = h * state.v[k] + h * h * (
+            (0.5 - beta) * scratch.memory.auxiliary[k] + beta * auxiliary
         )
-        s.v[k] = state.v[k] + h * ((1.0 - gamma) * s.memory.auxiliary[k] + gamma * auxiliary)
+        scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
     for i in range(m):
-        s.multipliers[i] = unknown[nu + i]
+        scratch.multipliers[i] = unknown[nu + i]
         shift = per_x * unknown[nu + m + i]
         for j in range(nu):
-            s.displacement[plan.free[j]] += shift * s.shift_direction[i, j]
-    retract(plan, state.x, s.displacement, s.x)
-    drive(plan, work, s.x, s.v, s.a)
+            scratch.displacement[plan.free[j]] += shift * scratch.shift_direction[i, j]
+    retract(plan, state.x, scratch.displacement, scratch.x)
+    drive(plan, work, scratch.x, scratch.v, scratch.a)
 
 
 @kernel
-def evaluate_step(plan, work, state, s, h, unknown, equation):
+def evaluate_step(plan, work, state, scratch, h, unknown, equation):
     """Evaluate the step's equations at ``unknown``."""
     nu = plan.free.shape[0]
-    update_end(plan, work, state, s, h, unknown)
-    residual(plan, work, s.x, s.v, s.a, s.multipliers, s.residual)
+    update_end(plan, work, state, scratch, h, unknown)
+    residual(plan, work, scratch.x, scratch.v, scratch.a, scratch.multipliers, scratch.residual)
     state.counts[st.EVALUATIONS] += 1
     for j in range(nu):
-        equation[j] = s.residual[plan.free[j]]
+        equation[j] = scratch.residual[plan.free[j]]
     if plan.rows.shape[0] > 0:
-        _evaluate_rows(plan, work, state, s, h, unknown, equation)
+        _evaluate_rows(plan, work, state, scratch, h, unknown, equation)
 
 
 @deferred_kernel()
-def _evaluate_rows(plan, work, state, s, h, unknown, equation):
+def _evaluate_rows(plan, work, state, scratch, h, unknown, equation):
     """The equations of the rows; ``work`` must hold the motion."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    per_x, per_v = coefficients(s.memory.scheme, h)
-    constraints(plan, work, s.phi, s.phi_rate, s.phi_rate2)
+    per_x, per_v = coefficients(scratch.memory.scheme, h)
+    constraints(plan, work, scratch.phi, scratch.phi_rate, scratch.phi_rate2)
     for i in range(m):
-        if is_unshifted(plan, s, i):
+        if is_unshifted(plan, scratch, i):
             equation[nu + i] = unknown[nu + m + i]
         else:
-            equation[nu + i] = s.phi[i] / per_x
-        equation[nu + m + i] = s.phi_rate[i] / per_v
-        if holds_position_alone(plan, s, i):
-            equation[nu + m + i] = s.phi[i] / per_x
+            equation[nu + i] = scratch.phi[i] / per_x
+        equation[nu + m + i] = scratch.phi_rate[i] / per_v
+        if holds_position_alone(plan, scratch, i):
+            equation[nu + m + i] = scratch.phi[i] / per_x
         if is_augmented(plan.rows[i]):
             # the reaction is that of the pass before and of stiffness and damping
             k, c = augmented_stiffness(plan.data, plan.rows[i])
-            gap = s.known_reaction[i] + k * s.phi[i] + c * s.phi_rate[i] - unknown[nu + i]
+            gap = scratch.known_reaction[i] + k * scratch.phi[i] + c * scratch.phi_rate[i] - unknown[nu + i]
             equation[nu + m + i] = gap / (k * per_x + c * per_v)
 
 
 @kernel
-def correct(plan, state, s, h):
+def correct(plan, state, scratch, h):
     """Add Newton's correction with the factors at hand to ``s.unknown``; its largest parts over the scales.
 
     Returns the motion's and, where there are loops, that of the forces out of balance (``state.pushed``).
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    per_x, per_v = coefficients(s.memory.scheme, h)
-    for i in range(s.equation.shape[0]):
-        s.correction[0, i] = s.equation[i]
-    solve_factored(plan, s, s.correction)
+    per_x, per_v = coefficients(scratch.memory.scheme, h)
+    for i in range(scratch.equation.shape[0]):
+        scratch.correction[0, i] = scratch.equation[i]
+    solve_factored(plan, scratch, scratch.correction)
     size = 0.0
     imbalance = 0.0
-    for i in range(s.unknown.shape[0]):
-        s.unknown[i] -= s.correction[0, i]
-    reactions = s.correction[0, nu : nu + m]
+    for i in range(scratch.unknown.shape[0]):
+        scratch.unknown[i] -= scratch.correction[0, i]
+    reactions = scratch.correction[0, nu : nu + m]
     for j in range(nu):
         k = plan.free[j]
-        move = s.correction[0, j]
-        part = max(abs(move) * per_x / s.scale_x[k], abs(move) * per_v / s.scale_v[k])
+        move = scratch.correction[0, j]
+        part = max(abs(move) * per_x / scratch.scale_x[k], abs(move) * per_v / scratch.scale_v[k])
         if m > 0:
-            pushed = st.reaction_acceleration(s.shift_direction, reactions, j)
-            imbalance = max(imbalance, abs(move + pushed) * per_v / s.scale_v[k])
+            pushed = st.reaction_acceleration(scratch.shift_direction, reactions, j)
+            imbalance = max(imbalance, abs(move + pushed) * per_v / scratch.scale_v[k])
         for i in range(m):
             part = max(
                 part,
-                abs(s.correction[0, nu + m + i] * s.shift_direction[i, j]) * per_x / s.scale_x[k],
+                abs(scratch.correction[0, nu + m + i] * scratch.shift_direction[i, j]) * per_x / scratch.scale_x[k],
             )
         if not part <= size:
             size = part
@@ -144,7 +144,7 @@ def _remaining_error(contraction):
 
 
 @kernel
-def _newton(plan, work, state, s, h, tolerance, evaluated, last):
+def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
     """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
 
     ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
@@ -153,12 +153,12 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
     before = 0.0
     imbalance_before = 0.0
     # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(s.memory.contraction[0], 1e-3) ** 0.8
+    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
-            evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
+            evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
         state.counts[st.ITERATIONS] += 1
-        size, imbalance = correct(plan, state, s, h)
+        size, imbalance = correct(plan, state, scratch, h)
         if not np.isfinite(size + imbalance):
             return -1
         balanced = imbalance <= tolerance
@@ -169,23 +169,23 @@ def _newton(plan, work, state, s, h, tolerance, evaluated, last):
             stalled = (contraction > 0.7 and size > tolerance) or (imbalance_ratio > 0.7 and not balanced)
             if stalled:
                 # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
-                if not last or max(size, imbalance) > ROUND_OFF / s.least_pivot[0]:
+                if not last or max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]:
                     return 0
-                update_end(plan, work, state, s, h, s.unknown)
-                s.memory.contraction[0] = 1.0
+                update_end(plan, work, state, scratch, h, scratch.unknown)
+                scratch.memory.contraction[0] = 1.0
                 return 1
         before = size
         imbalance_before = imbalance
         # near singular positions old factors lose their worth within a step
         left = 1.0 if iteration == 0 and loops else _remaining_error(contraction)
         if balanced and (size * left <= tolerance or size <= 1e-15):
-            update_end(plan, work, state, s, h, s.unknown)
+            update_end(plan, work, state, scratch, h, scratch.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
-                s.memory.contraction[0] = min(1.3 * contraction, 1.0)
+                scratch.memory.contraction[0] = min(1.3 * contraction, 1.0)
                 return 1
-            s.memory.contraction[0] = min(contraction, 1.0)
+            scratch.memory.contraction[0] = min(contraction, 1.0)
             if contraction > _RENEW:
-                s.memory.step_factored[0] = 0.0
+                scratch.memory.step_factored[0] = 0.0
             return 1
     return 0
 
@@ -216,72 +216,72 @@ def _predict_equal_steps(now, before, earlier, earliest):
 
 
 @kernel
-def predict(plan, state, s, h, extrapolate):
+def predict(plan, state, scratch, h, extrapolate):
     """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = s.memory.known_steps[0]
+    known = scratch.memory.known_steps[0]
     fixed = state.counts[st.FIXED_STEP] == 1
-    memory = s.memory
+    memory = scratch.memory
     h1, h2 = state.numbers[st.STEP_BEFORE], memory.step_earlier[0]
     follows = extrapolate and known > 1 and not fixed
     for j in range(nu):
         k = plan.free[j]
-        s.unknown[j] = state.a[k]
+        scratch.unknown[j] = state.a[k]
         if follows:
-            s.unknown[j] = _extrapolate(h1, h2, h, state.a[k], memory.before[k], memory.earlier[k])
+            scratch.unknown[j] = _extrapolate(h1, h2, h, state.a[k], memory.before[k], memory.earlier[k])
         elif extrapolate and known > 2 and fixed:
-            s.unknown[j] = _predict_equal_steps(
+            scratch.unknown[j] = _predict_equal_steps(
                 state.a[k], memory.before[k], memory.earlier[k], memory.earliest[k]
             )
     for i in range(m):
-        s.unknown[nu + i] = state.multipliers[i]
+        scratch.unknown[nu + i] = state.multipliers[i]
         if follows:
-            s.unknown[nu + i] = _extrapolate(
+            scratch.unknown[nu + i] = _extrapolate(
                 h1, h2, h, state.multipliers[i], memory.reactions_before[i], memory.reactions_earlier[i]
             )
         elif extrapolate and known > 2 and fixed:
             before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
-            s.unknown[nu + i] = _predict_equal_steps(
+            scratch.unknown[nu + i] = _predict_equal_steps(
                 state.multipliers[i], before, earlier, memory.reactions_earliest[i]
             )
-        s.unknown[nu + m + i] = 0.0
+        scratch.unknown[nu + m + i] = 0.0
 
 
 @kernel
-def solve_step(plan, work, state, s, h, tolerance):
+def solve_step(plan, work, state, scratch, h, tolerance):
     """Newton with the old factors where they still serve, with new ones otherwise.
 
-    Returns whether it converged; if so ``s`` holds the step's end.
+    Returns whether it converged; if so ``scratch`` holds the step's end.
     """
-    renew = s.memory.renewals[0] > 0
+    renew = scratch.memory.renewals[0] > 0
     for attempt in range(3):
         if attempt == 0:
-            if renew or s.memory.step_factored[0] != h:
+            if renew or scratch.memory.step_factored[0] != h:
                 continue
-            predict(plan, state, s, h, True)
+            predict(plan, state, scratch, h, True)
         elif attempt == 1:
-            predict(plan, state, s, h, renew)
+            predict(plan, state, scratch, h, renew)
         finite = True
-        for i in range(s.unknown.shape[0]):
-            finite = finite and np.isfinite(s.unknown[i])
+        for i in range(scratch.unknown.shape[0]):
+            finite = finite and np.isfinite(scratch.unknown[i])
         if not finite:
             break
         # the second time linearised where the first iterations led
         if attempt > 0:
-            evaluate_step(plan, work, state, s, h, s.unknown, s.equation)
-            if not linearise(plan, work, state, s, h):
+            evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
+            if not linearise(plan, work, state, scratch, h):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 break
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
-        if _newton(plan, work, state, s, h, tolerance, evaluated, attempt == 2) == 1:
+        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2) == 1:
             if renew:
-                s.memory.renewals[0] -= 1
+                scratch.memory.renewals[0] -= 1
             elif attempt == 0:
-                s.memory.next_renewals[0] = 0
+                scratch.memory.next_renewals[0] = 0
             return True
         if attempt == 0:
-            s.memory.renewals[0] = s.memory.next_renewals[0]
-            s.memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * s.memory.next_renewals[0] + 1)
-    s.memory.step_factored[0] = 0.0
+            scratch.memory.renewals[0] = scratch.memory.next_renewals[0]
+            scratch.memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * scratch.memory.next_renewals[0] + 1)
+    scratch.memory.step_factored[0] = 0.0
     return False

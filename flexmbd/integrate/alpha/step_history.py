@@ -11,42 +11,42 @@ _FAR = 4.0  # times the step before, after one cut short by its end: beyond that
 
 
 @kernel
-def prepare_step(plan, work, state, groups, s, h):
+def prepare_step(plan, work, state, groups, scratch, h):
     """Carry the history to a step of h and set its scales; returns the tolerance of Newton's iteration."""
     rate = state.numbers[st.RATE]
     if h > _FAR * state.numbers[st.STEP_BEFORE]:
-        s.memory.known_steps[0] = 0
-    if s.memory.known_steps[0] > 0:
-        carry_auxiliary(state, s.memory, h)
+        scratch.memory.known_steps[0] = 0
+    if scratch.memory.known_steps[0] > 0:
+        carry_auxiliary(state, scratch.memory, h)
     else:
-        s.memory.step_auxiliary[0] = h
+        scratch.memory.step_auxiliary[0] = h
     evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), work.time)
     limit = max(state.numbers[st.TOLERANCE] * min(1.0, h * rate), st.ROUND_OFF)
-    st.set_scales(state, groups, s, rate, limit)
+    st.set_scales(state, groups, scratch, rate, limit)
     return max(_NEWTON_SHARE * limit, 5e-15)
 
 
 @kernel
-def accept(state, s):
+def accept(state, scratch):
     """Make the trial state the current one."""
-    memory = s.memory
+    memory = scratch.memory
     for k in range(state.v.shape[0]):
         memory.earliest[k] = memory.earlier[k]
         memory.earlier[k] = memory.before[k]
         memory.before[k] = state.a[k]
-        state.v[k] = s.v[k]
-        state.a[k] = s.a[k]
-        memory.auxiliary[k] = s.auxiliary[k]
-        memory.own_rate[k] = st.own_rate(s.own_rate[k], memory.own_rate[k], state.numbers[st.RATE])
+        state.v[k] = scratch.v[k]
+        state.a[k] = scratch.a[k]
+        memory.auxiliary[k] = scratch.auxiliary[k]
+        memory.own_rate[k] = st.own_rate(scratch.own_rate[k], memory.own_rate[k], state.numbers[st.RATE])
     for k in range(state.x.shape[0]):
-        state.x[k] = s.x[k]
+        state.x[k] = scratch.x[k]
     for i in range(state.multipliers.shape[0]):
         memory.reactions_earliest[i] = memory.reactions_earlier[i]
         memory.reactions_earlier[i] = memory.reactions_before[i]
         memory.reactions_before[i] = state.multipliers[i]
-        state.multipliers[i] = s.multipliers[i]
-    s.memory.step_earlier[0] = state.numbers[st.STEP_BEFORE]
-    s.memory.known_steps[0] = min(3, s.memory.known_steps[0] + 1)
+        state.multipliers[i] = scratch.multipliers[i]
+    scratch.memory.step_earlier[0] = state.numbers[st.STEP_BEFORE]
+    scratch.memory.known_steps[0] = min(3, scratch.memory.known_steps[0] + 1)
 
 
 @kernel

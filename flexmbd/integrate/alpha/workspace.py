@@ -213,14 +213,14 @@ def coefficients(scheme, h):
 
 
 @kernel
-def holds_position_alone(plan, s, i):
+def holds_position_alone(plan, scratch, i):
     """Whether row i is held at the level of positions and no other (index 3)."""
     row = plan.rows[i]
-    return s.memory.index[0] == 3 and holds_position(row) and not is_augmented(row)
+    return scratch.memory.index[0] == 3 and holds_position(row) and not is_augmented(row)
 
 
 @kernel
-def is_unshifted(plan, s, i):
+def is_unshifted(plan, scratch, i):
     """Whether row i shifts no positions: it holds one level alone, or is augmented."""
     row = plan.rows[i]
-    return s.memory.index[0] == 3 or is_augmented(row) or not holds_position(row)
+    return scratch.memory.index[0] == 3 or is_augmented(row) or not holds_position(row)

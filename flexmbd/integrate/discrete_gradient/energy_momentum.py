@@ -228,106 +228,108 @@ def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
 
 
 @kernel
-def _filter(plan, s, error):
+def _filter(plan, scratch, error):
     """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
 
     This damps the error in stiff parts and removes it across rows.  ``s.full_matrix`` must hold the mass matrix.
     """
     free = plan.free
-    for i in range(s.correction.shape[1]):
-        s.correction[0, i] = 0.0
+    for i in range(scratch.correction.shape[1]):
+        scratch.correction[0, i] = 0.0
     for i in range(free.shape[0]):
         for j in range(free.shape[0]):
-            s.correction[0, i] += s.full_matrix[free[i], free[j]] * error[free[j]]
-    solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
+            scratch.correction[0, i] += scratch.full_matrix[free[i], free[j]] * error[free[j]]
+    solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
 
 
 @kernel
-def _ratio(plan, state, groups, s, h, rate, leniency):
-    rates = s.memory.own_rate
-    return filtered_ratio(plan, state, groups, s.error_x, s.error_v, s.own_rate, rates, h, rate, 0.0, leniency)
+def _ratio(plan, state, groups, scratch, h, rate, leniency):
+    rates = scratch.memory.own_rate
+    return filtered_ratio(
+        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, 0.0, leniency
+    )
 
 
 @deferred_kernel(NUMBER)
-def _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio):
+def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
     """The error's ratio where loads that are data act in the step, see ``data_loads``.
 
     Of motions a step misses nothing: its driven velocities are what they travel over its length.
     """
-    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data)
+    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
     if found == STRAIGHT:
         return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, s, h, rate, 0.0) <= 1.0:
-        for k in range(s.own_rate.shape[0]):
-            s.own_rate[k] = 0.0  # nothing asks whether it vibrates
+    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, 0.0) <= 1.0:
+        for k in range(scratch.own_rate.shape[0]):
+            scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
         return ratio
-    push(plan, work, state, s.x_end, s.v_end, s.a_end, s.zero_multipliers, s.data)
-    put_pushes(plan, s.data, s.correction)
-    solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
-    without_loads(plan, groups, s.own_rate, s.correction, h)
-    seen = _ratio(plan, state, groups, s, h, rate, 1.0)
-    missed_impulse(plan, s.correction, h, s.error_x, s.error_v)
-    return max(seen, _ratio(plan, state, groups, s, h, rate, 0.0))
+    push(plan, work, state, scratch.x_end, scratch.v_end, scratch.a_end, scratch.zero_multipliers, scratch.data)
+    put_pushes(plan, scratch.data, scratch.correction)
+    solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+    without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
+    seen = _ratio(plan, state, groups, scratch, h, rate, 1.0)
+    missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v)
+    return max(seen, _ratio(plan, state, groups, scratch, h, rate, 0.0))
 
 
 @kernel
-def _local_error(plan, work, state, groups, s, a_end, h, rate):
+def _local_error(plan, work, state, groups, scratch, a_end, h, rate):
     """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
-    judge_lasting(plan, work, state, groups, s.x_end, s.v_end)
+    judge_lasting(plan, work, state, groups, scratch.x_end, scratch.v_end)
     h1 = state.numbers[st.STEP_BEFORE]
-    v_end = s.v_end
+    v_end = scratch.v_end
     for k in range(a_end.shape[0]):
         correction = h * h / 12.0 * (state.a[k] - a_end[k])
-        s.error_x[k] = s.increment[k] - 0.5 * h * (state.v[k] + v_end[k]) - correction
+        scratch.error_x[k] = scratch.increment[k] - 0.5 * h * (state.v[k] + v_end[k]) - correction
         # the integral of the parabola through the last three accelerations
         curve = 0.0
         if h1 > 0.0:
-            slope = (state.a[k] - s.memory.before[k]) / h1
+            slope = (state.a[k] - scratch.memory.before[k]) / h1
             curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
         mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
-        s.error_v[k] = v_end[k] - state.v[k] - h * mean
-        s.own_rate[k] = curve
+        scratch.error_v[k] = v_end[k] - state.v[k] - h * mean
+        scratch.own_rate[k] = curve
     for i in range(plan.tree.shape[0]):
         o = spin_of(plan.tree[i])
         if o >= 0:
-            _add_rotation_error(s.increment, state.v, v_end, state.a, a_end, o, h, s.error_x)
+            _add_rotation_error(scratch.increment, state.v, v_end, state.a, a_end, o, h, scratch.error_x)
     for j in range(plan.free.shape[0]):
-        s.error_x[j] = s.error_x[plan.free[j]]
-    _filter(plan, s, s.own_rate)
+        scratch.error_x[j] = scratch.error_x[plan.free[j]]
+    _filter(plan, scratch, scratch.own_rate)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        s.own_rate[k] = vibration_rate(groups, k, s.correction[0, j])
-    _filter(plan, s, s.error_v)
+        scratch.own_rate[k] = vibration_rate(groups, k, scratch.correction[0, j])
+    _filter(plan, scratch, scratch.error_v)
     for j in range(plan.free.shape[0]):
-        s.error_v[j] = s.correction[0, j]
-    ratio = _ratio(plan, state, groups, s, h, rate, 1.0)
-    if ratio <= 1.0 and s.data.known[0] == 1:
-        ratio = _ratio_with_loads(plan, work, state, groups, s, h, rate, ratio)
-    forget_passing(plan, state, groups, s.own_rate)
+        scratch.error_v[j] = scratch.correction[0, j]
+    ratio = _ratio(plan, state, groups, scratch, h, rate, 1.0)
+    if ratio <= 1.0 and scratch.data.known[0] == 1:
+        ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio)
+    forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
 
 
 @kernel
-def _accept(plan, loops, state, s, a_end, h):
+def _accept(plan, loops, state, scratch, a_end, h):
     """Make the trial state the current one."""
-    remember(plan, state, s, h)
+    remember(plan, state, scratch, h)
     for k in range(state.v.shape[0]):
-        s.memory.before[k] = state.a[k]
-        s.memory.momentum[k] = s.p_end[k]
-        before = s.memory.own_rate[k]
-        s.memory.own_rate[k] = st.own_rate(s.own_rate[k], before, state.numbers[st.RATE])
-        state.v[k] = s.v_end[k]
+        scratch.memory.before[k] = state.a[k]
+        scratch.memory.momentum[k] = scratch.p_end[k]
+        before = scratch.memory.own_rate[k]
+        scratch.memory.own_rate[k] = st.own_rate(scratch.own_rate[k], before, state.numbers[st.RATE])
+        state.v[k] = scratch.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):
-        state.x[k] = s.x_end[k]
+        state.x[k] = scratch.x_end[k]
     for i in range(state.multipliers.shape[0]):
-        state.multipliers[i] = s.nu_end[i]
+        state.multipliers[i] = scratch.nu_end[i]
     update_row_scales(loops, state)
-    s.memory.energy[0] += s.memory.load_work[0]
+    scratch.memory.energy[0] += scratch.memory.load_work[0]
 
 
 @kernel
-def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
+def _solve(plan, stored_plan, work, loops, state, groups, scratch, h, rate, newton):
     """A trial step of h; False if Newton's iteration failed."""
     t = state.numbers[st.TIME]
     if plan.driven.shape[0] + plan.rows.shape[0] > 0:
@@ -335,14 +337,14 @@ def _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton):
         for i in range(plan.rows.shape[0]):
             f = time_of_row(plan.rows[i])
             if f >= 0:
-                s.row_end[i, 0] = work.time[f, 0]
-                s.row_end[i, 1] = work.time[f, 1]
+                scratch.row_end[i, 0] = work.time[f, 0]
+                scratch.row_end[i, 1] = work.time[f, 1]
         for i in range(plan.driven.shape[0]):
             for k in range(3):
-                s.driven[i, k] = work.time[driven_time(plan.driven[i]), k]
+                scratch.driven[i, k] = work.time[driven_time(plan.driven[i]), k]
     evaluate_times(plan, t + 0.5 * h, work.time)
-    st.set_scales(state, groups, s, rate, newton)
-    return solve_step(plan, stored_plan, work, loops, state, groups, s, h, newton)
+    st.set_scales(state, groups, scratch, rate, newton)
+    return solve_step(plan, stored_plan, work, loops, state, groups, scratch, h, newton)
 
 
 @kernel
@@ -352,25 +354,25 @@ def _attempt(method, state, groups, h):
     stored_plan = method.stored_plan
     work = method.work
     loops = method.loops
-    s = method.scratch
+    scratch = method.scratch
     newton = method.newton
     number = state.numbers
     count = state.counts
     rate = number[st.RATE]
-    solved = _solve(plan, stored_plan, work, loops, state, groups, s, h, rate, newton)
+    solved = _solve(plan, stored_plan, work, loops, state, groups, scratch, h, rate, newton)
     if solved and plan.flag[0] == 0:
         evaluate_times(plan, st.function_time(state.numbers, number[st.STEP_END]), work.time)
-        accelerate_end(plan, work, loops, s)
+        accelerate_end(plan, work, loops, scratch)
     if plan.flag[0] != 0:
         count[st.OUTCOME] = st.CALLBACK_FAILED
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            ratio = _local_error(plan, work, state, groups, s, s.a_end, h, rate)
+            ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate)
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            _accept(plan, loops, state, s, s.a_end, h)
+            _accept(plan, loops, state, scratch, scratch.a_end, h)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
 

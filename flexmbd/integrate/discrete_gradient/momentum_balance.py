@@ -1,7 +1,7 @@
 """The motion of a discrete-gradient step and the balance of its momenta, rotations among them.
 
 A rotation of the step is Cayley's map of h times its angular velocity; E is half of it.  Equations:
-docs/integrators.md, "Energy-momentum".  ``s`` is an ``EnergyMomentumWorkspace``.
+docs/integrators.md, "Energy-momentum".  ``scratch`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -64,32 +64,32 @@ def _turn_joint(x, o, turn, x_mid, x_end):
 
 
 @separate_kernel
-def place(plan, x, s, h):
+def place(plan, x, scratch, h):
     """Positions in the middle and at the end of a step of h with velocities ``s.u``, and its increments."""
-    for k in range(s.u.shape[0]):
-        s.half_velocity[k] = 0.5 * s.u[k]
-        s.increment[k] = h * s.u[k]
+    for k in range(scratch.u.shape[0]):
+        scratch.half_velocity[k] = 0.5 * scratch.u[k]
+        scratch.increment[k] = h * scratch.u[k]
     for i in range(plan.tree.shape[0]):
         link = plan.tree[i]
         adds, ox, ov = joint_of(link)
         o = spin_of(link)
         if o >= 0:
-            turn = load3(s.increment, o)
-            _turn_joint(x, ox + adds, turn, s.x_mid, s.x_end)
+            turn = load3(scratch.increment, o)
+            _turn_joint(x, ox + adds, turn, scratch.x_mid, scratch.x_end)
             if is_free(link):
                 _, kappa = _half_turn(turn)
                 # the rotation in the middle keeps the axis that it turns about
-                turn_F = rotate(quaternion_matrix(_load4(s.x_mid, ox + adds)), turn)
-                store3(s.increment, ov, _mean_turn(turn_F, kappa, load3(s.increment, ov)))
+                turn_F = rotate(quaternion_matrix(_load4(scratch.x_mid, ox + adds)), turn)
+                store3(scratch.increment, ov, _mean_turn(turn_F, kappa, load3(scratch.increment, ov)))
         for k in range(adds):
-            s.x_mid[ox + k] = x[ox + k] + 0.5 * s.increment[ov + k]
-            s.x_end[ox + k] = x[ox + k] + s.increment[ov + k]
+            scratch.x_mid[ox + k] = x[ox + k] + 0.5 * scratch.increment[ov + k]
+            scratch.x_end[ox + k] = x[ox + k] + scratch.increment[ov + k]
         n, qx, qv = modes_of(link, plan.flex)
         for k in range(n):
-            s.x_mid[qx + k] = x[qx + k] + 0.5 * s.increment[qv + k]
-            s.x_end[qx + k] = x[qx + k] + s.increment[qv + k]
+            scratch.x_mid[qx + k] = x[qx + k] + 0.5 * scratch.increment[qv + k]
+            scratch.x_end[qx + k] = x[qx + k] + scratch.increment[qv + k]
     for i in range(plan.driven.shape[0]):
-        s.x_end[driven_place(plan.driven[i])[0]] = s.driven[i, 0]
+        scratch.x_end[driven_place(plan.driven[i])[0]] = scratch.driven[i, 0]
 
 
 @kernel
@@ -107,71 +107,75 @@ def _balance_spin(before, middle, half, torque, h):
 
 
 @kernel
-def balance_momenta(plan, p, s, h):
+def balance_momenta(plan, p, scratch, h):
     """Write ``s.p_end`` = 2 M u - p and ``s.balance`` = (p_end - p) / h + force, turned where joints turn.
 
     Returns the change of kinetic energy by momenta, u . (p_end - p).
     """
     work = 0.0
     for k in range(p.shape[0]):
-        s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
-        s.balance[k] = (s.p_end[k] - p[k]) / h + s.gradient[k]
-        work += s.u[k] * (s.p_end[k] - p[k])
+        scratch.p_end[k] = 2.0 * scratch.p_mid[k] - p[k]
+        scratch.balance[k] = (scratch.p_end[k] - p[k]) / h + scratch.gradient[k]
+        work += scratch.u[k] * (scratch.p_end[k] - p[k])
     for i in range(plan.tree.shape[0]):
         adds, ox, shift = joint_of(plan.tree[i])
         o = spin_of(plan.tree[i])
         if o < 0:
             continue
-        turn = load3(s.increment, o)
+        turn = load3(scratch.increment, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
-        torque = load3(s.gradient, o)
+        torque = load3(scratch.gradient, o)
         if is_free(plan.tree[i]):
-            R = quaternion_matrix(_load4(s.x_mid, ox + adds))
+            R = quaternion_matrix(_load4(scratch.x_mid, ox + adds))
             start = rotate_back(R, load3(p, shift))
             own = rotate(E, start)
-            own_end = sub3(scale3(2.0, rotate_back(R, load3(s.p_mid, shift))), own)
+            own_end = sub3(scale3(2.0, rotate_back(R, load3(scratch.p_mid, shift))), own)
             end = rotate(E, own_end)
-            u = load3(s.u, shift)
+            u = load3(scratch.u, shift)
             work += dot3(rotate_back(R, u), sub3(own_end, own))
             for k in range(3):
-                work -= u[k] * (s.p_end[shift + k] - p[shift + k])
-            store3(s.p_end, shift, rotate(R, end))
-            store3(s.balance, shift, add3(scale3(1.0 / h, rotate(R, sub3(end, start))), load3(s.gradient, shift)))
+                work -= u[k] * (scratch.p_end[shift + k] - p[shift + k])
+            store3(scratch.p_end, shift, rotate(R, end))
+            store3(
+                scratch.balance,
+                shift,
+                add3(scale3(1.0 / h, rotate(R, sub3(end, start))), load3(scratch.gradient, shift)),
+            )
             mean = scale3(0.5, add3(start, end))
             torque = add3(torque, cross3(_mean_turn(turn, kappa, rotate_back(R, u)), mean))
-        end, rest = _balance_spin(load3(p, o), load3(s.p_mid, o), E, torque, h)
-        store3(s.p_end, o, end)
-        store3(s.balance, o, rest)
+        end, rest = _balance_spin(load3(p, o), load3(scratch.p_mid, o), E, torque, h)
+        store3(scratch.p_end, o, end)
+        store3(scratch.balance, o, rest)
     return work
 
 
 @kernel
-def conserve_momenta(plan, p, s, h):
+def conserve_momenta(plan, p, scratch, h):
     """Write the joints' part of ``s.p_end`` by the momenta's balance: momenta without force are kept to round-off.
 
     Modal momenta stay those of the velocities: they have no symmetry, and where a step does not resolve a mode the
     balance amplifies the error of Newton's iteration.  Parts that a projection onto loops removed are restored.
     """
     for k in range(p.shape[0]):
-        s.p_end[k] = 2.0 * s.p_mid[k] - p[k]
+        scratch.p_end[k] = 2.0 * scratch.p_mid[k] - p[k]
     for i in range(plan.tree.shape[0]):
         adds, ox, shift = joint_of(plan.tree[i])
         for k in range(shift, shift + adds):
-            s.p_end[k] = p[k] - h * s.gradient[k]
+            scratch.p_end[k] = p[k] - h * scratch.gradient[k]
         o = spin_of(plan.tree[i])
         if o < 0:
             continue
-        turn = load3(s.increment, o)
+        turn = load3(scratch.increment, o)
         half, kappa = _half_turn(turn)
         E = quaternion_matrix(half)
-        torque = load3(s.gradient, o)
+        torque = load3(scratch.gradient, o)
         if is_free(plan.tree[i]):
-            R = quaternion_matrix(_load4(s.x_mid, ox + adds))
-            mean = scale3(0.5, add3(load3(p, shift), load3(s.p_end, shift)))
-            torque = add3(torque, _orbital(s.u, shift, R, turn, kappa, mean))
+            R = quaternion_matrix(_load4(scratch.x_mid, ox + adds))
+            mean = scale3(0.5, add3(load3(p, shift), load3(scratch.p_end, shift)))
+            torque = add3(torque, _orbital(scratch.u, shift, R, turn, kappa, mean))
         spin = sub3(rotate_back(E, load3(p, o)), scale3(h, torque))
-        store3(s.p_end, o, rotate_back(E, spin))
+        store3(scratch.p_end, o, rotate_back(E, spin))
 
 
 @kernel
@@ -187,7 +191,7 @@ def _strain_gradient(modal, o, q, out):
 
 
 @deferred_kernel()
-def average_strain(plan, s, h):
+def average_strain(plan, scratch, h):
     """Make the forces of the modes' second-order strains those of the mean strain, in place of the middle's.
 
     The mean of a quadratic form's values at both ends is more than its value in the middle by that of half the
@@ -200,17 +204,17 @@ def average_strain(plan, s, h):
             continue
         flex = plan.flex[flexible_of(link)]
         for r in range(membrane_strains_of(flex)):
-            c, o, _, more = stretch(plan, flex, s.half_velocity[qv : qv + n], r)
+            c, o, _, more = stretch(plan, flex, scratch.half_velocity[qv : qv + n], r)
             force = more * h * h
-            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.modal_scratch[0, :n])
+            _strain_gradient(plan.modal, o, scratch.x_mid[qx : qx + n], scratch.modal_scratch[0, :n])
             for j in range(n):
-                s.modal_scratch[0, j] += plan.modal[c + j]
-                s.gradient[qv + j] += force * s.modal_scratch[0, j]
-                s.stored_gradient[qv + j] += force * s.modal_scratch[0, j]
+                scratch.modal_scratch[0, j] += plan.modal[c + j]
+                scratch.gradient[qv + j] += force * scratch.modal_scratch[0, j]
+                scratch.stored_gradient[qv + j] += force * scratch.modal_scratch[0, j]
 
 
 @deferred_kernel()
-def vary_average_strain(plan, s, h):
+def vary_average_strain(plan, scratch, h):
     """Add h / 2 times the derivative by u of the forces that ``average_strain`` adds to ``s.full_matrix``."""
     for i in range(plan.tree.shape[0]):
         link = plan.tree[i]
@@ -219,20 +223,22 @@ def vary_average_strain(plan, s, h):
             continue
         flex = plan.flex[flexible_of(link)]
         for r in range(membrane_strains_of(flex)):
-            c, o, _, more = stretch(plan, flex, s.half_velocity[qv : qv + n], r)
+            c, o, _, more = stretch(plan, flex, scratch.half_velocity[qv : qv + n], r)
             stiffness = 0.25 * h * h
-            _strain_gradient(plan.modal, o, s.x_mid[qx : qx + n], s.modal_scratch[0, :n])
-            _strain_gradient(plan.modal, o, s.half_velocity[qv : qv + n], s.modal_scratch[1, :n])
+            _strain_gradient(plan.modal, o, scratch.x_mid[qx : qx + n], scratch.modal_scratch[0, :n])
+            _strain_gradient(plan.modal, o, scratch.half_velocity[qv : qv + n], scratch.modal_scratch[1, :n])
             for a in range(n):
-                s.modal_scratch[0, a] += plan.modal[c + a]
+                scratch.modal_scratch[0, a] += plan.modal[c + a]
             for a in range(n):
                 for b in range(n):
-                    s.full_matrix[qv + a, qv + b] += stiffness * h * s.modal_scratch[0, a] * s.modal_scratch[1, b]
+                    scratch.full_matrix[qv + a, qv + b] += (
+                        stiffness * h * scratch.modal_scratch[0, a] * scratch.modal_scratch[1, b]
+                    )
                 for b in range(a + 1):
                     t = stiffness * h * h * more * plan.modal[o + b]
-                    s.full_matrix[qv + a, qv + b] += t
+                    scratch.full_matrix[qv + a, qv + b] += t
                     if b < a:
-                        s.full_matrix[qv + b, qv + a] += t
+                        scratch.full_matrix[qv + b, qv + a] += t
                 o += a + 1
 
 
@@ -252,18 +258,18 @@ def _projected(projector, i, R, v):
 
 
 @kernel
-def project_out_symmetries(plan, s, out):
+def project_out_symmetries(plan, scratch, out):
     """Project motions that energy does not depend on out of the velocities or momenta ``out`` (nv,)."""
     bodies = plan.tree.shape[0]
     for k in range(out.shape[0]):
-        out[k] *= s.projector[2 * bodies + k, 0]
+        out[k] *= scratch.projector[2 * bodies + k, 0]
     for i in range(bodies):
         adds, ox, shift = joint_of(plan.tree[i])
         o = spin_of(plan.tree[i])
         if o < 0:
             continue
-        R = quaternion_matrix(_load4(s.x_mid, ox + adds))
-        store3(out, o, _projected(s.projector, 2 * i + 1, R, load3(out, o)))
+        R = quaternion_matrix(_load4(scratch.x_mid, ox + adds))
+        store3(out, o, _projected(scratch.projector, 2 * i + 1, R, load3(out, o)))
         if is_free(plan.tree[i]):
             unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-            store3(out, shift, _projected(s.projector, 2 * i, unturned, load3(out, shift)))
+            store3(out, shift, _projected(scratch.projector, 2 * i, unturned, load3(out, shift)))

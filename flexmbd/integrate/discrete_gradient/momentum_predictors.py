@@ -1,6 +1,6 @@
 """Predictors of an energy-momentum step's velocities and reactions, by what the last steps were.
 
-``s`` is an ``EnergyMomentumWorkspace``.
+``scratch`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -35,47 +35,47 @@ def _predict(state, memory, k, h, predictor):
 
 
 @kernel
-def first_guess(plan, state, s, h, start):
+def first_guess(plan, state, scratch, h, start):
     """Write the predictor: the best one for the last step, then in turn those for unresolved vibrations.
 
     Returns whether it is near enough for the energy's correction.
     """
     free = plan.free.shape[0]
-    known = s.memory.known_steps[0]
+    known = scratch.memory.known_steps[0]
     equal = known > 0 and state.numbers[st.STEP_BEFORE] == h
     predictor = ACCELERATED
     if start == 0 and equal:
-        predictor = s.memory.predictor[0]
+        predictor = scratch.memory.predictor[0]
     elif start == 1 and known > 0:
         predictor = UNCHANGED
     elif start == 3:
         predictor = ZERO
     for j in range(free):
-        s.unknown[j] = _predict(state, s.memory, plan.free[j], h, predictor)
-    for i in range(s.nu.shape[0]):
+        scratch.unknown[j] = _predict(state, scratch.memory, plan.free[j], h, predictor)
+    for i in range(scratch.nu.shape[0]):
         nu = state.multipliers[i]
         if start == 0 and equal and known > 2:
-            memory = s.memory
+            memory = scratch.memory
             nu = 3.0 * (memory.reaction[0, i] - memory.reaction[1, i]) + memory.reaction[2, i]
-        s.unknown[free + i] = 0.5 * h * nu
+        scratch.unknown[free + i] = 0.5 * h * nu
     for i in range(plan.driven.shape[0]):
         in_x, in_v = driven_place(plan.driven[i])
-        s.u[in_v] = (s.driven[i, 0] - state.x[in_x]) / h
-    for k in range(s.v_end.shape[0]):
-        s.v_end[k] = state.v[k]
+        scratch.u[in_v] = (scratch.driven[i, 0] - state.x[in_x]) / h
+    for k in range(scratch.v_end.shape[0]):
+        scratch.v_end[k] = state.v[k]
     for j in range(free):
         k = plan.free[j]
-        s.v_end[k] = 2.0 * s.unknown[j] - state.v[k]
+        scratch.v_end[k] = 2.0 * scratch.unknown[j] - state.v[k]
     return start == 0 and equal
 
 
 @kernel
-def remember(plan, state, s, h):
+def remember(plan, state, scratch, h):
     """Keep the step's velocities and multipliers as the latest, and the predictor that would have been best for them.
 
     Those of steps of another length are dropped.  ``state`` must still be the step's start.
     """
-    memory = s.memory
+    memory = scratch.memory
     if state.numbers[st.STEP_BEFORE] != h:
         memory.known_steps[0] = 0
     least = np.inf
@@ -83,18 +83,18 @@ def remember(plan, state, s, h):
         error = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            part = (_predict(state, memory, k, h, predictor) - s.u[k]) / s.scale_v[k]
+            part = (_predict(state, memory, k, h, predictor) - scratch.u[k]) / scratch.scale_v[k]
             error += part * part
         if error < least:
             least = error
             memory.predictor[0] = predictor
     memory.known_steps[0] = min(REMEMBERED, memory.known_steps[0] + 1)
     for row in range(REMEMBERED - 1, 0, -1):
-        for k in range(s.u.shape[0]):
+        for k in range(scratch.u.shape[0]):
             memory.speed[row, k] = memory.speed[row - 1, k]
-        for i in range(s.nu.shape[0]):
+        for i in range(scratch.nu.shape[0]):
             memory.reaction[row, i] = memory.reaction[row - 1, i]
-    for k in range(s.u.shape[0]):
-        memory.speed[0, k] = s.u[k]
-    for i in range(s.nu.shape[0]):
-        memory.reaction[0, i] = s.nu[i]
+    for k in range(scratch.u.shape[0]):
+        memory.speed[0, k] = scratch.u[k]
+    for i in range(scratch.nu.shape[0]):
+        memory.reaction[0, i] = scratch.nu[i]

@@ -1,7 +1,7 @@
 """Newton's iteration for an energy-momentum step: the matrix, its round-off, Anderson's acceleration.
 
 The matrix is the tangent's at the middle of the step: with a = 0 its parts are those of the canonical equations but
-for h/2 dM/dt, which M(x_end) - M(x_mid) takes out.  ``s`` is an ``EnergyMomentumWorkspace``.
+for h/2 dM/dt, which M(x_end) - M(x_mid) takes out.  ``scratch`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -51,39 +51,53 @@ _WHOLE_FLOOR = 8.0  # safety factor of the probe
 
 
 @kernel
-def _put_matrix(plan, work, s, h):
+def _put_matrix(plan, work, scratch, h):
     """Fill the iteration matrix at ``s.unknown``, and factor the mass matrix at the end that it leads to."""
     free = plan.free
     n = free.shape[0]
     m = plan.rows.shape[0]
-    tw = s.tangent
-    call_separate(s.kernels[RESIDUAL], (plan, work, s.x_mid, s.u, s.zeros, s.nu, s.scratch_v))
+    tw = scratch.tangent
     call_separate(
-        s.kernels[TANGENT],
-        (plan, work, tw, s.x_mid, s.u, s.zeros, s.nu, 0.25 * h * h, 0.5 * h, 2.0, s.full_matrix),
+        scratch.kernels[RESIDUAL], (plan, work, scratch.x_mid, scratch.u, scratch.zeros, scratch.nu, scratch.scratch_v)
+    )
+    call_separate(
+        scratch.kernels[TANGENT],
+        (
+            plan,
+            work,
+            tw,
+            scratch.x_mid,
+            scratch.u,
+            scratch.zeros,
+            scratch.nu,
+            0.25 * h * h,
+            0.5 * h,
+            2.0,
+            scratch.full_matrix,
+        ),
     )
     if plan.flex.shape[0] > 0:
-        vary_average_strain(plan, s, h)
+        vary_average_strain(plan, scratch, h)
     for i in range(n):
         for j in range(n):
-            s.matrix[i, j] = s.full_matrix[free[i], free[j]]
+            scratch.matrix[i, j] = scratch.full_matrix[free[i], free[j]]
         for k in range(m):
-            s.matrix[i, n + k] = tw.jacobian[k, free[i]]
+            scratch.matrix[i, n + k] = tw.jacobian[k, free[i]]
     for k in range(m):
         for j in range(n):
-            s.matrix[n + k, j] = 2.0 / h * tw.rate_jacobian[k, free[j]]
+            scratch.matrix[n + k, j] = 2.0 / h * tw.rate_jacobian[k, free[j]]
         for j in range(m):
-            s.matrix[n + k, n + j] = 0.0
-    call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
+            scratch.matrix[n + k, n + j] = 0.0
+    call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
     for i in range(n):
         for j in range(n):
-            s.matrix[i, j] -= s.full_matrix[free[i], free[j]]
+            scratch.matrix[i, j] -= scratch.full_matrix[free[i], free[j]]
     if m > 0:
-        turn_columns(plan, s.increment, tw.jacobian)
+        turn_columns(plan, scratch.increment, tw.jacobian)
     for k in range(m):
         if holds_position(plan.rows[k]):
             for j in range(n):
-                s.matrix[n + k, j] = tw.jacobian[k, free[j]]
+                scratch.matrix[n + k, j] = tw.jacobian[k, free[j]]
 
 
 @kernel
@@ -101,22 +115,22 @@ def _correction_norm(free, scale_x, scale_v, correction, h, counts):
 
 
 @kernel
-def _stiff_forces(plan, groups, s, h):
+def _stiff_forces(plan, groups, scratch, h):
     """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        s.modal_scratch[0, k] = 4.0 / (h * h) * abs(s.matrix[j, j] - s.full_matrix[k, k])
-        s.modal_scratch[1, k] = groups.full[groups.of[k]]
+        scratch.modal_scratch[0, k] = 4.0 / (h * h) * abs(scratch.matrix[j, j] - scratch.full_matrix[k, k])
+        scratch.modal_scratch[1, k] = groups.full[groups.of[k]]
     for i in range(plan.tree.shape[0]):
         n, qx, qv = modes_of(plan.tree[i], plan.flex)
         for k in range(n):
-            s.modal_scratch[1, qv + k] = abs(s.x_mid[qx + k])
-    for k in range(s.zeros.shape[0]):
-        s.modal_scratch[0, k] *= s.modal_scratch[1, k]
+            scratch.modal_scratch[1, qv + k] = abs(scratch.x_mid[qx + k])
+    for k in range(scratch.zeros.shape[0]):
+        scratch.modal_scratch[0, k] *= scratch.modal_scratch[1, k]
 
 
 @kernel
-def _probe_round_off(plan, state, groups, s, h):
+def _probe_round_off(plan, state, groups, scratch, h):
     """Write ``s.round_off_floor``: the size of the corrections that rounding of the summed terms causes.
 
     Terms: momenta, of which neighbours may cancel, as large as |p_k| <= (M_kk p.v)^(1/2); forces of `_stiff_forces`;
@@ -124,54 +138,54 @@ def _probe_round_off(plan, state, groups, s, h):
     moves with a coordinate, and what the rounding of the coordinates themselves adds.
     """
     n = plan.free.shape[0]
-    p = s.memory.momentum
+    p = scratch.memory.momentum
     energy = 0.0
     for k in range(p.shape[0]):
         energy += p[k] * state.v[k]
-    s.round_off_floor[0] = 0.0
+    scratch.round_off_floor[0] = 0.0
     for pattern in range(_SIGNS):
-        for i in range(s.unknown.shape[0]):
+        for i in range(scratch.unknown.shape[0]):
             size = 0.0
             if i < n:
                 k = plan.free[i]
-                size = 2.0 * np.sqrt(abs(s.full_matrix[k, k] * energy)) + 0.5 * h * s.modal_scratch[0, k]
-                for j in range(s.nu.shape[0]):
-                    size += abs(s.tangent.jacobian[j, k] * s.unknown[n + j])
+                size = 2.0 * np.sqrt(abs(scratch.full_matrix[k, k] * energy)) + 0.5 * h * scratch.modal_scratch[0, k]
+                for j in range(scratch.nu.shape[0]):
+                    size += abs(scratch.tangent.jacobian[j, k] * scratch.unknown[n + j])
             else:
                 if holds_position(plan.rows[i - n]):
-                    size = s.row_size[i - n] / h
+                    size = scratch.row_size[i - n] / h
                 for j in range(n):
                     k = plan.free[j]
-                    size += abs(s.tangent.jacobian[i - n, k]) * groups.full[groups.of[k]] / h
+                    size += abs(scratch.tangent.jacobian[i - n, k]) * groups.full[groups.of[k]] / h
             # signs without a pattern: bits of multiples of the golden ratio
             odd = int((i + 1) * (2 * pattern + 1) * 0.6180339887498949 * 16.0) % 2
-            s.correction[0, i] = _EPSILON * (size if odd == 1 else -size)
-        solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
-        size = _correction_norm(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
-        s.round_off_floor[0] = max(s.round_off_floor[0], _WHOLE_FLOOR * size)
+            scratch.correction[0, i] = _EPSILON * (size if odd == 1 else -size)
+        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+        size = _correction_norm(plan.free, scratch.scale_x, scratch.scale_v, scratch.correction, h, state.counts)
+        scratch.round_off_floor[0] = max(scratch.round_off_floor[0], _WHOLE_FLOOR * size)
 
 
 @separate_kernel
-def linearise(plan, work, state, groups, s, h):
+def linearise(plan, work, state, groups, scratch, h):
     """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` is 1 if that failed, else 0."""
     free = plan.free.shape[0]
     state.counts[st.FACTORISATIONS] += 1
-    s.memory.step_factored[0] = h
+    scratch.memory.step_factored[0] = h
     for j in range(free):
-        s.u[plan.free[j]] = s.unknown[j]
-    for i in range(s.nu.shape[0]):
-        s.nu[i] = 2.0 / h * s.unknown[free + i]
-    call_separate(s.kernels[PLACE], (plan, state.x, s, h))
-    _put_matrix(plan, work, s, h)
-    regular = s.energy[SINGULAR] == 0.0
-    for i in range(s.unknown.shape[0]):
-        for j in range(s.unknown.shape[0]):
-            regular = regular and np.isfinite(s.matrix[i, j])
-    s.energy[SINGULAR] = 1.0
-    _stiff_forces(plan, groups, s, h)
-    if regular and factor(plan.lapack, s.matrix, s.pivot, s.sizes) == 0:
-        s.energy[SINGULAR] = 0.0
-        _probe_round_off(plan, state, groups, s, h)
+        scratch.u[plan.free[j]] = scratch.unknown[j]
+    for i in range(scratch.nu.shape[0]):
+        scratch.nu[i] = 2.0 / h * scratch.unknown[free + i]
+    call_separate(scratch.kernels[PLACE], (plan, state.x, scratch, h))
+    _put_matrix(plan, work, scratch, h)
+    regular = scratch.energy[SINGULAR] == 0.0
+    for i in range(scratch.unknown.shape[0]):
+        for j in range(scratch.unknown.shape[0]):
+            regular = regular and np.isfinite(scratch.matrix[i, j])
+    scratch.energy[SINGULAR] = 1.0
+    _stiff_forces(plan, groups, scratch, h)
+    if regular and factor(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes) == 0:
+        scratch.energy[SINGULAR] = 0.0
+        _probe_round_off(plan, state, groups, scratch, h)
 
 
 @kernel
@@ -185,50 +199,52 @@ def _dot(free, scale, a, b):
 
 
 @kernel
-def _anderson_update(plan, s, iteration, kept):
+def _anderson_update(plan, scratch, iteration, kept):
     """Move ``s.unknown`` by the correction, combined with those before by least squares (Anderson 1965).
 
     By orthogonal differences.  The part of the Jacobian that the matrix lacks, above all the energy's correction, is of
     low rank.  Returns how many differences are kept.
     """
-    n = s.unknown.shape[0]
+    n = scratch.unknown.shape[0]
     if iteration > 0 and kept < ANDERSON_DEPTH:
         for j in range(n):
-            s.anderson_changes[kept, j] = s.correction[0, j] - s.previous[1, j]
-            s.anderson_moves[kept, j] = s.unknown[j] - s.previous[0, j] - s.anderson_changes[kept, j]
-        whole = _dot(plan.free, s.scale_v, s.anderson_changes[kept], s.anderson_changes[kept])
+            scratch.anderson_changes[kept, j] = scratch.correction[0, j] - scratch.previous[1, j]
+            scratch.anderson_moves[kept, j] = (
+                scratch.unknown[j] - scratch.previous[0, j] - scratch.anderson_changes[kept, j]
+            )
+        whole = _dot(plan.free, scratch.scale_v, scratch.anderson_changes[kept], scratch.anderson_changes[kept])
         for i in range(kept):
-            share = _dot(plan.free, s.scale_v, s.anderson_changes[i], s.anderson_changes[kept])
+            share = _dot(plan.free, scratch.scale_v, scratch.anderson_changes[i], scratch.anderson_changes[kept])
             for j in range(n):
-                s.anderson_changes[kept, j] -= share * s.anderson_changes[i, j]
-                s.anderson_moves[kept, j] -= share * s.anderson_moves[i, j]
-        left = _dot(plan.free, s.scale_v, s.anderson_changes[kept], s.anderson_changes[kept])
+                scratch.anderson_changes[kept, j] -= share * scratch.anderson_changes[i, j]
+                scratch.anderson_moves[kept, j] -= share * scratch.anderson_moves[i, j]
+        left = _dot(plan.free, scratch.scale_v, scratch.anderson_changes[kept], scratch.anderson_changes[kept])
         if left > 1e-8 * whole and left > 0.0:
             over = 1.0 / np.sqrt(left)
             for j in range(n):
-                s.anderson_changes[kept, j] *= over
-                s.anderson_moves[kept, j] *= over
+                scratch.anderson_changes[kept, j] *= over
+                scratch.anderson_moves[kept, j] *= over
             kept += 1
     for j in range(n):
-        s.previous[0, j] = s.unknown[j]
-        s.previous[1, j] = s.correction[0, j]
-        s.unknown[j] -= s.correction[0, j]
+        scratch.previous[0, j] = scratch.unknown[j]
+        scratch.previous[1, j] = scratch.correction[0, j]
+        scratch.unknown[j] -= scratch.correction[0, j]
     for i in range(kept):
-        share = _dot(plan.free, s.scale_v, s.anderson_changes[i], s.previous[1])
+        share = _dot(plan.free, scratch.scale_v, scratch.anderson_changes[i], scratch.previous[1])
         for j in range(n):
-            s.unknown[j] -= share * s.anderson_moves[i, j]
+            scratch.unknown[j] -= share * scratch.anderson_moves[i, j]
     return kept
 
 
 @kernel
-def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old):
-    """Iterate with the factors at hand until ``s`` holds a solution.
+def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, trusted, old):
+    """Iterate with the factors at hand until ``scratch`` holds a solution.
 
     Far from it, unless the predictor is ``trusted``, the energy's correction is left out, for it would diverge.
     ``old``: the factors are those of an earlier step, and given up sooner.
     Returns 1 if converged, 0 if too slow, 2 if that near a solution, -1 if not finite.
     """
-    keeps = s.memory.keeps_energy[0] == 1
+    keeps = scratch.memory.keeps_energy[0] == 1
     corrected = keeps and trusted
     before = np.inf
     earlier = np.inf
@@ -236,29 +252,31 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
     first = 0  # iteration with these equations
     for iteration in range(_MAX_ITERATIONS):
         near = before <= _NEAR
-        call_separate(
-            s.kernels[EVALUATE], (plan, stored_plan, work, loops, state, s, h, corrected, near)
-        )
-        s.memory.load_work[0] = s.energy[TRIAL_WORK]
+        call_separate(scratch.kernels[EVALUATE], (plan, stored_plan, work, loops, state, scratch, h, corrected, near))
+        scratch.memory.load_work[0] = scratch.energy[TRIAL_WORK]
         state.counts[st.ITERATIONS] += 1
-        for i in range(s.equation.shape[0]):
-            s.correction[0, i] = s.equation[i]
-        solve(plan.lapack, s.matrix, s.pivot, s.sizes, s.correction)
-        size = _correction_norm(plan.free, s.scale_x, s.scale_v, s.correction, h, state.counts)
+        for i in range(scratch.equation.shape[0]):
+            scratch.correction[0, i] = scratch.equation[i]
+        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+        size = _correction_norm(plan.free, scratch.scale_x, scratch.scale_v, scratch.correction, h, state.counts)
         if not np.isfinite(size):
             return -1
         # where rounding is reached corrections shrink no more
-        solved = size <= tolerance and s.energy[DEFECT] <= tolerance
-        if solved or (size <= max(s.round_off_floor[0], tolerance) and size > 0.25 * before):
-            if corrected == keeps and s.energy[KINETIC_ERROR] <= s.energy[UNRESOLVED]:
+        solved = size <= tolerance and scratch.energy[DEFECT] <= tolerance
+        if solved or (size <= max(scratch.round_off_floor[0], tolerance) and size > 0.25 * before):
+            if corrected == keeps and scratch.energy[KINETIC_ERROR] <= scratch.energy[UNRESOLVED]:
                 if iteration > _MANY:
-                    s.memory.step_factored[0] = 0.0
+                    scratch.memory.step_factored[0] = 0.0
                 return 1
-        elif iteration > first + 1 and size > s.round_off_floor[0] and size > (_SLOW if old else _SLOW_NEW) * earlier:
+        elif (
+            iteration > first + 1
+            and size > scratch.round_off_floor[0]
+            and size > (_SLOW if old else _SLOW_NEW) * earlier
+        ):
             return 2 if size <= _FAR else 0
         earlier = before
         before = size
-        kept = _anderson_update(plan, s, iteration - first, kept)
+        kept = _anderson_update(plan, scratch, iteration - first, kept)
         if keeps and not corrected and size <= _FAR:
             corrected = True
             kept = 0
@@ -268,46 +286,51 @@ def _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old
 
 
 @kernel
-def solve_step(plan, stored_plan, work, loops, state, groups, s, h, tolerance):
+def solve_step(plan, stored_plan, work, loops, state, groups, scratch, h, tolerance):
     """Newton with the old factors where they still serve, with new ones otherwise.
 
     ``work.time`` must hold the middle of the step, ``s.driven`` its end.  Returns whether it converged; if so
-    ``s`` holds the step's end, momenta in ``s.p_end`` and velocities in ``s.v_end``.
+    ``scratch`` holds the step's end, momenta in ``s.p_end`` and velocities in ``s.v_end``.
     """
     for start in range(_STARTS):
-        trusted = first_guess(plan, state, s, h, start)
+        trusted = first_guess(plan, state, scratch, h, start)
         for renewal in range(_RENEWALS):
-            old = start == 0 and renewal == 0 and s.memory.step_factored[0] == h
+            old = start == 0 and renewal == 0 and scratch.memory.step_factored[0] == h
             if not old:
-                call_separate(s.kernels[LINEARISE], (plan, work, state, groups, s, h))
-                if s.energy[SINGULAR] != 0.0:
+                call_separate(scratch.kernels[LINEARISE], (plan, work, state, groups, scratch, h))
+                if scratch.energy[SINGULAR] != 0.0:
                     state.counts[st.OUTCOME] = st.RANK_LOST
                     break
-            outcome = _newton(plan, stored_plan, work, loops, state, s, h, tolerance, trusted, old)
+            outcome = _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, trusted, old)
             if outcome == 1:
-                conserve_momenta(plan, s.memory.momentum, s, h)
-                call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
-                call_separate(s.kernels[CLOSE_VELOCITIES], (plan, loops, s))
-                return s.energy[SINGULAR] == 0.0
+                conserve_momenta(plan, scratch.memory.momentum, scratch, h)
+                call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
+                call_separate(scratch.kernels[CLOSE_VELOCITIES], (plan, loops, scratch))
+                return scratch.energy[SINGULAR] == 0.0
             if plan.flag[0] != 0:
                 return False
             if old:
-                trusted = first_guess(plan, state, s, h, start)
+                trusted = first_guess(plan, state, scratch, h, start)
             elif outcome < 0:
                 break
             else:
                 trusted = outcome == 2
-    s.memory.step_factored[0] = 0.0
+    scratch.memory.step_factored[0] = 0.0
     return False
 
 
 def bind(
-    plan: Plan, stored_plan: Plan, work: Work, loops: Loops, state: st.State, groups: st.Groups,
-    s: EnergyMomentumWorkspace,
+    plan: Plan,
+    stored_plan: Plan,
+    work: Work,
+    loops: Loops,
+    state: st.State,
+    groups: st.Groups,
+    scratch: EnergyMomentumWorkspace,
 ) -> None:
     """Compile the parts of a step and write their addresses into ``s.kernels``."""
-    s.kernels[PLACE] = address_of(place, (plan, state.x, s, 1.0))
-    s.kernels[FACTOR_MASS] = address_of(factor_end_mass, (plan, work, s))
-    s.kernels[CLOSE_VELOCITIES] = address_of(close_velocities, (plan, loops, s))
-    s.kernels[EVALUATE] = address_of(evaluate, (plan, stored_plan, work, loops, state, s, 1.0, True, True))
-    s.kernels[LINEARISE] = address_of(linearise, (plan, work, state, groups, s, 1.0))
+    scratch.kernels[PLACE] = address_of(place, (plan, state.x, scratch, 1.0))
+    scratch.kernels[FACTOR_MASS] = address_of(factor_end_mass, (plan, work, scratch))
+    scratch.kernels[CLOSE_VELOCITIES] = address_of(close_velocities, (plan, loops, scratch))
+    scratch.kernels[EVALUATE] = address_of(evaluate, (plan, stored_plan, work, loops, state, scratch, 1.0, True, True))
+    scratch.kernels[LINEARISE] = address_of(linearise, (plan, work, state, groups, scratch, 1.0))

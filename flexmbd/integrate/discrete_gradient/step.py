@@ -3,7 +3,7 @@
 The unknowns are the velocities ``u`` of the step and the multipliers of constraint rows.  The velocities
 give the positions in its middle and at its end; the momenta at its end follow from p_n + p_end =
 2 M(x_mid) u, and the equations ask that their change be what the discrete gradient of the energy says.
-The derivation stands in docs/integrators.md, "Energy-momentum".  ``s`` is an ``EnergyMomentumWorkspace``.
+The derivation stands in docs/integrators.md, "Energy-momentum".  ``scratch`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -47,63 +47,86 @@ def kinetic_energy(p, v):
 
 
 @kernel
-def _unpack_unknowns(plan, s, h):
+def _unpack_unknowns(plan, scratch, h):
     """Put velocities and multipliers where ``s.unknown`` says."""
     free = plan.free.shape[0]
     for j in range(free):
-        s.u[plan.free[j]] = s.unknown[j]
-    for i in range(s.nu.shape[0]):
-        s.nu[i] = 2.0 / h * s.unknown[free + i]
+        scratch.u[plan.free[j]] = scratch.unknown[j]
+    for i in range(scratch.nu.shape[0]):
+        scratch.nu[i] = 2.0 / h * scratch.unknown[free + i]
 
 
 @kernel
-def _evaluate_middle(plan, stored_plan, work, s, x, p, h, split):
+def _evaluate_middle(plan, stored_plan, work, scratch, x, p, h, split):
     """Forces in the middle of the step, the momenta's balance, rows; returns what ``balance_momenta`` does."""
-    _unpack_unknowns(plan, s, h)
-    call_separate(s.kernels[PLACE], (plan, x, s, h))
+    _unpack_unknowns(plan, scratch, h)
+    call_separate(scratch.kernels[PLACE], (plan, x, scratch, h))
     call_separate(
-        s.kernels[CANONICAL],
-        (plan, work, s.x_mid, s.u, s.half_velocity, s.zeros, s.nu, s.wrench, s.scratch6, s.p_mid, s.gradient),
+        scratch.kernels[CANONICAL],
+        (
+            plan,
+            work,
+            scratch.x_mid,
+            scratch.u,
+            scratch.half_velocity,
+            scratch.zeros,
+            scratch.nu,
+            scratch.wrench,
+            scratch.scratch6,
+            scratch.p_mid,
+            scratch.gradient,
+        ),
     )
     if split:
         call_separate(
-            s.kernels[CANONICAL],
+            scratch.kernels[CANONICAL],
             (
-                stored_plan, work, s.x_mid, s.u, s.half_velocity, s.zeros, s.nu, s.wrench, s.scratch6, s.p_mid,
-                s.stored_gradient,
+                stored_plan,
+                work,
+                scratch.x_mid,
+                scratch.u,
+                scratch.half_velocity,
+                scratch.zeros,
+                scratch.nu,
+                scratch.wrench,
+                scratch.scratch6,
+                scratch.p_mid,
+                scratch.stored_gradient,
             ),
         )
     else:
-        for k in range(s.gradient.shape[0]):
-            s.stored_gradient[k] = s.gradient[k]
+        for k in range(scratch.gradient.shape[0]):
+            scratch.stored_gradient[k] = scratch.gradient[k]
     if plan.flex.shape[0] > 0:
-        average_strain(plan, s, h)
-    if s.nu.shape[0] > 0:
-        _evaluate_rows(plan, work, s, h)
-    return balance_momenta(plan, p, s, h)
+        average_strain(plan, scratch, h)
+    if scratch.nu.shape[0] > 0:
+        _evaluate_rows(plan, work, scratch, h)
+    return balance_momenta(plan, p, scratch, h)
 
 
 @deferred_kernel()
-def _evaluate_rows(plan, work, s, h):
+def _evaluate_rows(plan, work, scratch, h):
     """Residuals of the rows: of position at the end, over h; of velocity in the middle, which ``work`` must hold."""
     free = plan.free.shape[0]
-    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
-    for i in range(s.nu.shape[0]):
-        s.equation[free + i] = s.phi_rate[i]
-    call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.zeros, s.zeros, s.scratch_v))
-    call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
-    for i in range(s.nu.shape[0]):
+    call_separate(scratch.kernels[CONSTRAINTS], (plan, work, scratch.phi, scratch.phi_rate, scratch.phi_rate2))
+    for i in range(scratch.nu.shape[0]):
+        scratch.equation[free + i] = scratch.phi_rate[i]
+    call_separate(
+        scratch.kernels[MOMENTA], (plan, work, scratch.x_end, scratch.zeros, scratch.zeros, scratch.scratch_v)
+    )
+    call_separate(scratch.kernels[CONSTRAINTS], (plan, work, scratch.phi, scratch.phi_rate, scratch.phi_rate2))
+    for i in range(scratch.nu.shape[0]):
         row = plan.rows[i]
         if holds_position(row):
-            value = s.phi[i]
+            value = scratch.phi[i]
             f = time_of_row(row)
             if f >= 0:
-                value += work.time[f, 0] - s.row_end[i, 0]
-            s.equation[free + i] = value / h
+                value += work.time[f, 0] - scratch.row_end[i, 0]
+            scratch.equation[free + i] = value / h
 
 
 @kernel
-def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
+def _missing_energy(plan, stored_plan, work, loops, number, scratch, gained, near):
     """The energy's change less that by the gradient in the middle (J); 0 where it is round-off.
 
     Without rows the velocities at the end are improved by the factors at hand, a pass or a few each time.  The
@@ -112,65 +135,70 @@ def _missing_energy(plan, stored_plan, work, loops, number, s, gained, near):
     kinetic = 0.0
     kinetic_error = 0.0
     if plan.rows.shape[0] > 0:
-        call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
-        call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
-        call_separate(s.kernels[CLOSE_VELOCITIES], (plan, loops, s))
-        kinetic = kinetic_energy(s.p_end, s.v_end)
+        call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
+        call_separate(scratch.kernels[POTENTIAL], (stored_plan, work, scratch.x_end, scratch.energy))
+        call_separate(scratch.kernels[CLOSE_VELOCITIES], (plan, loops, scratch))
+        kinetic = kinetic_energy(scratch.p_end, scratch.v_end)
     for part in range(_PASSES if plan.rows.shape[0] == 0 else 0):
-        call_separate(s.kernels[MOMENTA], (plan, work, s.x_end, s.v_end, s.zeros, s.scratch_v))
+        call_separate(
+            scratch.kernels[MOMENTA], (plan, work, scratch.x_end, scratch.v_end, scratch.zeros, scratch.scratch_v)
+        )
         if part == 0:
-            call_separate(s.kernels[POTENTIAL], (stored_plan, work, s.x_end, s.energy))
+            call_separate(scratch.kernels[POTENTIAL], (stored_plan, work, scratch.x_end, scratch.energy))
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            s.scratch_v[k] = s.p_end[k] - s.scratch_v[k]
-            s.mass_rhs[0, j] = s.scratch_v[k]
-        solve(plan.lapack, s.mass, s.mass_pivot, s.sizes, s.mass_rhs)
+            scratch.scratch_v[k] = scratch.p_end[k] - scratch.scratch_v[k]
+            scratch.mass_rhs[0, j] = scratch.scratch_v[k]
+        solve(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
         before = kinetic_error
         kinetic_error = 0.0
         kinetic = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            kinetic += 0.5 * (s.p_end[k] + s.scratch_v[k]) * s.v_end[k]
-            kinetic_error += 0.5 * s.scratch_v[k] * s.mass_rhs[0, j]
-            s.v_end[k] += s.mass_rhs[0, j]
+            kinetic += 0.5 * (scratch.p_end[k] + scratch.scratch_v[k]) * scratch.v_end[k]
+            kinetic_error += 0.5 * scratch.scratch_v[k] * scratch.mass_rhs[0, j]
+            scratch.v_end[k] += scratch.mass_rhs[0, j]
         kinetic += kinetic_error
         kinetic_error = abs(kinetic_error)
         if not kinetic_error > (_UNRESOLVED if near else _ROUGH) * abs(kinetic):
             break
         if part > 0 and not kinetic_error < 0.05 * before:
-            call_separate(s.kernels[FACTOR_MASS], (plan, work, s))
-    unresolved = _UNRESOLVED * (abs(kinetic) + abs(s.energy[POTENTIAL_END]) + abs(s.memory.energy[0]))
-    s.energy[UNRESOLVED] = unresolved
-    s.energy[KINETIC_ERROR] = kinetic_error
-    missing = kinetic + s.energy[POTENTIAL_END] - s.memory.energy[0] - gained
-    for k in range(s.increment.shape[0]):
-        missing -= s.stored_gradient[k] * s.increment[k]
+            call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
+    unresolved = _UNRESOLVED * (abs(kinetic) + abs(scratch.energy[POTENTIAL_END]) + abs(scratch.memory.energy[0]))
+    scratch.energy[UNRESOLVED] = unresolved
+    scratch.energy[KINETIC_ERROR] = kinetic_error
+    missing = kinetic + scratch.energy[POTENTIAL_END] - scratch.memory.energy[0] - gained
+    for k in range(scratch.increment.shape[0]):
+        missing -= scratch.stored_gradient[k] * scratch.increment[k]
     return missing - min(max(missing, -unresolved), unresolved)
 
 
 @kernel
-def _correction_direction(plan, work, s, h):
+def _correction_direction(plan, work, scratch, h):
     """Write ``s.correction_direction``: momenta of the step's motion without symmetries; returns their work.
 
     By the mass matrix as metric every speed changes by the same share, which no soft direction makes large.
     """
-    if s.no_symmetries[0] == 1:
-        for k in range(s.increment.shape[0]):
-            s.correction_direction[k] = s.p_mid[k]
+    if scratch.no_symmetries[0] == 1:
+        for k in range(scratch.increment.shape[0]):
+            scratch.correction_direction[k] = scratch.p_mid[k]
     else:
-        for k in range(s.increment.shape[0]):
-            s.corrected_velocity[k] = s.increment[k] / h
-        project_out_symmetries(plan, s, s.corrected_velocity)
-        call_separate(s.kernels[MOMENTA], (plan, work, s.x_mid, s.corrected_velocity, s.zeros, s.correction_direction))
-        project_out_symmetries(plan, s, s.correction_direction)
+        for k in range(scratch.increment.shape[0]):
+            scratch.corrected_velocity[k] = scratch.increment[k] / h
+        project_out_symmetries(plan, scratch, scratch.corrected_velocity)
+        call_separate(
+            scratch.kernels[MOMENTA],
+            (plan, work, scratch.x_mid, scratch.corrected_velocity, scratch.zeros, scratch.correction_direction),
+        )
+        project_out_symmetries(plan, scratch, scratch.correction_direction)
     along = 0.0
-    for k in range(s.increment.shape[0]):
-        along += s.correction_direction[k] * s.increment[k]
+    for k in range(scratch.increment.shape[0]):
+        along += scratch.correction_direction[k] * scratch.increment[k]
     return along
 
 
 @separate_kernel
-def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
+def evaluate(plan, stored_plan, work, loops, state, scratch, h, corrected, near):
     """Write the step's equations at ``s.unknown``, and the work of loads and dampers into ``s.energy``.
 
     ``corrected``: with the correction that keeps the energy, along the step's motion but for directions that energy
@@ -178,27 +206,27 @@ def evaluate(plan, stored_plan, work, loops, state, s, h, corrected, near):
     ``near``: whether the kinetic energy at the end should be known to round-off.
     """
     count = state.counts
-    p = s.memory.momentum
-    gained = _evaluate_middle(plan, stored_plan, work, s, state.x, p, h, s.memory.nonconservative[0] == 1)
+    p = scratch.memory.momentum
+    gained = _evaluate_middle(plan, stored_plan, work, scratch, state.x, p, h, scratch.memory.nonconservative[0] == 1)
     count[st.EVALUATIONS] += 1
-    s.energy[TRIAL_WORK] = 0.0
-    s.energy[KINETIC_ERROR] = 0.0
-    s.energy[DEFECT] = 0.0
+    scratch.energy[TRIAL_WORK] = 0.0
+    scratch.energy[KINETIC_ERROR] = 0.0
+    scratch.energy[DEFECT] = 0.0
     if corrected:
-        for k in range(s.increment.shape[0]):
-            s.energy[TRIAL_WORK] += (s.stored_gradient[k] - s.gradient[k]) * s.increment[k]
-        missing = _missing_energy(plan, stored_plan, work, loops, state.numbers, s, gained, near)
-        along = _correction_direction(plan, work, s, h)
+        for k in range(scratch.increment.shape[0]):
+            scratch.energy[TRIAL_WORK] += (scratch.stored_gradient[k] - scratch.gradient[k]) * scratch.increment[k]
+        missing = _missing_energy(plan, stored_plan, work, loops, state.numbers, scratch, gained, near)
+        along = _correction_direction(plan, work, scratch, h)
         # at rest, where no energy is missing, there is none to compare with either
-        share = missing / (along + h * _AT_REST / _UNRESOLVED * s.energy[UNRESOLVED]) if missing != 0.0 else 0.0
-        for k in range(s.increment.shape[0]):
-            s.gradient[k] += share * s.correction_direction[k]
-            s.balance[k] += share * s.correction_direction[k]
+        share = missing / (along + h * _AT_REST / _UNRESOLVED * scratch.energy[UNRESOLVED]) if missing != 0.0 else 0.0
+        for k in range(scratch.increment.shape[0]):
+            scratch.gradient[k] += share * scratch.correction_direction[k]
+            scratch.balance[k] += share * scratch.correction_direction[k]
     for j in range(plan.free.shape[0]):
-        s.equation[j] = 0.5 * h * s.balance[plan.free[j]]
+        scratch.equation[j] = 0.5 * h * scratch.balance[plan.free[j]]
     if corrected:
         defect = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
-            defect += abs(s.equation[j]) * (abs(s.u[k]) + abs(s.v_end[k]))
-        s.energy[DEFECT] = defect * _UNRESOLVED / (s.energy[UNRESOLVED] + 1e-300)
+            defect += abs(scratch.equation[j]) * (abs(scratch.u[k]) + abs(scratch.v_end[k]))
+        scratch.energy[DEFECT] = defect * _UNRESOLVED / (scratch.energy[UNRESOLVED] + 1e-300)

@@ -72,85 +72,87 @@ class CentralDifferenceMethod(ArrayStruct):
 
 
 @kernel
-def predict(plan, work, plain, quaternions, state, s, h):
-    """Write the positions of the step's end and the predicted velocities there into ``s``."""
-    for k in range(s.v.shape[0]):
-        s.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
-        s.v[k] = state.v[k] + h * state.a[k]
-    from_local_coordinates(plain, quaternions, EXPONENTIAL, state.x, s.u, s.x)
+def predict(plan, work, plain, quaternions, state, scratch, h):
+    """Write the positions of the step's end and the predicted velocities there into ``scratch``."""
+    for k in range(scratch.v.shape[0]):
+        scratch.u[k] = h * (state.v[k] + 0.5 * h * state.a[k])
+        scratch.v[k] = state.v[k] + h * state.a[k]
+    from_local_coordinates(plain, quaternions, EXPONENTIAL, state.x, scratch.u, scratch.x)
     evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), work.time)
     if plan.flag[0] == 0:
-        drive(plan, work, s.x, s.v, s.a)
+        drive(plan, work, scratch.x, scratch.v, scratch.a)
 
 
 @kernel
-def _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate):
+def _step(plan, work, aw, loops, plain, quaternions, state, groups, scratch, h, rate):
     """Take the step h; False if loops do not close or the end is not finite."""
-    predict(plan, work, plain, quaternions, state, s, h)
+    predict(plan, work, plain, quaternions, state, scratch, h)
     if plan.flag[0] != 0:
         return False
     looped = plan.rows.shape[0] > 0
     for off in range(2):
-        if off == 1 and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+        if off == 1 and not project(
+            plan, work, aw, plain, quaternions, state, groups, loops, rate, scratch.x, scratch.v
+        ):
             state.counts[st.OUTCOME] = st.LOOPS_OPEN
             return False
-        accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
+        accelerate(plan, work, aw, loops, scratch.x, scratch.v, scratch.a, scratch.multipliers)
         state.counts[st.EVALUATIONS] += 1
         if not looped or not is_nearly_singular(loops):
             break
     total = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        s.v[k] = state.v[k] + 0.5 * h * (state.a[k] + s.a[k])
-        total += s.v[k]
-    if looped and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v):
+        scratch.v[k] = state.v[k] + 0.5 * h * (state.a[k] + scratch.a[k])
+        total += scratch.v[k]
+    if looped and not project(plan, work, aw, plain, quaternions, state, groups, loops, rate, scratch.x, scratch.v):
         state.counts[st.OUTCOME] = st.LOOPS_OPEN
         return False
     return np.isfinite(total)
 
 
 @kernel
-def _error(plan, state, groups, s, h, rate):
+def _error(plan, state, groups, scratch, h, rate):
     """The step's error over what is tolerated: what the accelerations' slope and curvature add."""
     before = state.numbers[st.STEP_BEFORE]
     known = before > 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        change = s.a[k] - state.a[k]
-        s.error_x[k] = h * h / 6.0 * change
-        s.error_v[k] = 0.0
+        change = scratch.a[k] - state.a[k]
+        scratch.error_x[k] = h * h / 6.0 * change
+        scratch.error_v[k] = 0.0
         if known:
-            bend = change / h - (state.a[k] - s.memory.before[k]) / before
-            s.error_v[k] = h**3 / 6.0 * bend / (h + before)
-    return _UNSEEN_ERROR * st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
+            bend = change / h - (state.a[k] - scratch.memory.before[k]) / before
+            scratch.error_v[k] = h**3 / 6.0 * bend / (h + before)
+    return _UNSEEN_ERROR * st.error_ratio(plan.free, state, groups, scratch.error_x, scratch.error_v, h, rate)
 
 
 @kernel
-def _missed(plan, work, aw, loops, state, groups, s, h, rate):
+def _missed(plan, work, aw, loops, state, groups, scratch, h, rate):
     """What a step misses of data between its ends, over what is tolerated; it is none of the accelerations' slopes."""
-    if find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], s.data) != MISSED:
+    if find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data) != MISSED:
         return 0.0
-    shift_times(work.time, s.data.defect, 1.0)
-    accelerate(plan, work, aw, loops, s.x, s.v, s.data.a, s.reactions)
-    shift_times(work.time, s.data.defect, -1.0)
+    shift_times(work.time, scratch.data.defect, 1.0)
+    accelerate(plan, work, aw, loops, scratch.x, scratch.v, scratch.data.a, scratch.reactions)
+    shift_times(work.time, scratch.data.defect, -1.0)
     state.counts[st.EVALUATIONS] += 1
-    for k in range(s.a.shape[0]):
-        s.error_v[k] = h * (s.data.a[k] - s.a[k])
-        s.error_x[k] = 0.5 * h * s.error_v[k]
-    return st.error_ratio(plan.free, state, groups, s.error_x, s.error_v, h, rate)
+    for k in range(scratch.a.shape[0]):
+        scratch.error_v[k] = h * (scratch.data.a[k] - scratch.a[k])
+        scratch.error_x[k] = 0.5 * h * scratch.error_v[k]
+    return st.error_ratio(plan.free, state, groups, scratch.error_x, scratch.error_v, h, rate)
 
 
 @kernel
-def _accept(state, s):
+def _accept(state, scratch):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
-        s.memory.before[k] = state.a[k]
-        state.v[k] = s.v[k]
-        state.a[k] = s.a[k]
+        scratch.memory.before[k] = state.a[k]
+        state.v[k] = scratch.v[k]
+        state.a[k] = scratch.a[k]
     for k in range(state.x.shape[0]):
-        state.x[k] = s.x[k]
+        state.x[k] = scratch.x[k]
     for i in range(state.multipliers.shape[0]):
-        state.multipliers[i] = s.multipliers[i]
+        state.multipliers[i] = scratch.multipliers[i]
 
 
 @kernel
@@ -162,18 +164,18 @@ def attempt(method, state, groups, h):
     loops = method.loops
     plain = method.plain
     quaternions = method.quaternions
-    s = method.scratch
+    scratch = method.scratch
     rate = state.numbers[st.RATE]
-    found = _step(plan, work, aw, loops, plain, quaternions, state, groups, s, h, rate)
+    found = _step(plan, work, aw, loops, plain, quaternions, state, groups, scratch, h, rate)
     ratio = np.inf
     if plan.flag[0] != 0:
         state.counts[st.OUTCOME] = st.CALLBACK_FAILED
     elif found:
-        ratio = 0.0 if state.counts[st.FIXED_STEP] == 1 else _error(plan, state, groups, s, h, rate)
-        if 0.0 < ratio <= 1.0 and s.data.known[0] == 1:
-            ratio = max(ratio, _missed(plan, work, aw, loops, state, groups, s, h, rate))
+        ratio = 0.0 if state.counts[st.FIXED_STEP] == 1 else _error(plan, state, groups, scratch, h, rate)
+        if 0.0 < ratio <= 1.0 and scratch.data.known[0] == 1:
+            ratio = max(ratio, _missed(plan, work, aw, loops, state, groups, scratch, h, rate))
         if ratio <= 1.0:
-            _accept(state, s)
+            _accept(state, scratch)
             if plan.rows.shape[0] > 0:
                 update_row_scales(loops, state)
     state.numbers[st.ERROR_RATIO] = ratio

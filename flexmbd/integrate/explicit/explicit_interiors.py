@@ -29,13 +29,13 @@ _RENEWAL = 10
 
 
 @entry_kernel
-def predict_frames(plan, work, plain, quaternions, rows, state, s, h, start, end):
+def predict_frames(plan, work, plain, quaternions, rows, state, scratch, h, start, end):
     """Motions (k, N_MOTION) of the frames in ``rows`` at the step's start and, as far as predicted, at its end."""
     store_motions(plan, work, rows, state.x, state.v, state.a, start)
-    for k in range(s.a.shape[0]):
-        s.a[k] = state.a[k]
-    predict(plan, work, plain, quaternions, state, s, h)
-    store_motions(plan, work, rows, s.x, s.v, s.a, end)
+    for k in range(scratch.a.shape[0]):
+        scratch.a[k] = state.a[k]
+    predict(plan, work, plain, quaternions, state, scratch, h)
+    store_motions(plan, work, rows, scratch.x, scratch.v, scratch.a, end)
 
 
 @entry_kernel

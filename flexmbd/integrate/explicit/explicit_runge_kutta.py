@@ -188,121 +188,121 @@ def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray) -> Runge
 
 
 @kernel
-def _stage_values(tableau, i, state, s, h):
+def _stage_values(tableau, i, state, scratch, h):
     """s.u, s.v: local coordinates and velocities of stage i."""
-    for k in range(s.u.shape[0]):
-        s.u[k] = 0.0
-        s.v[k] = state.v[k]
+    for k in range(scratch.u.shape[0]):
+        scratch.u[k] = 0.0
+        scratch.v[k] = state.v[k]
     for j in range(min(i, tableau.a.shape[1])):
         share = h * tableau.a[i, j]
         if share != 0.0:
-            for k in range(s.u.shape[0]):
-                s.u[k] += share * s.rate_x[j, k]
-                s.v[k] += share * s.rate_v[j, k]
+            for k in range(scratch.u.shape[0]):
+                scratch.u[k] += share * scratch.rate_x[j, k]
+                scratch.v[k] += share * scratch.rate_v[j, k]
 
 
 @kernel
-def _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate):
+def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate):
     """The ratio of the step's error to the tolerance; two estimates are combined as in DOP853.
 
     Errors across the loops do not count: projection removes them.
     """
     for e in range(2):
-        for k in range(s.u.shape[0]):
-            s.error_x[e, k] = 0.0
-            s.error_v[e, k] = 0.0
+        for k in range(scratch.u.shape[0]):
+            scratch.error_x[e, k] = 0.0
+            scratch.error_v[e, k] = 0.0
         for j in range(tableau.estimates.shape[1]):
             share = h * tableau.estimates[e, j]
             if share != 0.0:
-                for k in range(s.u.shape[0]):
-                    s.error_x[e, k] += share * s.rate_x[j, k]
-                    s.error_v[e, k] += share * s.rate_v[j, k]
-        vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_x[e])
-        vectors_to_spinning_axes(quaternions, s.axes, s.spins, s.error_v[e])
+                for k in range(scratch.u.shape[0]):
+                    scratch.error_x[e, k] += share * scratch.rate_x[j, k]
+                    scratch.error_v[e, k] += share * scratch.rate_v[j, k]
+        vectors_to_spinning_axes(quaternions, scratch.axes, scratch.spins, scratch.error_x[e])
+        vectors_to_spinning_axes(quaternions, scratch.axes, scratch.spins, scratch.error_v[e])
         if plan.rows.shape[0] > 0:
-            project_onto_tangent(plan, work, aw, loops, s.error_x[e])
-            project_onto_tangent(plan, work, aw, loops, s.error_v[e])
-    lower = st.error_ratio(plan.free, state, groups, s.error_x[1], s.error_v[1], h, rate)
-    ratio = st.error_ratio(plan.free, state, groups, s.error_x[0], s.error_v[0], h, rate)
+            project_onto_tangent(plan, work, aw, loops, scratch.error_x[e])
+            project_onto_tangent(plan, work, aw, loops, scratch.error_v[e])
+    lower = st.error_ratio(plan.free, state, groups, scratch.error_x[1], scratch.error_v[1], h, rate)
+    ratio = st.error_ratio(plan.free, state, groups, scratch.error_x[0], scratch.error_v[0], h, rate)
     if lower > 0.0:
         return ratio * ratio / np.sqrt(ratio * ratio + 0.01 * lower * lower)
     return ratio
 
 
 @kernel
-def _accept(state, s):
+def _accept(state, scratch):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
-        state.v[k] = s.v[k]
-        state.a[k] = s.a[k]
+        state.v[k] = scratch.v[k]
+        state.a[k] = scratch.a[k]
     for k in range(state.x.shape[0]):
-        state.x[k] = s.x[k]
+        state.x[k] = scratch.x[k]
     for i in range(state.multipliers.shape[0]):
-        state.multipliers[i] = s.multipliers[i]
+        state.multipliers[i] = scratch.multipliers[i]
 
 
 @kernel
-def _finite(s):
+def _finite(scratch):
     """Whether the step's end is finite."""
     total = 0.0
-    for k in range(s.v.shape[0]):
-        total += abs(s.v[k]) + abs(s.a[k])
+    for k in range(scratch.v.shape[0]):
+        total += abs(scratch.v[k]) + abs(scratch.a[k])
     return np.isfinite(total)
 
 
 @kernel
-def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate):
+def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, scratch, h, rate):
     """Take the step h, or find that its error is too large.
 
     Returns its error ratio (0 for a fixed step), infinite where loops do not close or nothing finite
-    came out; ``s`` holds the step's end where it is at most one.
+    came out; ``scratch`` holds the step's end where it is at most one.
     """
     stages = tableau.a.shape[1]
     fixed = state.counts[st.FIXED_STEP] == 1
     uses_end = tableau.estimates[0, stages] != 0.0
     ratio = 0.0
-    for k in range(s.v.shape[0]):
-        s.rate_x[0, k] = state.v[k]
-        s.rate_v[0, k] = state.a[k]
-    begin_spin(quaternions, s.axes, state.v, s.spins)
-    despun_rates(quaternions, s.axes, s.spins, s.rate_x[0], s.rate_v[0])
+    for k in range(scratch.v.shape[0]):
+        scratch.rate_x[0, k] = state.v[k]
+        scratch.rate_v[0, k] = state.a[k]
+    begin_spin(quaternions, scratch.axes, state.v, scratch.spins)
+    despun_rates(quaternions, scratch.axes, scratch.spins, scratch.rate_x[0], scratch.rate_v[0])
     instant = np.nan
     for i in range(1, stages + 1):
         end = i == stages
-        _stage_values(tableau, i, state, s, h)
-        from_local_coordinates(plain, quaternions, way, state.x, s.u, s.x)
+        _stage_values(tableau, i, state, scratch, h)
+        from_local_coordinates(plain, quaternions, way, state.x, scratch.u, scratch.x)
         node = tableau.nodes[i]
-        to_spinning_axes(quaternions, s.axes, s.spins, node * h, s.x, s.v)
+        to_spinning_axes(quaternions, scratch.axes, scratch.spins, node * h, scratch.x, scratch.v)
         if node != instant:
             t = state.numbers[st.STEP_END] if node == 1.0 else state.numbers[st.TIME] + node * h
             evaluate_times(plan, st.function_time(state.numbers, t), work.time)
             instant = node
         if plan.flag[0] != 0:
             return np.inf
-        drive(plan, work, s.x, s.v, s.a)
+        drive(plan, work, scratch.x, scratch.v, scratch.a)
         if end and not uses_end and not fixed:
-            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
+            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
             if not ratio <= 1.0:
                 return ratio
         for attempt in range(2):
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
-                closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, s.x, s.v)
+                closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, scratch.x, scratch.v)
                 if end and not closed:
                     state.counts[st.OUTCOME] = st.LOOPS_OPEN
                     return np.inf
-            accelerate(plan, work, aw, loops, s.x, s.v, s.a, s.multipliers)
+            accelerate(plan, work, aw, loops, scratch.x, scratch.v, scratch.a, scratch.multipliers)
             state.counts[st.EVALUATIONS] += 1
             if end or plan.rows.shape[0] == 0 or not is_nearly_singular(loops):
                 break
-        for k in range(s.v.shape[0]):
-            s.rate_x[i, k] = s.v[k]
-            s.rate_v[i, k] = s.a[k]
-        despun_rates(quaternions, s.axes, s.spins, s.rate_x[i], s.rate_v[i])
+        for k in range(scratch.v.shape[0]):
+            scratch.rate_x[i, k] = scratch.v[k]
+            scratch.rate_v[i, k] = scratch.a[k]
+        despun_rates(quaternions, scratch.axes, scratch.spins, scratch.rate_x[i], scratch.rate_v[i])
         if quaternions.shape[0] > 0:
-            to_local_rates(quaternions, way, s.u, s.rate_x[i])
+            to_local_rates(quaternions, way, scratch.u, scratch.rate_x[i])
     if uses_end and not fixed:
-        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, s, h, rate)
-    return ratio if _finite(s) else np.inf
+        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+    return ratio if _finite(scratch) else np.inf
 
 
 @kernel

@@ -28,55 +28,63 @@ _STALLED = 0.5  # a slower contraction counts as none
 
 
 @kernel
-def _factor_end(plan, work, state, s):
+def _factor_end(plan, work, state, scratch):
     """Factor M and C M^-1 C^T at the last stage, which was evaluated last; whether M is regular."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    derive(plan, work, s, _LAST, 0.0, 0.0, 1.0)
+    derive(plan, work, scratch, _LAST, 0.0, 0.0, 1.0)
     for i in range(nu):
         for j in range(nu):
-            s.end_mass[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
-    if factor(plan.lapack, s.end_mass, s.pivot_end, s.sizes) != 0:
+            scratch.end_mass[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+    if factor(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes) != 0:
         return False
     for r in range(m):
         for j in range(nu):
-            s.end_jacobian[r, j] = s.tangent.jacobian[r, plan.free[j]]
-            s.end_response[r, j] = s.end_jacobian[r, j]
-    solve(plan.lapack, s.end_mass, s.pivot_end, s.sizes, s.end_response)
+            scratch.end_jacobian[r, j] = scratch.tangent.jacobian[r, plan.free[j]]
+            scratch.end_response[r, j] = scratch.end_jacobian[r, j]
+    solve(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes, scratch.end_response)
     for r in range(m):
         for q in range(r + 1):
             total = 0.0
             for j in range(nu):
-                total += s.end_jacobian[r, j] * s.end_response[q, j]
-            s.row_factors[r, q] = total
-        if not np.isfinite(s.row_factors[r, r]):
+                total += scratch.end_jacobian[r, j] * scratch.end_response[q, j]
+            scratch.row_factors[r, q] = total
+        if not np.isfinite(scratch.row_factors[r, r]):
             return False
-    rank = factor_rows(state, s.memory.row_length, s.row_factors, s.row_order)
+    rank = factor_rows(state, scratch.memory.row_length, scratch.row_factors, scratch.row_order)
     for r in range(m):
-        s.row_length[r] = s.memory.row_length[r]
+        scratch.row_length[r] = scratch.memory.row_length[r]
     # a nearly dependent direction keeps the stage's own values: its solution would be round-off
-    while rank > 1 and s.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION:
+    while rank > 1 and scratch.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION:
         rank -= 1
-    s.row_rank[0] = rank
+    scratch.row_rank[0] = rank
     return True
 
 
 @kernel
-def _solve_reactions(s):
+def _solve_reactions(scratch):
     """Write the reactions (C M^-1 C^T)^-1 ``s.row_residual`` into ``s.reaction``."""
-    rank = s.row_rank[0]
-    solve_semidefinite(s.row_factors, rank, s.row_order, s.row_length, s.row_residual, s.row_scratch, s.reaction)
+    rank = scratch.row_rank[0]
+    solve_semidefinite(
+        scratch.row_factors,
+        rank,
+        scratch.row_order,
+        scratch.row_length,
+        scratch.row_residual,
+        scratch.row_scratch,
+        scratch.reaction,
+    )
 
 
 @kernel
-def _least_pivot(s):
+def _least_pivot(scratch):
     """The smallest pivot of C M^-1 C^T above round-off, of rows of unit length."""
-    rank = s.row_rank[0]
-    return s.row_factors[rank - 1, rank - 1] if rank > 0 else 1.0
+    rank = scratch.row_rank[0]
+    return scratch.row_factors[rank - 1, rank - 1] if rank > 0 else 1.0
 
 
 @kernel
-def _close(plan, s, what, scale, rows, velocities):
+def _close(plan, scratch, what, scale, rows, velocities):
     """Bring positions or velocities ``what`` (nv,) onto the loops, which ``rows`` (m,) open; the largest share moved.
 
     Positions are held by some of the rows, ``velocities`` by all.
@@ -84,54 +92,54 @@ def _close(plan, s, what, scale, rows, velocities):
     """
     m = plan.rows.shape[0]
     for r in range(m):
-        s.row_residual[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
-    _solve_reactions(s)
+        scratch.row_residual[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
+    _solve_reactions(scratch)
     size = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        change = st.reaction_acceleration(s.end_response, s.reaction, j)
+        change = st.reaction_acceleration(scratch.end_response, scratch.reaction, j)
         what[k] -= change
         size = max(size, abs(change) / scale[k])
     return size
 
 
 @kernel
-def _balance(plan, state, s, h):
+def _balance(plan, state, scratch, h):
     """Correct a and nu; the largest share of the correction, and that of a unit relative round-off.
 
     Forces out of balance count by ``state.pushed``.
     """
     m = plan.rows.shape[0]
     for j in range(plan.free.shape[0]):
-        s.rhs_end[0, j] = -s.equation[_LAST, j]
-    solve(plan.lapack, s.end_mass, s.pivot_end, s.sizes, s.rhs_end)
+        scratch.rhs_end[0, j] = -scratch.equation[_LAST, j]
+    solve(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes, scratch.rhs_end)
     for r in range(m):
-        s.row_residual[r] = s.phi_rate2[r]
+        scratch.row_residual[r] = scratch.phi_rate2[r]
         for j in range(plan.free.shape[0]):
-            s.row_residual[r] += s.end_jacobian[r, j] * s.rhs_end[0, j]
-    _solve_reactions(s)
+            scratch.row_residual[r] += scratch.end_jacobian[r, j] * scratch.rhs_end[0, j]
+    _solve_reactions(scratch)
     size = 0.0
-    noise = 1.0 / _least_pivot(s)
+    noise = 1.0 / _least_pivot(scratch)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        unbalanced = s.rhs_end[0, j]
-        change = unbalanced - st.reaction_acceleration(s.end_response, s.reaction, j)
+        unbalanced = scratch.rhs_end[0, j]
+        change = unbalanced - st.reaction_acceleration(scratch.end_response, scratch.reaction, j)
         weight = 0.0
         for r in range(m):
-            weight += abs(s.end_response[r, j] * s.multipliers[_LAST, r])
-        s.a[_LAST, k] += change
-        part = max(abs(change), abs(unbalanced)) * h / s.scale_v[k]
+            weight += abs(scratch.end_response[r, j] * scratch.multipliers[_LAST, r])
+        scratch.a[_LAST, k] += change
+        part = max(abs(change), abs(unbalanced)) * h / scratch.scale_v[k]
         if not part <= size:
             size = part
             state.counts[st.WORST] = k
-        noise = max(noise, weight * h / s.scale_v[k])
+        noise = max(noise, weight * h / scratch.scale_v[k])
     for r in range(m):
-        s.multipliers[_LAST, r] += s.reaction[r]
+        scratch.multipliers[_LAST, r] += scratch.reaction[r]
     return size, noise
 
 
 @kernel
-def close_end(plan, work, state, s, h, tolerance, doubts):
+def close_end(plan, work, state, scratch, h, tolerance, doubts):
     """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance.
 
     ``doubts``: a stage that lies farther off the loops than the tolerance fails: the stages' factors were too old.
@@ -140,27 +148,27 @@ def close_end(plan, work, state, s, h, tolerance, doubts):
     moved_before = np.inf
     contraction = np.inf
     for _ in range(_MAX_ITERATIONS):
-        evaluate_stage(plan, work, state, s, _LAST)
+        evaluate_stage(plan, work, state, scratch, _LAST)
         if contraction > _RENEW:
             before = 0.0
-            if not _factor_end(plan, work, state, s):
+            if not _factor_end(plan, work, state, scratch):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 return False
         if moved_before > 0.0:
-            moved = _close(plan, s, s.local[_LAST], s.scale_x, s.phi, False)
-            moved = max(moved, _close(plan, s, s.v[_LAST], s.scale_v, s.phi_rate, True))
-            if doubts and moved_before == np.inf and moved > max(tolerance, _ROUND_OFF / _least_pivot(s)):
+            moved = _close(plan, scratch, scratch.local[_LAST], scratch.scale_x, scratch.phi, False)
+            moved = max(moved, _close(plan, scratch, scratch.v[_LAST], scratch.scale_v, scratch.phi_rate, True))
+            if doubts and moved_before == np.inf and moved > max(tolerance, _ROUND_OFF / _least_pivot(scratch)):
                 return False
             # where rows are nearly dependent, round-off moves the stage to and fro: then it stays
             moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
-        size, noise = _balance(plan, state, s, h)
+        size, noise = _balance(plan, state, scratch, h)
         if not np.isfinite(size):
             return False
         contraction = size / before if before > 0.0 else 0.0
         settled = moved_before == 0.0 and before > 0.0 and size * contraction <= tolerance
         if settled or (moved_before == 0.0 and size <= _ROUND_OFF * noise):
-            retract(plan, state.x, s.local[_LAST], s.x[_LAST])
-            drive(plan, work, s.x[_LAST], s.v[_LAST], s.a[_LAST])
+            retract(plan, state.x, scratch.local[_LAST], scratch.x[_LAST])
+            drive(plan, work, scratch.x[_LAST], scratch.v[_LAST], scratch.a[_LAST])
             return True
         before = size
     return False

@@ -25,7 +25,7 @@ _EVENT = 0.1  # of the tolerance of a radian: that of a step that is not smooth
 
 
 @kernel
-def _estimate(plan, state, groups, s, h):
+def _estimate(plan, state, groups, scratch, h):
     """The estimate: difference of the rates at the start and on the stages' parabola, times the step; filtered.
 
     The filter, the real iteration matrix, damps the difference in stiff parts of the machine (Hairer & Wanner 1996,
@@ -40,52 +40,52 @@ def _estimate(plan, state, groups, s, h):
         gap_v = state.a[k] / REAL
         curve = 0.0
         for i in range(3):
-            gap_x += ERROR_WEIGHTS[i] * s.local_rate[i, k]
-            gap_v += ERROR_WEIGHTS[i] * s.a[i, k]
-            curve += CURVATURE[i] * s.a[i, k]
-        s.error_x[j] = h * gap_x
-        s.error_v[j] = h * gap_v
+            gap_x += ERROR_WEIGHTS[i] * scratch.local_rate[i, k]
+            gap_v += ERROR_WEIGHTS[i] * scratch.a[i, k]
+            curve += CURVATURE[i] * scratch.a[i, k]
+        scratch.error_x[j] = h * gap_x
+        scratch.error_v[j] = h * gap_v
         # the frequency of a vibration with that curvature of its acceleration
         size = groups.acceleration[groups.of[k]]
-        s.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
+        scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     for i in range(nu):
         total = 0.0
         for j in range(nu):
-            total += s.mass[i, j] * s.error_v[j] - step * s.stiffness[i, j] * s.error_x[j]
-        s.rhs_real[0, i] = total
+            total += scratch.mass[i, j] * scratch.error_v[j] - step * scratch.stiffness[i, j] * scratch.error_x[j]
+        scratch.rhs_real[0, i] = total
     for r in range(m):
         opening = 0.0
         swing = 0.0
         for j in range(nu):
-            opening -= s.jacobian[r, j] * s.error_x[j]
-            swing -= s.rate_jacobian[r, j] * s.error_x[j]
+            opening -= scratch.jacobian[r, j] * scratch.error_x[j]
+            swing -= scratch.rate_jacobian[r, j] * scratch.error_x[j]
         holds = holds_position(plan.rows[r])
-        s.rhs_real[0, nu + r] = opening / step if holds else 0.0
-        s.rhs_real[0, nu + m + r] = swing
-    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
+        scratch.rhs_real[0, nu + r] = opening / step if holds else 0.0
+        scratch.rhs_real[0, nu + m + r] = swing
+    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
     for j in range(nu):
         shift = 0.0
         for r in range(m):
-            shift += s.shift_direction[r, j] * s.rhs_real[0, nu + m + r]
-        s.error_v[j] = s.rhs_real[0, j]
-        s.error_x[j] += step * (s.rhs_real[0, j] + shift)
+            shift += scratch.shift_direction[r, j] * scratch.rhs_real[0, nu + m + r]
+        scratch.error_v[j] = scratch.rhs_real[0, j]
+        scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)
 
 
 @kernel
-def widen_vibration_scales(state, groups, s, h, machine_rate):
+def widen_vibration_scales(state, groups, scratch, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
-    for k in range(s.scale_x.shape[0]):
-        own = s.memory.own_rate[k]
+    for k in range(scratch.scale_x.shape[0]):
+        own = scratch.memory.own_rate[k]
         if groups.kind[groups.of[k]] != kinds.GROUP_MODAL:
             own *= state.numbers[st.LASTING]
         gain = min(1.0, h * max(machine_rate, own)) / share
-        s.scale_x[k] *= gain
-        s.scale_v[k] *= gain
+        scratch.scale_x[k] *= gain
+        scratch.scale_v[k] *= gain
 
 
 @kernel
-def _ratio(plan, state, groups, s, h, machine_rate):
+def _ratio(plan, state, groups, scratch, h, machine_rate):
     """Largest ratio of the local error to the tolerance: rtol per radian of the motion that causes it.
 
     The estimate is of order 3, the method of order 5: an estimate e stands for an error of e^(3/2), so that rtol means
@@ -106,7 +106,7 @@ def _ratio(plan, state, groups, s, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = st.own_rate(s.own_rate[k], s.memory.own_rate[k], machine_rate)
+        own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate)
         if groups.kind[g] != kinds.GROUP_MODAL:
             own *= state.numbers[st.STEP_LASTING]
         share = min(1.0, h * max(machine_rate, own))
@@ -115,22 +115,22 @@ def _ratio(plan, state, groups, s, h, machine_rate):
         own_speed = max(speed, own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
-        part = abs(s.error_v[j]) / max(limit * own_speed, least * machine_rate)
-        part = max(part, abs(s.error_x[j]) / max(limit * size, least))
+        part = abs(scratch.error_v[j]) / max(limit * own_speed, least * machine_rate)
+        part = max(part, abs(scratch.error_x[j]) / max(limit * size, least))
         if not part <= largest:
             largest = part
             state.counts[st.WORST] = k
         speed = max(speed, least / tolerance * machine_rate)
-        rough = max(rough, abs(s.error_v[j]) / speed)
-        expected = max(expected, s.memory.roughness[k] * h**4 / speed)
-        plain = max(plain, rough, abs(s.error_x[j]) / max(size, least / tolerance))
-    known = s.memory.roughness_known[0] == 1
-    s.memory.smooth[0] = 1 if not known or rough <= _SMOOTH * expected else 0
-    return largest if s.memory.smooth[0] == 1 else max(largest, plain / (_EVENT * tolerance))
+        rough = max(rough, abs(scratch.error_v[j]) / speed)
+        expected = max(expected, scratch.memory.roughness[k] * h**4 / speed)
+        plain = max(plain, rough, abs(scratch.error_x[j]) / max(size, least / tolerance))
+    known = scratch.memory.roughness_known[0] == 1
+    scratch.memory.smooth[0] = 1 if not known or rough <= _SMOOTH * expected else 0
+    return largest if scratch.memory.smooth[0] == 1 else max(largest, plain / (_EVENT * tolerance))
 
 
 @kernel
-def _find(plan, state, s, h, weights, means, defect):
+def _find(plan, state, scratch, h, weights, means, defect):
     """Fill ``defect`` (times, 3) with a sum of data at the stages by ``weights`` (3,), less ``means`` times the mean.
 
     Returns whether there is any but round-off.
@@ -145,7 +145,7 @@ def _find(plan, state, s, h, weights, means, defect):
             if noise[c] > 0.0:
                 lack = -means * mean[c]
                 for k in range(3):
-                    lack += weights[k] * s.time[k, i, c]
+                    lack += weights[k] * scratch.time[k, i, c]
                 if abs(lack) > 8.0 * noise[c]:
                     defect[i, c] = lack
                     found = True
@@ -153,72 +153,74 @@ def _find(plan, state, s, h, weights, means, defect):
 
 
 @kernel
-def _respond(plan, work, state, s):
+def _respond(plan, work, state, scratch):
     """Put into ``s.rhs_real`` the accelerations that data's defects make, filtered by the real iteration matrix."""
     end = 2
-    push(plan, work, state, s.x[end], s.v[end], s.a[end], s.multipliers[end], s.data)
-    put_pushes(plan, s.data, s.rhs_real)
-    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
+    push(plan, work, state, scratch.x[end], scratch.v[end], scratch.a[end], scratch.multipliers[end], scratch.data)
+    put_pushes(plan, scratch.data, scratch.rhs_real)
+    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
 
 
 @deferred_kernel(NUMBER)
-def _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio):
+def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio):
     """The error's ratio where data act in the step: what they do is no vibration, and what is missed of them counts."""
-    if _find(plan, state, s, h, CURVATURE, 0.0, s.data.defect):
-        _respond(plan, work, state, s)
+    if _find(plan, state, scratch, h, CURVATURE, 0.0, scratch.data.defect):
+        _respond(plan, work, state, scratch)
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
             size = groups.acceleration[groups.of[k]]
-            bent = np.sqrt(abs(s.rhs_real[0, j]) / size) / h if size > 0.0 else 0.0
-            s.own_rate[k] = np.sqrt(max(0.0, s.own_rate[k] ** 2 - bent**2))
-        ratio = _ratio(plan, state, groups, s, h, machine_rate)
-    if ratio <= 1.0 and _find(plan, state, s, h, QUADRATURE, 1.0, s.data.defect):
-        _respond(plan, work, state, s)
+            bent = np.sqrt(abs(scratch.rhs_real[0, j]) / size) / h if size > 0.0 else 0.0
+            scratch.own_rate[k] = np.sqrt(max(0.0, scratch.own_rate[k] ** 2 - bent**2))
+        ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
+    if ratio <= 1.0 and _find(plan, state, scratch, h, QUADRATURE, 1.0, scratch.data.defect):
+        _respond(plan, work, state, scratch)
         limit = max(state.numbers[st.TOLERANCE] * min(1.0, h * machine_rate), st.ROUND_OFF)
         missed = 0.0
         for j in range(plan.free.shape[0]):
             k = plan.free[j]
             speed = st.group_speed(groups, groups.of[k], machine_rate)
-            missed = max(missed, abs(h * s.rhs_real[0, j]) / (limit * speed))
+            missed = max(missed, abs(h * scratch.rhs_real[0, j]) / (limit * speed))
         ratio = max(ratio, missed ** (2.0 / 3.0))
     return ratio
 
 
 @kernel
-def local_error(plan, work, state, groups, s, h, machine_rate):
+def local_error(plan, work, state, groups, scratch, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
-    _estimate(plan, state, groups, s, h)
+    _estimate(plan, state, groups, scratch, h)
     if groups.stiffness.shape[0] > 0:
         least = 1.0
         for i in range(STAGES):  # a contact may lie between the step's ends
-            judge_lasting(plan, work, state, groups, s.x[i], s.v[i])
+            judge_lasting(plan, work, state, groups, scratch.x[i], scratch.v[i])
             least = min(least, state.numbers[st.STEP_LASTING])
         state.numbers[st.STEP_LASTING] = least
-    ratio = _ratio(plan, state, groups, s, h, machine_rate)
-    if ratio <= 1.0 and s.data.known[0] == 1:
-        ratio = _ratio_with_loads(plan, work, state, groups, s, h, machine_rate, ratio)
-    forget_passing(plan, state, groups, s.own_rate)
+    ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
+    if ratio <= 1.0 and scratch.data.known[0] == 1:
+        ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
+    forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
 
 
 @kernel
-def remember_roughness(plan, state, groups, s, h):
+def remember_roughness(plan, state, groups, scratch, h):
     """Update roughness and own rates by an accepted step; one that was not smooth counts in part."""
     rate = state.numbers[st.RATE]
-    smooth = s.memory.smooth[0] == 1
+    smooth = scratch.memory.smooth[0] == 1
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        before = s.memory.roughness[k]
-        now = abs(s.error_v[j]) / h**4
+        before = scratch.memory.roughness[k]
+        now = abs(scratch.error_v[j]) / h**4
         if not smooth:
             now = min(now, max(_GROWTH * before, _LITTLE * st.group_speed(groups, groups.of[k], rate) * rate**4))
-        s.memory.roughness[k] = max(now, _FORGET * before)
-        s.memory.own_rate[k] = st.own_rate(s.own_rate[k] if smooth else 0.0, s.memory.own_rate[k], rate)
-    s.memory.roughness_known[0] = 1
+        scratch.memory.roughness[k] = max(now, _FORGET * before)
+        scratch.memory.own_rate[k] = st.own_rate(
+            scratch.own_rate[k] if smooth else 0.0, scratch.memory.own_rate[k], rate
+        )
+    scratch.memory.roughness_known[0] = 1
 
 
 @kernel
-def set_safety(state, s):
+def set_safety(state, scratch):
     """Set the safety factor, smaller after a step of many iterations (Hairer & Wanner 1996, section IV.8)."""
-    used = s.memory.newton_iterations[0]
+    used = scratch.memory.newton_iterations[0]
     state.numbers[st.SAFETY] = SAFETY * (2.0 * MAX_ITERATIONS + 1.0) / (2.0 * MAX_ITERATIONS + used)

@@ -14,10 +14,10 @@ from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 
 @kernel
-def _take_free(plan, s, out):
+def _take_free(plan, scratch, out):
     for i in range(out.shape[0]):
         for j in range(out.shape[0]):
-            out[i, j] = s.full_tangent[plan.free[i], plan.free[j]]
+            out[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
 
 
 @kernel
@@ -28,39 +28,51 @@ def _take_rows(plan, rows, out):
 
 
 @kernel
-def derive(plan, work, s, i, per_x, per_v, per_a):
+def derive(plan, work, scratch, i, per_x, per_v, per_a):
     """Weighted tangent at stage i, where the residual was evaluated last, into ``s.full_tangent``."""
     call_separate(
-        s.kernels[TANGENT_AFTER_RESIDUAL],
-        (plan, work, s.tangent, s.x[i], s.v[i], s.a[i], s.multipliers[i], per_x, per_v, per_a, s.full_tangent),
+        scratch.kernels[TANGENT_AFTER_RESIDUAL],
+        (
+            plan,
+            work,
+            scratch.tangent,
+            scratch.x[i],
+            scratch.v[i],
+            scratch.a[i],
+            scratch.multipliers[i],
+            per_x,
+            per_v,
+            per_a,
+            scratch.full_tangent,
+        ),
     )
 
 
 @kernel
-def take_tangent(plan, work, state, s, stage):
+def take_tangent(plan, work, state, scratch, stage):
     """M, damping, stiffness and the rows' derivatives at the guess of stage ``stage``; whether all is finite."""
     nu = plan.free.shape[0]
-    s.uses_transform[0] = 0
-    evaluate_stage(plan, work, state, s, stage)
-    derive(plan, work, s, stage, 1.0, 0.0, 0.0)
-    _take_free(plan, s, s.stiffness)
-    _take_rows(plan, s.tangent.rate_jacobian, s.rate_jacobian)
-    derive(plan, work, s, stage, 0.0, 1.0, 0.0)
-    _take_free(plan, s, s.damping)
-    derive(plan, work, s, stage, 0.0, 0.0, 1.0)
-    _take_free(plan, s, s.mass)
-    _take_rows(plan, s.tangent.jacobian, s.jacobian)
-    s.memory.tangent_serves[0] = 1
-    s.memory.step_factored[0] = 0.0
+    scratch.uses_transform[0] = 0
+    evaluate_stage(plan, work, state, scratch, stage)
+    derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
+    _take_free(plan, scratch, scratch.stiffness)
+    _take_rows(plan, scratch.tangent.rate_jacobian, scratch.rate_jacobian)
+    derive(plan, work, scratch, stage, 0.0, 1.0, 0.0)
+    _take_free(plan, scratch, scratch.damping)
+    derive(plan, work, scratch, stage, 0.0, 0.0, 1.0)
+    _take_free(plan, scratch, scratch.mass)
+    _take_rows(plan, scratch.tangent.jacobian, scratch.jacobian)
+    scratch.memory.tangent_serves[0] = 1
+    scratch.memory.step_factored[0] = 0.0
     for i in range(nu):
         for j in range(nu):
-            if not np.isfinite(s.stiffness[i, j] + s.damping[i, j] + s.mass[i, j]):
+            if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
                 return False
     return True
 
 
 @kernel
-def _fill_matrix(plan, s, step, matrix):
+def _fill_matrix(plan, scratch, step, matrix):
     """Iteration matrix of one eigenvalue: ``step`` is the step over it.
 
     Unknowns a, nu, kappa; rows of the motion, of positions over step^2, of rates over step.
@@ -69,23 +81,23 @@ def _fill_matrix(plan, s, step, matrix):
     m = plan.rows.shape[0]
     for i in range(nu):
         for j in range(nu):
-            matrix[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
+            matrix[i, j] = scratch.mass[i, j] + step * (scratch.damping[i, j] + step * scratch.stiffness[i, j])
         for r in range(m):
             push = 0.0
             for j in range(nu):
-                push += s.stiffness[i, j] * s.shift_direction[r, j]
-            matrix[i, nu + r] = s.jacobian[r, i]
+                push += scratch.stiffness[i, j] * scratch.shift_direction[r, j]
+            matrix[i, nu + r] = scratch.jacobian[r, i]
             matrix[i, nu + m + r] = step * step * push
     for r in range(m):
         for j in range(nu):
-            matrix[nu + r, j] = s.jacobian[r, j]
-            matrix[nu + m + r, j] = s.jacobian[r, j] + step * s.rate_jacobian[r, j]
+            matrix[nu + r, j] = scratch.jacobian[r, j]
+            matrix[nu + m + r, j] = scratch.jacobian[r, j] + step * scratch.rate_jacobian[r, j]
         for q in range(m):
             gain = 0.0
             swing = 0.0
             for j in range(nu):
-                gain += s.jacobian[r, j] * s.shift_direction[q, j]
-                swing += s.rate_jacobian[r, j] * s.shift_direction[q, j]
+                gain += scratch.jacobian[r, j] * scratch.shift_direction[q, j]
+                swing += scratch.rate_jacobian[r, j] * scratch.shift_direction[q, j]
             matrix[nu + r, nu + q] = 0.0
             matrix[nu + m + r, nu + q] = 0.0
             matrix[nu + r, nu + m + q] = gain
@@ -98,68 +110,70 @@ def _fill_matrix(plan, s, step, matrix):
 
 
 @kernel
-def _shift_directions(plan, s, h):
+def _shift_directions(plan, scratch, h):
     """D: the motion within the step by a unit reaction, stiffness included; False if singular."""
     nu = plan.free.shape[0]
     step = h / REAL
     for i in range(nu):
         for j in range(nu):
-            s.tree_matrix[i, j] = s.mass[i, j] + step * (s.damping[i, j] + step * s.stiffness[i, j])
+            scratch.tree_matrix[i, j] = scratch.mass[i, j] + step * (
+                scratch.damping[i, j] + step * scratch.stiffness[i, j]
+            )
     for r in range(plan.rows.shape[0]):
         for j in range(nu):
-            s.row_response[r, j] = s.jacobian[r, j]
-    if factor(plan.lapack, s.tree_matrix, s.pivot_real, s.sizes) != 0:
+            scratch.row_response[r, j] = scratch.jacobian[r, j]
+    if factor(plan.lapack, scratch.tree_matrix, scratch.pivot_real, scratch.sizes) != 0:
         return False
-    solve(plan.lapack, s.tree_matrix, s.pivot_real, s.sizes, s.row_response)
+    solve(plan.lapack, scratch.tree_matrix, scratch.pivot_real, scratch.sizes, scratch.row_response)
     for r in range(plan.rows.shape[0]):
         holds = holds_position(plan.rows[r])
         for j in range(nu):
-            s.shift_direction[r, j] = s.row_response[r, j] if holds else 0.0
+            scratch.shift_direction[r, j] = scratch.row_response[r, j] if holds else 0.0
         for q in range(plan.rows.shape[0]):
-            s.row_matrix[r, q] = 0.0
+            scratch.row_matrix[r, q] = 0.0
             for j in range(nu):
-                s.row_matrix[r, q] += s.jacobian[r, j] * s.row_response[q, j]
+                scratch.row_matrix[r, q] += scratch.jacobian[r, j] * scratch.row_response[q, j]
     return True
 
 
 @kernel
-def factor_step(plan, state, s, h):
+def factor_step(plan, state, scratch, h):
     """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
     state.counts[st.FACTORISATIONS] += 1
-    s.memory.step_factored[0] = h
-    if plan.rows.shape[0] > 0 and not _shift_directions(plan, s, h):
+    scratch.memory.step_factored[0] = h
+    if plan.rows.shape[0] > 0 and not _shift_directions(plan, scratch, h):
         return False
-    _fill_matrix(plan, s, h / REAL + 0.0, s.real_matrix)
-    _fill_matrix(plan, s, h / COMPLEX, s.complex_matrix)
-    if factor(plan.lapack, s.real_matrix, s.pivot_real, s.sizes) != 0:
+    _fill_matrix(plan, scratch, h / REAL + 0.0, scratch.real_matrix)
+    _fill_matrix(plan, scratch, h / COMPLEX, scratch.complex_matrix)
+    if factor(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes) != 0:
         return False
-    return factor(s.lapack_complex, s.complex_matrix, s.pivot_complex, s.sizes) == 0
+    return factor(scratch.lapack_complex, scratch.complex_matrix, scratch.pivot_complex, scratch.sizes) == 0
 
 
 @kernel
-def _transform_rows(s, nu, m):
+def _transform_rows(scratch, nu, m):
     """Multiply the stages' row residuals by T_i, for the rows of the tangent (see ``row_transforms``)."""
     for i in range(STAGES):
         for r in range(m):
-            s.transformed[0, r] = 0.0
-            s.transformed[1, r] = 0.0
+            scratch.transformed[0, r] = 0.0
+            scratch.transformed[1, r] = 0.0
             for q in range(m):
-                s.transformed[0, r] += s.row_transform[i, r, q] * s.equation[i, nu + q]
-                s.transformed[1, r] += s.row_transform[i, r, q] * s.equation[i, nu + m + q]
+                scratch.transformed[0, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + q]
+                scratch.transformed[1, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + m + q]
         for r in range(m):
-            s.equation[i, nu + r] = s.transformed[0, r]
-            s.equation[i, nu + m + r] = s.transformed[1, r]
+            scratch.equation[i, nu + r] = scratch.transformed[0, r]
+            scratch.equation[i, nu + m + r] = scratch.transformed[1, r]
 
 
 @kernel
-def correct_stages(plan, s, h):
+def correct_stages(plan, scratch, h):
     """One Newton correction of the stages' unknowns by their equations (Hairer & Wanner 1996, eq. IV.8.8-8.10)."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     n = nu + 2 * m
-    equation = s.equation
-    if s.uses_transform[0] == 1:
-        _transform_rows(s, nu, m)
+    equation = scratch.equation
+    if scratch.uses_transform[0] == 1:
+        _transform_rows(scratch, nu, m)
     for j in range(n):
         factor_real = -1.0
         factor_complex = complex(-1.0, 0.0)
@@ -169,33 +183,33 @@ def correct_stages(plan, s, h):
         elif j >= nu:
             if not holds_position(plan.rows[j - nu]):
                 for i in range(STAGES):
-                    equation[i, j] = s.shift[i, j - nu]
+                    equation[i, j] = scratch.shift[i, j - nu]
             else:
                 factor_real *= (REAL / h) ** 2
                 factor_complex *= (COMPLEX / h) ** 2
         e0, e1, e2 = equation[0, j], equation[1, j], equation[2, j]
-        s.rhs_real[0, j] = factor_real * (
+        scratch.rhs_real[0, j] = factor_real * (
             BASIS_INVERSE[0, 0] * e0 + BASIS_INVERSE[0, 1] * e1 + BASIS_INVERSE[0, 2] * e2
         )
-        s.rhs_complex[0, j] = factor_complex * complex(
+        scratch.rhs_complex[0, j] = factor_complex * complex(
             BASIS_INVERSE[1, 0] * e0 + BASIS_INVERSE[1, 1] * e1 + BASIS_INVERSE[1, 2] * e2,
             BASIS_INVERSE[2, 0] * e0 + BASIS_INVERSE[2, 1] * e1 + BASIS_INVERSE[2, 2] * e2,
         )
-    solve(plan.lapack, s.real_matrix, s.pivot_real, s.sizes, s.rhs_real)
-    solve(s.lapack_complex, s.complex_matrix, s.pivot_complex, s.sizes, s.rhs_complex)
+    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
+    solve(scratch.lapack_complex, scratch.complex_matrix, scratch.pivot_complex, scratch.sizes, scratch.rhs_complex)
     for j in range(n):
-        w0 = s.rhs_real[0, j]
-        w1 = s.rhs_complex[0, j].real
-        w2 = s.rhs_complex[0, j].imag
+        w0 = scratch.rhs_real[0, j]
+        w1 = scratch.rhs_complex[0, j].real
+        w2 = scratch.rhs_complex[0, j].imag
         for i in range(STAGES):
             change = BASIS[i, 0] * w0 + BASIS[i, 1] * w1 + BASIS[i, 2] * w2
             if j < nu:
-                s.a[i, plan.free[j]] += change
+                scratch.a[i, plan.free[j]] += change
             elif j < nu + m:
-                if s.uses_transform[0] == 0:
-                    s.multipliers[i, j - nu] += change
+                if scratch.uses_transform[0] == 0:
+                    scratch.multipliers[i, j - nu] += change
                 else:
                     for r in range(m):
-                        s.multipliers[i, r] += s.row_transform[i, j - nu, r] * change
+                        scratch.multipliers[i, r] += scratch.row_transform[i, j - nu, r] * change
             else:
-                s.shift[i, j - nu - m] += change
+                scratch.shift[i, j - nu - m] += change

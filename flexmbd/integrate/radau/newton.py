@@ -27,21 +27,21 @@ _SWEEPS = 3  # of rotations at the first guess
 
 
 @kernel
-def _iterate(plan, work, state, s, h, tolerance):
+def _iterate(plan, work, state, scratch, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
     # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(s.memory.contraction[0], 1e-3) ** 0.8
+    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):
-            evaluate_stage(plan, work, state, s, i)
-            if s.uses_transform[0] == 1 and not transform_stage_rows(plan, work, s, i):
+            evaluate_stage(plan, work, state, scratch, i)
+            if scratch.uses_transform[0] == 1 and not transform_stage_rows(plan, work, scratch, i):
                 return False
         state.counts[st.ITERATIONS] += 1
-        s.memory.newton_iterations[0] = iteration + 1
-        correct_stages(plan, s, h)
-        size = place_stages(plan, state, s, h)
+        scratch.memory.newton_iterations[0] = iteration + 1
+        correct_stages(plan, scratch, h)
+        size = place_stages(plan, state, scratch, h)
         if not np.isfinite(size):
             return False
         if iteration > 0:
@@ -51,10 +51,10 @@ def _iterate(plan, work, state, s, h, tolerance):
         stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
         if size * left <= tolerance or size <= 1e-15 or stalled:
             # unmeasured, it is trusted a little less at each step
-            s.memory.contraction[0] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+            scratch.memory.contraction[0] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
             return True
         # transformed rows depend on where the stages were: only later corrections show the contraction
-        if iteration > (2 if s.uses_transform[0] == 1 else 0):
+        if iteration > (2 if scratch.uses_transform[0] == 1 else 0):
             remaining = most - 1 - iteration
             if contraction > 0.9 or size * left * contraction**remaining > tolerance:
                 return False
@@ -63,46 +63,48 @@ def _iterate(plan, work, state, s, h, tolerance):
 
 
 @kernel
-def solve_step(plan, work, state, s, h, tolerance):
+def solve_step(plan, work, state, scratch, h, tolerance):
     """Solve the stages with the old factors where they still serve, with new ones otherwise.
 
-    Returns whether it converged; if so ``s`` holds the stages, the last being the step's end.
+    Returns whether it converged; if so ``scratch`` holds the stages, the last being the step's end.
     """
-    known = s.memory.polynomial_known[0] == 1
+    known = scratch.memory.polynomial_known[0] == 1
     for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
-        new_factors = s.memory.step_factored[0] != h
-        if attempt == 0 and (s.memory.tangent_serves[0] == 0 or (new_factors and s.memory.renewals[0] > 0.0)):
+        new_factors = scratch.memory.step_factored[0] != h
+        if attempt == 0 and (
+            scratch.memory.tangent_serves[0] == 0 or (new_factors and scratch.memory.renewals[0] > 0.0)
+        ):
             continue
         # these differ from the attempts that follow by the predictor alone
         if not known and (attempt == 2 or attempt == _TRANSFORMED):
             continue
-        predict_stages(plan, state, s, h, known and attempt != 2 and attempt != _TRANSFORMED + 1)
-        s.local[:, :] = 0.0
-        for _ in range(_SWEEPS if s.quaternions.shape[0] > 0 else 1):
-            place_stages(plan, state, s, h)
+        predict_stages(plan, state, scratch, h, known and attempt != 2 and attempt != _TRANSFORMED + 1)
+        scratch.local[:, :] = 0.0
+        for _ in range(_SWEEPS if scratch.quaternions.shape[0] > 0 else 1):
+            place_stages(plan, state, scratch, h)
         stage = _MIDDLE
         if attempt >= _TRANSFORMED:
-            stage = choose_stage(plan, work, state, s)
+            stage = choose_stage(plan, work, state, scratch)
             if stage < 0:
                 continue
         if attempt > 0:
-            s.memory.contraction[0] = 1.0
-            if not take_tangent(plan, work, state, s, stage):
+            scratch.memory.contraction[0] = 1.0
+            if not take_tangent(plan, work, state, scratch, stage):
                 continue
-        if s.memory.step_factored[0] != h and not factor_step(plan, state, s, h):
+        if scratch.memory.step_factored[0] != h and not factor_step(plan, state, scratch, h):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
-        s.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
-        if not _iterate(plan, work, state, s, h, tolerance):
+        scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
+        if not _iterate(plan, work, state, scratch, h, tolerance):
             if attempt == 0:
-                s.memory.renewals[0] = _RENEWALS
+                scratch.memory.renewals[0] = _RENEWALS
             continue
-        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, s, h, tolerance, attempt == 0):
+        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, scratch, h, tolerance, attempt == 0):
             continue
-        slow = s.memory.newton_iterations[0] > 1 and s.memory.contraction[0] > _RENEW  # as measured
+        slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
-            s.memory.tangent_serves[0] = 0
-        s.memory.renewals[0] = max(0.0, s.memory.renewals[0] - 1.0)
+            scratch.memory.tangent_serves[0] = 0
+        scratch.memory.renewals[0] = max(0.0, scratch.memory.renewals[0] - 1.0)
         return True
-    s.memory.tangent_serves[0] = 0
+    scratch.memory.tangent_serves[0] = 0
     return False

@@ -80,23 +80,23 @@ class RadauIIA:
 
 
 @kernel
-def _accept(state, s, h):
+def _accept(state, scratch, h):
     """Make the last stage the current state, and remember the stages."""
     end = STAGES - 1
     for i in range(STAGES):
         for k in range(state.v.shape[0]):
-            s.memory.stage_a[i, k] = s.a[i, k]
+            scratch.memory.stage_a[i, k] = scratch.a[i, k]
         for r in range(state.multipliers.shape[0]):
-            s.memory.stage_reactions[i, r] = s.multipliers[i, r]
+            scratch.memory.stage_reactions[i, r] = scratch.multipliers[i, r]
     for k in range(state.v.shape[0]):
-        state.v[k] = s.v[end, k]
-        state.a[k] = s.a[end, k]
+        state.v[k] = scratch.v[end, k]
+        state.a[k] = scratch.a[end, k]
     for k in range(state.x.shape[0]):
-        state.x[k] = s.x[end, k]
+        state.x[k] = scratch.x[end, k]
     for r in range(state.multipliers.shape[0]):
-        state.multipliers[r] = s.multipliers[end, r]
-    s.memory.step_polynomial[0] = h
-    s.memory.polynomial_known[0] = 1
+        state.multipliers[r] = scratch.multipliers[end, r]
+    scratch.memory.step_polynomial[0] = h
+    scratch.memory.polynomial_known[0] = 1
 
 
 @kernel

@@ -23,28 +23,28 @@ _DIFFERENT = math.log(2.0)  # rows whose volumes differ by more than this factor
 
 
 @kernel
-def _factor_row_matrix(plan, work, s, i):
+def _factor_row_matrix(plan, work, scratch, i):
     """Factor the transpose of C_i B^-1 C^T of stage i, evaluated last; log of its volume, -inf if singular."""
     m = plan.rows.shape[0]
-    derive(plan, work, s, i, 0.0, 0.0, 1.0)
+    derive(plan, work, scratch, i, 0.0, 0.0, 1.0)
     for r in range(m):
         for q in range(m):
             total = 0.0
             for j in range(plan.free.shape[0]):
-                total += s.tangent.jacobian[r, plan.free[j]] * s.row_response[q, j]
-            s.stage_row_matrix[q, r] = total
+                total += scratch.tangent.jacobian[r, plan.free[j]] * scratch.row_response[q, j]
+            scratch.stage_row_matrix[q, r] = total
             if not np.isfinite(total):
                 return -np.inf
-    if factor(plan.lapack, s.stage_row_matrix, s.row_pivot, s.sizes) != 0:
+    if factor(plan.lapack, scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes) != 0:
         return -np.inf
     volume = 0.0
     for r in range(m):
-        volume += math.log(abs(s.stage_row_matrix[r, r]))
+        volume += math.log(abs(scratch.stage_row_matrix[r, r]))
     return volume
 
 
 @kernel
-def choose_stage(plan, work, state, s):
+def choose_stage(plan, work, state, scratch):
     """The stage with the best conditioned rows; -1 if all stages are alike, or a row holds velocities alone."""
     for r in range(plan.rows.shape[0]):
         if not holds_position(plan.rows[r]):
@@ -53,8 +53,8 @@ def choose_stage(plan, work, state, s):
     least = np.inf
     place = -1
     for i in range(STAGES):
-        evaluate_stage(plan, work, state, s, i)
-        volume = _factor_row_matrix(plan, work, s, i)
+        evaluate_stage(plan, work, state, scratch, i)
+        volume = _factor_row_matrix(plan, work, scratch, i)
         least = min(least, volume)
         if volume > best:
             best = volume
@@ -63,12 +63,12 @@ def choose_stage(plan, work, state, s):
 
 
 @kernel
-def transform_stage_rows(plan, work, s, i):
+def transform_stage_rows(plan, work, scratch, i):
     """Write T_i of stage i, which was evaluated last; whether it exists."""
-    if _factor_row_matrix(plan, work, s, i) == -np.inf:
+    if _factor_row_matrix(plan, work, scratch, i) == -np.inf:
         return False
-    for r in range(s.row_matrix.shape[0]):
-        for q in range(s.row_matrix.shape[0]):
-            s.row_transform[i, r, q] = s.row_matrix[r, q]
-    solve(plan.lapack, s.stage_row_matrix, s.row_pivot, s.sizes, s.row_transform[i])
+    for r in range(scratch.row_matrix.shape[0]):
+        for q in range(scratch.row_matrix.shape[0]):
+            scratch.row_transform[i, r, q] = scratch.row_matrix[r, q]
+    solve(plan.lapack, scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes, scratch.row_transform[i])
     return True

@@ -168,9 +168,7 @@ class RadauWorkspace(ArrayStruct):
     memory: RadauMemory
 
 
-def new_workspace(
-    plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: IntArray
-) -> RadauWorkspace:
+def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: IntArray) -> RadauWorkspace:
     """Allocate the work arrays of a step for ``plan``."""
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
@@ -249,7 +247,7 @@ def new_workspace(
 
 
 @kernel
-def evaluate_stage_times(plan, work, state, s, h):
+def evaluate_stage_times(plan, work, state, scratch, h):
     """Functions of time at the instants of the stages; False where a callable failed, its time in ``work``."""
     for i in range(STAGES):
         t = state.numbers[st.TIME] + NODES[i] * h
@@ -258,17 +256,17 @@ def evaluate_stage_times(plan, work, state, s, h):
         evaluate_times(plan, st.function_time(state.numbers, t), work.time)
         for k in range(work.time.shape[0]):
             for j in range(3):
-                s.time[i, k, j] = work.time[k, j]
+                scratch.time[i, k, j] = work.time[k, j]
         if plan.flag[0] != 0:
             return False
     return True
 
 
 @kernel
-def predict_stages(plan, state, s, h, extrapolate):
+def predict_stages(plan, state, scratch, h, extrapolate):
     """Predictor: stages' accelerations and multipliers on the last step's polynomial, or those of the step's start."""
-    step = h / s.memory.step_polynomial[0] if extrapolate else 0.0
-    memory = s.memory
+    step = h / scratch.memory.step_polynomial[0] if extrapolate else 0.0
+    memory = scratch.memory
     for i in range(STAGES):
         # values of the polynomial through the last stages, as weights of these
         t = 1.0 + NODES[i] * step
@@ -276,19 +274,19 @@ def predict_stages(plan, state, s, h, extrapolate):
         w1 = TO_POWERS[0, 1] + t * (TO_POWERS[1, 1] + t * TO_POWERS[2, 1])
         w2 = TO_POWERS[0, 2] + t * (TO_POWERS[1, 2] + t * TO_POWERS[2, 2])
         for k in range(state.a.shape[0]):
-            s.a[i, k] = state.a[k]
+            scratch.a[i, k] = state.a[k]
             if extrapolate:
-                s.a[i, k] = w0 * memory.stage_a[0, k] + w1 * memory.stage_a[1, k] + w2 * memory.stage_a[2, k]
+                scratch.a[i, k] = w0 * memory.stage_a[0, k] + w1 * memory.stage_a[1, k] + w2 * memory.stage_a[2, k]
         for r in range(plan.rows.shape[0]):
-            s.shift[i, r] = 0.0
-            s.multipliers[i, r] = state.multipliers[r]
+            scratch.shift[i, r] = 0.0
+            scratch.multipliers[i, r] = state.multipliers[r]
             if extrapolate:
                 before = memory.stage_reactions
-                s.multipliers[i, r] = w0 * before[0, r] + w1 * before[1, r] + w2 * before[2, r]
+                scratch.multipliers[i, r] = w0 * before[0, r] + w1 * before[1, r] + w2 * before[2, r]
 
 
 @kernel
-def place_stages(plan, state, s, h):
+def place_stages(plan, state, scratch, h):
     """Velocities and local coordinates of the stages; returns the largest change over its scale.
 
     Rates of rotation vectors depend on these themselves: each call is one sweep of a fixed-point iteration that
@@ -299,53 +297,58 @@ def place_stages(plan, state, s, h):
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         for i in range(STAGES):
-            gain = WEIGHTS[i, 0] * s.a[0, k] + WEIGHTS[i, 1] * s.a[1, k] + WEIGHTS[i, 2] * s.a[2, k]
+            gain = WEIGHTS[i, 0] * scratch.a[0, k] + WEIGHTS[i, 1] * scratch.a[1, k] + WEIGHTS[i, 2] * scratch.a[2, k]
             v = state.v[k] + h * gain
-            part = abs(v - s.v[i, k]) / s.scale_v[k]
+            part = abs(v - scratch.v[i, k]) / scratch.scale_v[k]
             if not part <= largest:
                 largest = part
                 state.counts[st.WORST] = k
-            s.v[i, k] = v
+            scratch.v[i, k] = v
             for r in range(m):
                 drift = (
-                    WEIGHTS[i, 0] * s.shift[0, r] + WEIGHTS[i, 1] * s.shift[1, r] + WEIGHTS[i, 2] * s.shift[2, r]
+                    WEIGHTS[i, 0] * scratch.shift[0, r]
+                    + WEIGHTS[i, 1] * scratch.shift[1, r]
+                    + WEIGHTS[i, 2] * scratch.shift[2, r]
                 )
-                v += h * drift * s.shift_direction[r, j]
-            s.local_rate[i, k] = v
-    for q in range(s.quaternions.shape[0]):
-        o = s.quaternions[q]
+                v += h * drift * scratch.shift_direction[r, j]
+            scratch.local_rate[i, k] = v
+    for q in range(scratch.quaternions.shape[0]):
+        o = scratch.quaternions[q]
         for i in range(STAGES):
-            back = scale3(-1.0, load3(s.local[i], o))  # body axes: the right Jacobian
-            store3(s.local_rate[i], o, left_jacobian_inverse(back, load3(s.local_rate[i], o)))
+            back = scale3(-1.0, load3(scratch.local[i], o))  # body axes: the right Jacobian
+            store3(scratch.local_rate[i], o, left_jacobian_inverse(back, load3(scratch.local_rate[i], o)))
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         for i in range(STAGES):
-            p = s.local_rate
+            p = scratch.local_rate
             u = h * (WEIGHTS[i, 0] * p[0, k] + WEIGHTS[i, 1] * p[1, k] + WEIGHTS[i, 2] * p[2, k])
-            part = abs(u - s.local[i, k]) / s.scale_x[k]
+            part = abs(u - scratch.local[i, k]) / scratch.scale_x[k]
             if not part <= largest:
                 largest = part
                 state.counts[st.WORST] = k
-            s.local[i, k] = u
+            scratch.local[i, k] = u
     return largest
 
 
 @kernel
-def evaluate_stage(plan, work, state, s, i):
+def evaluate_stage(plan, work, state, scratch, i):
     """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
     for f in range(work.time.shape[0]):
         for c in range(3):
-            work.time[f, c] = s.time[i, f, c]
-    retract(plan, state.x, s.local[i], s.x[i])
-    drive(plan, work, s.x[i], s.v[i], s.a[i])
-    call_separate(s.kernels[RESIDUAL], (plan, work, s.x[i], s.v[i], s.a[i], s.multipliers[i], s.residual))
+            work.time[f, c] = scratch.time[i, f, c]
+    retract(plan, state.x, scratch.local[i], scratch.x[i])
+    drive(plan, work, scratch.x[i], scratch.v[i], scratch.a[i])
+    call_separate(
+        scratch.kernels[RESIDUAL],
+        (plan, work, scratch.x[i], scratch.v[i], scratch.a[i], scratch.multipliers[i], scratch.residual),
+    )
     state.counts[st.EVALUATIONS] += 1
     if plan.rows.shape[0] > 0:
-        call_separate(s.kernels[CONSTRAINTS], (plan, work, s.phi, s.phi_rate, s.phi_rate2))
+        call_separate(scratch.kernels[CONSTRAINTS], (plan, work, scratch.phi, scratch.phi_rate, scratch.phi_rate2))
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     for j in range(nu):
-        s.equation[i, j] = s.residual[plan.free[j]]
+        scratch.equation[i, j] = scratch.residual[plan.free[j]]
     for r in range(m):
-        s.equation[i, nu + r] = s.phi[r]
-        s.equation[i, nu + m + r] = s.phi_rate[r]
+        scratch.equation[i, nu + r] = scratch.phi[r]
+        scratch.equation[i, nu + m + r] = scratch.phi_rate[r]
