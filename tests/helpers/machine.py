@@ -48,6 +48,10 @@ case "$1 ${2-}" in
     touch "${0%/*}"/{pytest,mypy,ruff}
     chmod +x "${0%/*}"/{pytest,mypy,ruff}
     ;;
+"-m flexmbd")
+    note "$3"
+    trouble "$3"
+    ;;
 *) PYTHONPATH=$here/site exec PYTHON_OF_THE_TESTS -S "$@" ;;
 esac
 """

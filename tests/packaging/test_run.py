@@ -15,7 +15,7 @@ from machine import Machine
 REPOSITORY = Path(__file__).resolve().parents[2]
 RUN = REPOSITORY / "run"
 # the project, then a package that is installed without what it asks for
-PIP = ["pip", "pip"]
+FILL = ["pip", "pip", "compile"]
 
 pytestmark = pytest.mark.skipif("FLEXMBD_ENV" not in os.environ, reason="these tests are run by ./run pytest")
 
@@ -136,9 +136,15 @@ class TestTrees:
         code, said = machine.run()
         assert code == 0, said
         assert said.endswith("run: the environment is ready\n")
-        assert machine.calls() == ["mmdebstrap trixie", "venv", *PIP]
+        assert machine.calls() == ["mmdebstrap trixie", "venv", *FILL]
         assert machine.run("sh", "-c", "exit 7") == (7, "")
         assert machine.calls() == []
+
+    def test_kernels_that_do_not_compile_fail_no_set_up(self, machine: Machine) -> None:
+        (machine.stubs / "compile.fails").touch()
+        code, said = machine.run()
+        assert code == 0, said
+        assert said.endswith("run: the environment is ready\n")
 
     @pytest.mark.parametrize("stage", ["mmdebstrap", "pip"])
     def test_failure_is_repaired_by_the_next_call(self, machine: Machine, stage: str) -> None:
@@ -153,7 +159,7 @@ class TestTrees:
         machine.calls()
         trouble.unlink()
         assert machine.run()[0] == 0
-        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", *PIP]
+        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", *FILL]
         assert machine.trees() == ["trixie"]
 
     @pytest.mark.parametrize("stage", ["mmdebstrap", "pip"])
@@ -168,7 +174,7 @@ class TestTrees:
         assert machine.trees() == ["trixie?" if stage == "mmdebstrap" else "trixie"]
         delay.unlink()
         assert machine.run()[0] == 0
-        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", *PIP]
+        assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", *FILL]
         assert machine.trees() == ["trixie"]
 
     def test_two_calls_at_once(self, machine: Machine) -> None:
@@ -176,20 +182,20 @@ class TestTrees:
         calls = [machine.start(), machine.start()]
         said = [call.communicate(timeout=60)[1] for call in calls]
         assert [call.returncode for call in calls] == [0, 0]
-        assert machine.calls() == ["mmdebstrap trixie", "venv", *PIP]
+        assert machine.calls() == ["mmdebstrap trixie", "venv", *FILL]
         assert sorted("waiting for it" in text for text in said) == [False, True]
 
     def test_suites_beside_each_other(self, machine: Machine) -> None:
         for suite in ("trixie", "unstable"):
             assert machine.run(suite=suite)[0] == 0
-            assert machine.calls() == [f"mmdebstrap {suite}", "venv", *PIP]
+            assert machine.calls() == [f"mmdebstrap {suite}", "venv", *FILL]
         for suite in ("trixie", "unstable"):
             assert machine.run(suite=suite) == (0, "")
         # a change of the project renews each environment when it is called, and removes nothing of the other
         machine.project.write_text(machine.project.read_text() + "# changed\n")
         for suite in ("trixie", "unstable"):
             assert machine.run(suite=suite)[0] == 0
-            assert machine.calls() == PIP
+            assert machine.calls() == FILL
             assert machine.trees() == ["trixie", "unstable"]
 
     def test_removed_tree_is_made_anew_with_its_environment(self, machine: Machine) -> None:
@@ -201,7 +207,7 @@ class TestTrees:
         shutil.rmtree(tree)
         assert machine.run() == (0, "")
         assert machine.run(suite="unstable")[0] == 0
-        assert machine.calls() == ["mmdebstrap unstable", "venv", *PIP]
+        assert machine.calls() == ["mmdebstrap unstable", "venv", *FILL]
 
     def test_dolfinx_that_flexmbd_does_not_know(self, machine: Machine) -> None:
         machine.run()
