@@ -29,14 +29,14 @@ LEAST_RATE = 7  # lower bound of the machine's rate (1/s)
 LATEST, STEP_END, WHOLE_STEP, RATE, ERROR_RATIO = range(8, 13)
 # Of a fixed step that is taken in parts: the length that remains, and the longest part (0: all that remains).
 STEP_REMAINDER, STEP_PART = 13, 14
-# Error and size of the last step that error control accepted, a safety of the next; these are forgotten where the
-# machine begins anew.
-RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 15, 16, 17
-# The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
-LARGEST_PIVOT = 18
 # Share of joints' own rates that is sure to last (see ``lasting``): at TIME and a step before; at the end of the step
 # at hand; over these three, whose accelerations show a rate.
-LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING, N_NUMBER = range(19, 24)
+LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING = range(15, 19)
+# Error and size of the last step that error control accepted, a safety of the next; these are forgotten where the
+# machine begins anew.
+RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 19, 20, 21
+# The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
+LARGEST_PIVOT, N_NUMBER = 22, 23
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)

@@ -13,14 +13,20 @@ from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 
 
 class Axes(Enum):
     """Whose axes a given force keeps to."""
 
-    WORLD = GIVEN_IN_F
-    FRAME = GIVEN_IN_G
+    WORLD = 0
+    FRAME = 1
+
+    @property
+    def element(self) -> ElementKind:
+        """What kernels know such a force as."""
+        return GIVEN_IN_F if self is Axes.WORLD else GIVEN_IN_G
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +74,11 @@ class FrameForce(OffJoints):
         fixed = np.array([c if isinstance(c, (int, float)) else 0.0 for c in components])
         acts = bool(fixed.any())
         if acts or all(isinstance(c, (int, float)) for c in components):
-            table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(fixed), acts=acts)
+            table.element(self.axes.element, self.what, f=ground, g=g, data=table.numbers(fixed), acts=acts)
         for unit, component, name in zip(np.eye(6), components, _NAMES, strict=True):
             if not isinstance(component, (int, float)):
                 time = table.time(component, f"{name} of {self.what}")
-                table.element(self.axes.value, self.what, f=ground, g=g, data=table.numbers(unit), time=time)
+                table.element(self.axes.element, self.what, f=ground, g=g, data=table.numbers(unit), time=time)
 
 
 _NAMES = [f"{kind} {axis}" for kind in ("force", "torque") for axis in "xyz"]
