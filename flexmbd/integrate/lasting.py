@@ -2,7 +2,8 @@
 
 An error of a lasting vibration's velocity swings and does not drift, so that implicit methods measure it by the
 displacement that it makes.  Where a stop lets go in mid-swing, the velocity's error stays: a vibration against what an
-element has stiffened since it was softest is given no such leave.  Vibrations of modes last.
+element has stiffened since it was softest is given no such leave.  Vibrations of modes last, and all of
+machines with elastic bodies are taken to, for their joints tremble with these.
 """
 
 from __future__ import annotations

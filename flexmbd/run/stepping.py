@@ -357,7 +357,9 @@ def new_snapshot(
     count[st.MOST_STORED] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
     sizes = np.zeros((3, len(scene.group_floor)))
-    ne = len(scene.plan.elements) if stiffness_may_change(scene.plan) else 0
+    # joints of elastic bodies vibrate with these, which lasts whatever an element does
+    elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
+    ne = len(scene.plan.elements) if stiffness_may_change(scene.plan) and not elastic else 0
     softest = np.full((2, ne, 2), np.inf)
     groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
     rows = np.array(start.choice.rows, np.int64)
