@@ -20,7 +20,6 @@ from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
@@ -156,7 +155,7 @@ def accelerate(plan, work, aw, loops, x, v, a, multipliers):
         _add_reactions(plan, work, aw, loops, x, v, a, multipliers)
 
 
-@deferred_kernel()
+@kernel
 def _add_reactions(plan, work, aw, loops, x, v, a, multipliers):
     """Find the multipliers at the tree's accelerations ``a`` and add what they cause."""
     m = plan.rows.shape[0]
@@ -230,7 +229,7 @@ def is_nearly_singular(loops):
     return False
 
 
-@deferred_kernel()
+@kernel
 def project_onto_tangent(plan, work, aw, loops, out):
     """Project the tangent vector ``out`` (nv,) onto C out = 0, along M^-1 C^T."""
     for i in range(loops.phi.shape[0]):
@@ -240,7 +239,7 @@ def project_onto_tangent(plan, work, aw, loops, out):
         out[k] -= loops.move[k]
 
 
-@deferred_kernel()
+@kernel
 def minimum_norm_motion(plan, work, aw, loops, ranks, rows, out):
     """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left and the ranks of the blocks."""
     for c in range(ranks.shape[0]):
@@ -257,7 +256,7 @@ def minimum_norm_motion(plan, work, aw, loops, ranks, rows, out):
         out[k] = loops.moved[0, k]
 
 
-@deferred_kernel(FLAG)
+@kernel
 def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v):
     """Move x onto phi = 0, then v onto C v = 0, with the factors of a place nearby; whether it succeeded.
 
