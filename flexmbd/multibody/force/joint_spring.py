@@ -21,7 +21,7 @@ class JointSpring(OnCoordinate):
 
     Attributes:
         connection: a joint with coordinates that are numbers.
-        stiffness: N/m or N m/rad; or a ``ElementTable`` of the resisting force (N or N m) over the deflection
+        stiffness: N/m or N m/rad; or a ``Table`` of the resisting force (N or N m) over the deflection
             beta - rest, a cubic spline, which keeps its first and last force outside unless its ``beyond`` says
             otherwise.
         rest: coordinate at which it is slack (m or rad).
