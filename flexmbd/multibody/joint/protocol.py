@@ -44,10 +44,20 @@ class Step:
     Attributes:
         pair: how it moves.
         axis: where the z axis of the pair's frames lies in the turned frames of the joint.
+
+    Raises:
+        SceneError: the pair is none, or the axis.
     """
 
     pair: KinematicPair
     axis: Axis = "z"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pair, KinematicPair):
+            raise SceneError(
+                f"a step is a fm.joint.KinematicPair, as fm.joint.REVOLUTE or fm.joint.screw(pitch), got {self.pair!r}"
+            )
+        z_onto(self.axis)  # refuses what is not an axis
 
 
 #: Swaps a joint's ends without changing its coordinate: turns both frames about x by pi.

@@ -206,3 +206,9 @@ def test_a_gear_takes_one_coordinate_of_a_pair():
         np.testing.assert_allclose(run.beta(axle), 2.0 * run.beta(joint)[:, 1], atol=1e-8)
         np.testing.assert_allclose(run.beta(joint)[:, 0], 0.3 * run.beta(axle), atol=1e-8)
     assert_same(ends[0], ends[1], 1e-9)
+
+
+@pytest.mark.parametrize(("pair", "axis"), [("REVOLUTE", "z"), (1, "z"), (KinematicPair(), "w")])
+def test_a_step_that_is_none_is_refused(pair, axis):
+    with pytest.raises(SceneError, match=r"KinematicPair|axis"):
+        Step(pair, axis)
