@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import meaning, program_stamp
 from flexmbd.ensemble.variants import Study, VariantOutput
-from flexmbd.errors import SceneError, StartWarning
+from flexmbd.errors import SceneError, StartWarning, warn
 from flexmbd.given import is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
@@ -151,7 +150,7 @@ class CompiledMachine:
         refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
         if start.strain.warning is not None and self.team.is_root:
-            warnings.warn(start.strain.warning, StartWarning, stacklevel=4)
+            warn(start.strain.warning, StartWarning)
         return start
 
     def simulate(

@@ -4,6 +4,13 @@ Numpy-free leaf: every room of the house may import it. What stops a simulation 
 the trajectory that it keeps.
 """
 
+import os
+import sys
+import warnings
+from pathlib import Path
+
+_PACKAGE = f"{Path(__file__).parent}{os.sep}"
+
 
 class FlexmbdError(Exception):
     """Base class of all errors raised on purpose by flexmbd."""
@@ -67,3 +74,15 @@ class TableWarning(UserWarning):
 
 class ExplicitRunError(FlexmbdError):
     """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long."""
+
+
+class ModesWarning(UserWarning):
+    """A reduction kept more modes than asked for, since some have equal frequencies."""
+
+
+def warn(text: str, category: type[Warning]) -> None:
+    """Warn at the caller's line that entered the package, however deep inside the cause was found."""
+    depth, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=depth)

@@ -70,6 +70,14 @@ class LinearizedMachine:
     bodies: Mapping[str, Body]
     team: Team
 
+    def __repr__(self) -> str:
+        """How many coordinates, velocities and inputs."""
+        eq = self.equations
+        return (
+            f"<LinearizedMachine: {eq.K.shape[1]} coordinates, {eq.M.shape[1]} velocities, "
+            f"{len(self.controls)} controls, {len(self.disturbances)} disturbances>"
+        )
+
     @property
     def M(self) -> FloatArray:
         """(nz, nz) kg, kg m, kg m^2 by the coordinates; of modal coordinates 1."""

@@ -57,6 +57,14 @@ class MachineAssembly:
         self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
         self._joint_names: dict[str, Connection] = {}
 
+    def __repr__(self) -> str:
+        """How many parts, and of which kind."""
+        bodies = len(self._bodies) + len(self._continua)
+        return (
+            f"<{type(self).__name__}: {bodies} bodies, {len(self._connections)} joints, "
+            f"{len(self._forces)} forces, {len(self._couplings)} couplings>"
+        )
+
     def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
         """Put a body into the scene and return it.
 

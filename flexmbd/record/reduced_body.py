@@ -100,6 +100,13 @@ class ReducedBody:
         if faults:
             raise RecordError("this reduced body is not consistent: " + "; ".join(faults))
 
+    def __repr__(self) -> str:
+        """Its size, its interfaces and what it holds besides; arrays are asked for by name."""
+        held = [group for group in GROUPS if getattr(self, group) is not None]
+        names = ", ".join(face.name for face in self.interfaces)
+        besides = f"; with {', '.join(held)}" if held else ""
+        return f"<ReducedBody: {self.n_modes} modes, {self.mass:.6g} kg, interfaces {names}{besides}>"
+
     def __reduce__(self) -> tuple[type[ReducedBody], tuple[Any, ...]]:
         """Pickle and copy by the constructor, since a read-only mapping cannot be pickled."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}

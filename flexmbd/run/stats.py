@@ -22,6 +22,7 @@ class Stats:
             parts of its rotation vector (rad).
         start_residual: largest constraint residual at the start (m or rad).
         constraint_residual: largest constraint residual over the run, redundant rows included.
+        start_elastic: elastic energy of the start (J).
     """
 
     integrator: str

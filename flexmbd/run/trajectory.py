@@ -85,6 +85,14 @@ class Trajectory:
     departures: tuple[Departure, ...] = ()
     kept_rows: tuple[int, ...] | None = None
 
+    def __repr__(self) -> str:
+        """What ran, how long and in how many steps; arrays are asked for by name."""
+        n = len(self.bodies)
+        return (
+            f"<Trajectory of {n} {'body' if n == 1 else 'bodies'}, {self.scene.nv} velocities: "
+            f"{self.t[0]:.6g} to {self.t[-1]:.6g} s in {len(self.t) - 1} steps>"
+        )
+
     @cached_property
     def multipliers(self) -> FloatArray:
         """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike."""

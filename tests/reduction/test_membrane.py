@@ -7,6 +7,7 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.errors import ModesWarning
 from flexmbd.forms import beam_timoshenko
 from flexmbd.reduction import Truncation, craig_bampton
 from flexmbd.reduction.stiffening.membrane import membrane_fields
@@ -63,8 +64,9 @@ def test_directions_of_a_square_beam_are_alike():
 @pytest.mark.parametrize(("asked", "kept"), [(3, 4), (4, 4)])
 def test_a_pair_is_kept_whole(asked, kept):
     if asked < kept:
-        with pytest.warns(UserWarning, match="1 more than asked for: those at .* Hz have equal frequencies"):
+        with pytest.warns(ModesWarning, match="1 more than asked for: those at .* Hz have equal frequencies") as told:
             body = craig_bampton(square_beam(), modes=asked, frame="start")
+        assert told[0].filename == __file__
         assert body.provenance["equal frequencies"].startswith("4 fixed-interface modes, 1 more than asked for")
     else:
         body = craig_bampton(square_beam(), modes=asked, frame="start")

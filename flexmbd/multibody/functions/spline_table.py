@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-from flexmbd.errors import SceneError, TableWarning
+from flexmbd.errors import SceneError, TableWarning, warn
 from flexmbd.given import numbers, refuse_no_truth
 
 FloatArray = NDArray[np.float64]
@@ -96,9 +95,8 @@ def _warn_of_swings(inner: PPoly, t: FloatArray, y: FloatArray, what: str) -> No
     # by less than the points' own range a smooth function's true extremes may lie outside of them; by more, the cubics
     # make more of the curve than the points do
     if beyond[worst] > high - low:
-        warnings.warn(
+        warn(
             f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "
             f"{values[worst]:.6g} at {turns[worst]:.6g}; fm.Table(t, y, monotone=True) stays between neighbours",
             TableWarning,
-            stacklevel=2,
         )

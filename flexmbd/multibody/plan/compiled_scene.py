@@ -110,6 +110,10 @@ class CompiledScene:
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     varied: bool = False
 
+    def __repr__(self) -> str:
+        """Its sizes."""
+        return f"<CompiledScene: {self.nv} velocities, {len(self.row_names)} rows>"
+
     @cached_property
     def row_blocks(self) -> tuple[RowBlock, ...]:
         """Blocks of constraint rows that share no free coordinate."""

@@ -62,6 +62,13 @@ class Start:
     residual: float
     strain: Strain
 
+    def __repr__(self) -> str:
+        """How many velocities and rows, and how well they fit."""
+        return (
+            f"<Start: {len(self.v)} velocities, {len(self.multipliers)} rows closed to {self.residual:.2g}, "
+            f"{len(self.moved)} coordinates moved>"
+        )
+
 
 def consistent_start(
     scene: CompiledScene,

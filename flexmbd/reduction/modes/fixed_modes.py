@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray
-from flexmbd.errors import ReductionError
+from flexmbd.errors import ModesWarning, ReductionError, warn
 from flexmbd.reduction.modes.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.modes.mode_count import (
     RequestedModes,
@@ -195,7 +194,7 @@ def _note_of_added(statics: Statics, eigenvalues: FloatArray, count: int, whole:
         f"{hertz(eigenvalues[count]):.6g} Hz have equal frequencies, and a part of them would favour a direction"
     )
     if statics.model.comm.rank == 0:
-        warnings.warn(text, UserWarning, stacklevel=2)
+        warn(text, ModesWarning)
     return {"equal frequencies": text}
 
 

@@ -86,6 +86,7 @@ def test_swings_beside_a_jump_are_told():
     scene.add_force(fm.force.JointTorque(hinge, fm.Table(t, y)))
     with pytest.warns(TableWarning, match="between -20 and 30, swings to .*monotone=True") as told:
         scene.simulate(1e-3, h=1e-3)
+    assert told[0].filename == __file__
     swing = float(str(told[0].message).split("swings to ")[1].split()[0])
     assert abs(swing) == pytest.approx(abs(sampled).max(), rel=1e-5)
 

@@ -145,8 +145,9 @@ def test_modes_close_what_joints_cannot_at_the_least_energy(share):
 def test_what_closing_bent_stands_in_the_stats():
     scene, joints = four_bar(coupler=flexible_coupler(), tip="tip", out_of_plane=1e-3)
     joints[0].position = ANGLE
-    with pytest.warns(StartWarning):
+    with pytest.warns(StartWarning) as told:
         run = scene.simulate(1e-6, h=1e-6)
+    assert told[0].filename == __file__
     assert run.stats.start_elastic == pytest.approx(run.energy().elastic[0], rel=1e-9)
 
 
