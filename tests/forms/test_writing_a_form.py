@@ -8,7 +8,7 @@ import pytest
 from flexmbd import meshes
 from flexmbd.cli import main
 from flexmbd.continuum import ContinuumModel
-from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract import entries, formulation
 from flexmbd.continuum.contract import results as contract_results
 from flexmbd.continuum.contract import terms as contract_terms
 from flexmbd.continuum.contract import violations as contract
@@ -56,8 +56,7 @@ def test_the_example_makes_a_body(example):
 
 
 def test_every_name_of_the_contract_is_explained():
-    groups = [contract._REQUIRED, contract._ENERGIES, contract._OPTIONAL, *contract._TOGETHER]
-    names = [name for group in groups for name in group] + ["Parameters", "CELLS", "ORDER", "REFERENCE"]
+    names = [*entries.CONSTANTS, *entries.REQUIRED, *entries.OPTIONAL]
     listed = [line.split(" | ")[0] for line in TEXT.splitlines() if line.startswith("| `")]
     assert [name for name in names if not re.search(rf"`{name}[`(]", " ".join(listed))] == []
     assert all(name in TEXT for name in contract.CELLS)

@@ -23,6 +23,7 @@ import ufl
 from dolfinx import fem
 
 import flexmbd.forms
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.results import solved
 from flexmbd.continuum.contract.violations import import_violations, orders_by_cell, violations
 from flexmbd.errors import FormulationError
@@ -79,33 +80,7 @@ class Formulation(Protocol):
     be numbers, or constants whose values change without a new compilation (`symbols`).
 
     The first three components of the unknown are the displacement; of a mixed element the first
-    sub-element. What a form file may have besides:
-
-        residual(u, v, state, p)        in place of `strain_energy`, where there is no energy: terms of
-                                        the virtual work of the internal forces, linear in v
-        motion(u, xi, p), section_inertia(p)
-                                        both or none, where the mass is not that of a plain displacement
-                                        (beams, shells): displacement, m, (3,), of the material point at
-                                        the section coordinates xi (m), (2,) of a beam, (1,) of a shell,
-                                        linear in u and affine in xi; and the section's moments,
-                                        integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2)
-        state(p), update(u, state, p)   both or none, with `residual`: the history at a quadrature
-                                        point at rest, and after a step; of one shape, (n,)
-        local_unknowns(p), local_residual(z, u, state, p)
-                                        both or none: what is solved for at a quadrature point, its
-                                        initial values, and the equations; of one shape. residual,
-                                        update and stress then take the stored solution as `z`, and one
-                                        further Newton step from it, so that their derivatives are
-                                        exact. None: these parameters have none
-        cell_mean(u, state, p)          a scalar whose mean over a cell residual, update, stress and
-                                        energies take as `mean`, None for the plain form
-        scaled_yield(p, factor)         parameters whose yield limits are `factor` times as high, and
-                                        nothing else is different; a history that never yields gives p.
-                                        Asked for where a body that has yielded is linearised
-        increment_size(u, state, p)     a scalar: the size of the step from the accepted history to u over the
-                                        largest that the update is accurate for. Beyond 1 slow loading and
-                                        implicit steps take smaller ones
-        energies(u, state, p)           dictionary of terms by name, for accounts: "elastic", "plastic"
+    sub-element. What a form file may have besides: `entries.OptionalEntries`.
     """
 
     @property
@@ -172,18 +147,18 @@ def internal_work(
         v: on the same space, a test function for one.
         p: parameters.
     """
-    residual = getattr(form, "residual", None)
-    if residual is not None:
-        state = getattr(form, "state", None)
-        at_rest = None if state is None else ufl.as_ufl(state(p))
-        return list(residual(u, v, at_rest, p, **solved(form, p)))
+    optional = optional_entries(form)
+    if optional.residual is not None:
+        at_rest = None if optional.state is None else ufl.as_ufl(optional.state(p))
+        return list(optional.residual(u, v, at_rest, p, **solved(form, p)))
     return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
 
 def load_form(source: str | Path | ModuleType) -> Formulation:
     """Find a formulation and check it against the contract; the same on every rank, not collective.
 
-    A file that has not changed is the same module at each call, and is looked at once.
+    A form file is code, which runs when it is loaded: load those whose source is trusted. What it may not import is
+    refused before it runs. A file that has not changed is the same module at each call, and is looked at once.
 
     Args:
         source: a name in `flexmbd.forms`, the path of a form file, or an imported module.
@@ -193,10 +168,11 @@ def load_form(source: str | Path | ModuleType) -> Formulation:
             the message lists all violations.
     """
     if isinstance(source, ModuleType):
-        module, faults = source, import_violations(getattr(source, "__file__", None))
+        module = source
+        _refuse_imports(getattr(source, "__file__", None), name=source.__name__)
     elif isinstance(source, Path):
-        faults = import_violations(source)
-        module = _import(f"form_file.{source.stem}", path=source, faults=faults)
+        _refuse_imports(source, name=str(source))
+        module = _import(f"form_file.{source.stem}", path=source)
     else:
         known = [info.name for info in pkgutil.iter_modules(flexmbd.forms.__path__) if info.name[0] != "_"]
         if source not in known:
@@ -206,11 +182,9 @@ def load_form(source: str | Path | ModuleType) -> Formulation:
             )
         name = f"flexmbd.forms.{source}"
         spec = importlib.util.find_spec(name)
-        faults = import_violations(spec.origin if spec is not None else None)
-        module = _import(name, path=None, faults=faults)
-    if module not in _SOUND:
-        faults = [*faults, *violations(module)]
-    if faults:
+        _refuse_imports(spec.origin if spec is not None else None, name=name)
+        module = _import(name, path=None)
+    if module not in _SOUND and (faults := violations(module)):
         raise FormulationError(_listed(module.__name__, faults))
     _SOUND.add(module)
     return cast(Formulation, module)
@@ -253,8 +227,14 @@ def _listed(name: str, faults: Sequence[str]) -> str:
     return f"{name} breaks the contract of a form file ({len(faults)} violations):{lines}"
 
 
-def _import(name: str, *, path: Path | None, faults: list[str]) -> ModuleType:
-    """Import a form file; what its source already showed goes into the error."""
+def _refuse_imports(origin: str | Path | None, *, name: str) -> None:
+    """Refuse what a form file may not import, before any of it runs."""
+    if faults := import_violations(origin):
+        raise FormulationError(_listed(name, faults))
+
+
+def _import(name: str, *, path: Path | None) -> ModuleType:
+    """Import a form file, which runs it."""
     try:
         if path is None:
             return importlib.import_module(name)
@@ -273,7 +253,6 @@ def _import(name: str, *, path: Path | None, faults: list[str]) -> ModuleType:
         exec(compile(version[1], path, "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:  # noqa: BLE001  (a form file is foreign code, and may call exit())
         sys.modules.pop(name, None)
-        if not (faults and isinstance(error, ImportError)):  # else a forbidden import, already in the list
-            faults = [*faults, f"it cannot be imported: {type(error).__name__}: {error}"]
-        raise FormulationError(_listed(str(path or name), faults)) from error
+        fault = f"it cannot be imported: {type(error).__name__}: {error}"
+        raise FormulationError(_listed(str(path or name), [fault])) from error
     return module

@@ -17,6 +17,7 @@ import ufl
 
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dof_layout import check_element
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.terms import term_faults
 from flexmbd.continuum.contract.ufl_values import NoValueError, Terminals, evaluate
 from flexmbd.errors import FormulationError
@@ -102,11 +103,8 @@ def result_faults(
     except Exception as error:
         yield f"element: {type(error).__name__}: {error}"
         return
-    optional: tuple[str, ...] = ("motion", "section_inertia", "update", "local_residual", "cell_mean", "energies")
-    optional += ("scaled_yield", "increment_size")
-    names = ["strain_energy", "residual", "kinetic_energy", "rigid_motion", "stress", "reference", *optional]
-    for name in names:
-        if name in broken or not hasattr(module, name):
+    for name in _CHECKS:
+        if name in broken or name not in vars(module):
             continue
         try:
             faults = list(_CHECKS[name](module, unknown))
@@ -134,8 +132,15 @@ def _strain_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
 
 
 def _kinetic_energy(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
-    terms = module.kinetic_energy(unknown.u, unknown.parameters)
-    yield from term_faults(terms, unknown.cell, lambda integrand: _rest_faults(integrand, unknown, derivatives=2))
+    def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
+        yield from _rest_faults(integrand, unknown, derivatives=2)
+        if _slope_at_rest(integrand, unknown):
+            yield (
+                "the integrand has a part linear in v: its gyroscopic forces are carried neither by bodies nor by "
+                "records; leave it out, or let a rotor of its own carry the angular momentum"
+            )
+
+    yield from term_faults(module.kinetic_energy(unknown.u, unknown.parameters), unknown.cell, look)
 
 
 def _residual(module: ModuleType, unknown: _Unknown) -> Iterator[str]:
@@ -254,7 +259,8 @@ def _shapes(parameters: Any, unknown: _Unknown) -> list[tuple[int, ...]]:
 
 def solved(module: Any, p: Any) -> dict[str, Any]:
     """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
-    begin = module.local_unknowns(p) if hasattr(module, "local_unknowns") else None
+    local_unknowns = optional_entries(module).local_unknowns
+    begin = None if local_unknowns is None else local_unknowns(p)
     return {} if begin is None else {"z": ufl.as_ufl(begin)}
 
 
@@ -301,7 +307,8 @@ def _symbols(parameters: Any, domain: ufl.Mesh) -> tuple[Any, dict[Any, FloatArr
 
 
 def _initial_state(module: ModuleType, unknown: _Unknown) -> Any:
-    return ufl.as_ufl(module.state(unknown.parameters)) if hasattr(module, "state") else None
+    state = optional_entries(module).state
+    return None if state is None else ufl.as_ufl(state(unknown.parameters))
 
 
 def _expression_faults(value: Any, shape: tuple[int, ...] | None, what: str) -> Iterator[str]:
@@ -329,6 +336,14 @@ def _rest_faults(
         if not math.isfinite(value):
             yield f"the {_DERIVATIVES[order]} at u = 0 is not finite"
             return
+
+
+def _slope_at_rest(integrand: ufl.core.expr.Expr, unknown: _Unknown) -> float:
+    """The first derivative at u = 0 along some direction; zero where only a mesh could say, or it has no value."""
+    u, direction = unknown.u, ufl.Argument(unknown.space, 1)
+    fields = {u: _affine(u.ufl_shape, seed=None), direction: _affine(u.ufl_shape, seed=1)}
+    slope = unknown.evaluate(ufl.derivative(integrand, u, direction), fields)
+    return 0.0 if slope is None or not math.isfinite(slope) else slope
 
 
 def _affine(shape: tuple[int, ...], *, seed: int | None) -> Callable[[int], FloatArray]:

@@ -4,50 +4,34 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import difflib
 import inspect
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from flexmbd.continuum.contract.entries import (
+    CONSTANTS,
+    ENERGIES,
+    KEYWORDS,
+    OF_HISTORY,
+    OPTIONAL,
+    REQUIRED,
+    TOGETHER,
+    optional_entries,
+)
 from flexmbd.continuum.contract.results import result_faults
 from flexmbd.errors import FormulationError
 
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 """Names of the cells a formulation may support; those of less than three dimensions lie in space."""
 
-_REQUIRED = {
-    "element": 3,
-    "kinetic_energy": 2,
-    "rigid_motion": 3,
-    "stress": 3,
-    "reference": 0,
-}
-"""Callables of the contract and how many positional arguments each takes."""
-
-_ENERGIES = {"strain_energy": 2, "residual": 4}
-"""Exactly one of these."""
-
-_OPTIONAL = {"cell_mean": 3, "energies": 3, "scaled_yield": 2, "increment_size": 3}
-"""Callables that a form may have beside."""
-
-_OF_HISTORY = ("scaled_yield", "increment_size")
-"""Of these, those that only forms with a history may have."""
-
-_TOGETHER = (
-    {"motion": 3, "section_inertia": 1},
-    {"state": 1, "update": 3},
-    {"local_unknowns": 1, "local_residual": 4},
-)
-"""Optional: of each group all or none."""
-
-_KEYWORDS = {
-    "local_unknowns": ("z", ("residual", "update", "stress")),
-    "cell_mean": ("mean", ("residual", "update", "stress", "local_residual", "energies")),
-}
-"""What a form with the first name hands to the others, by keyword."""
-
 _IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses", "typing", "flexmbd.forms")
+
+# Two spellings are of one word from this share of letters in the same order on (difflib's ratio): one slip in a word
+# of seven letters, where "stretch" is no "stress" and "energy" is not "energies".
+_SAME_WORD = 0.85
 
 
 def import_violations(origin: str | Path | None) -> list[str]:
@@ -95,7 +79,7 @@ def violations(module: ModuleType) -> list[str]:
         module: the imported form file.
     """
     found = dict([*_constant_faults(module), *_callable_faults(module)])
-    faults = list(found.values())
+    faults = [*found.values(), *_misspelt(module)]
     if not found.keys() & {"Parameters", "reference"}:
         reference_faults = list(_reference_faults(module))
         faults += reference_faults
@@ -141,32 +125,46 @@ def _maps_degrees(order: Any) -> bool:
     )
 
 
+def _misspelt(module: ModuleType) -> Iterator[str]:
+    """Names that look like one of the contract's that the file does not have.
+
+    A function of the file's own may be called as it likes; what would be taken for a slip begins with an underscore.
+    """
+    there = set(vars(module))
+    absent = {*CONSTANTS, *REQUIRED, *OPTIONAL} - there
+    if there & {*ENERGIES}:
+        absent -= {*ENERGIES}
+    meant = {name.lower(): name for name in sorted(absent)}
+    for name, value in vars(module).items():
+        if name.startswith("_") or isinstance(value, ModuleType) or name in {*CONSTANTS, *REQUIRED, *OPTIONAL}:
+            continue
+        for close in difflib.get_close_matches(name.lower(), meant, n=1, cutoff=_SAME_WORD):
+            yield (
+                f"{name} is not a name of the contract; did you mean {meant[close]}? "
+                f"A name of the file's own that is so close to it must begin with an underscore, as _{name}"
+            )
+
+
 def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
     """By name; of two about one name the later is the graver."""
     yield from _keyword_faults(module)
-    for name, arguments in _REQUIRED.items():
-        if not hasattr(module, name):
+    for name in REQUIRED:
+        if name not in vars(module):
             yield name, f"{name} is missing"
-        else:
+    for name, arguments in {**REQUIRED, **OPTIONAL}.items():
+        if name in vars(module):
             yield from _signature_fault(module, name, arguments)
-    for name, arguments in _OPTIONAL.items():
-        if hasattr(module, name):
-            yield from _signature_fault(module, name, arguments)
-    there = [name for name in _ENERGIES if hasattr(module, name)]
+    there = [name for name in ENERGIES if name in vars(module)]
     if not there:
         yield "strain_energy", "strain_energy is missing (or residual, where there is no energy)"
     elif len(there) == 2:
         yield "residual", "strain_energy and residual are both there; give one of them"
-    for name in there:
-        yield from _signature_fault(module, name, _ENERGIES[name])
-    for group in _TOGETHER:
-        present = [name for name in group if hasattr(module, name)]
-        for name in present:
-            yield from _signature_fault(module, name, group[name])
+    for group in TOGETHER:
+        present = [name for name in group if name in vars(module)]
         if len(present) == 1:
-            (missing,) = group.keys() - set(present)
+            (missing,) = set(group) - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
-    yield from _history_faults(module, there)
+    yield from _history_faults(module)
     parameters = getattr(module, "Parameters", None)
     if parameters is None:
         yield "Parameters", "Parameters is missing"
@@ -178,12 +176,12 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
         yield "Parameters", "Parameters must be a frozen dataclass"
 
 
-def _history_faults(module: ModuleType, there: list[str]) -> Iterator[tuple[str, str]]:
-    """``there``: which of `_ENERGIES`."""
-    for name in _OF_HISTORY:
-        if hasattr(module, name) and not hasattr(module, "state"):
+def _history_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
+    optional = optional_entries(module)
+    for name in OF_HISTORY:
+        if name in vars(module) and optional.state is None:
             yield name, f"{name} goes with state, which is missing: it speaks of a history"
-    if hasattr(module, "state") and there == ["strain_energy"]:
+    if optional.state is not None and optional.residual is None and optional.strain_energy is not None:
         yield "state", "state needs residual(u, v, state, p): strain_energy(u, p) does not see it"
 
 
@@ -204,8 +202,8 @@ def _takes(function: Callable[..., Any], arguments: int) -> bool:
 
 
 def _keyword_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
-    for name, (keyword, takers) in _KEYWORDS.items():
-        for taker in takers if hasattr(module, name) else ():
+    for name, (keyword, takers) in KEYWORDS.items():
+        for taker in takers if name in vars(module) else ():
             function = getattr(module, taker, None)
             if callable(function) and not _takes_keyword(function, keyword):
                 yield taker, f"{taker} must take {keyword!r} as a keyword argument, since there is {name}"

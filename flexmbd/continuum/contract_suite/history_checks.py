@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import scipy.linalg
 
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, HistoryTrial
 from flexmbd.continuum.contract_suite.measures import EXACT, difference, largest, ratio
 from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Remark, Verdict
@@ -130,7 +131,7 @@ def tangent(trial: HistoryTrial) -> Outcome:
 
 def unloading(trial: HistoryTrial) -> Outcome:
     """Where all points have yielded, the tangent with raised limits is the difference of the forces on the way back."""
-    if not hasattr(trial.form, "scaled_yield"):
+    if optional_entries(trial.form).scaled_yield is None:
         return Remark(Verdict.SKIP, "needs scaled_yield(p, factor), without which no machine is linearised about it")
     strain, form = _strain(trial), cast(Any, trial.form)
     if form.scaled_yield(trial.parameters, 2.0) == trial.parameters:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
@@ -92,7 +93,7 @@ class HistoryTrial:
 
 def keeps_strains(form: Formulation) -> bool:
     """Whether it is a solid with history; what a beam or a shell remembers may be its rotation."""
-    return hasattr(form, "state") and all(DIMENSION[cell] == 3 for cell in form.CELLS)
+    return optional_entries(form).state is not None and all(DIMENSION[cell] == 3 for cell in form.CELLS)
 
 
 def history_place(places: Sequence[tuple[str, int]]) -> tuple[str, int]:

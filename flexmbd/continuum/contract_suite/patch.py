@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import ufl
 
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract_suite.measures import EXACT, largest, ratio
 from flexmbd.continuum.contract_suite.outcome import Figure, Outcome, Remark, Verdict
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial
@@ -39,7 +40,7 @@ def patch_test(trial: Trial) -> Outcome:
 def stress_work(trial: Trial) -> Outcome:
     """The stress of a constant strain does the work that the energy says (solids)."""
     u = trial.u
-    state = getattr(trial.form, "state", None)
+    state = optional_entries(trial.form).state
     history = None if state is None else ufl.as_ufl(state(trial.parameters))
     stress = trial.form.stress(u, history, trial.parameters)
     if trial.dim < 3 or stress.ufl_shape != (3, 3):

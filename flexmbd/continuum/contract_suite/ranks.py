@@ -12,6 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
@@ -85,7 +86,7 @@ def _matrices(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """This rank's rows of stiffness, mass and rigid motions, of the body that has such a form. Collective."""
     source, parameters = cast(ModuleType, form), form.reference().parameters
-    if hasattr(form, "strain_energy"):
+    if optional_entries(form).strain_energy is not None:
         mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
         model = ContinuumModel(mesh, source, parameters, degree=degree)
         return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))

@@ -20,6 +20,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.compat import interpolation_points
 from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, Quadrature, internal_work, symbols
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh
 
@@ -79,7 +80,7 @@ class Trial:
     @property
     def has_energy(self) -> bool:
         """Whether the form has `strain_energy`, and not `residual`."""
-        return not hasattr(self.form, "residual")
+        return optional_entries(self.form).strain_energy is not None
 
     @property
     def is_uniform(self) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.contract.dof_layout import check_element
+from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, load_form, orders, symbols
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FlexmbdError, FormulationError, MeshError
@@ -48,15 +49,20 @@ class CellGroup:
         return form_name(self.formulation)
 
     @property
+    def optional(self) -> OptionalEntries:
+        """What the formulation has of the contract's optional functions."""
+        return optional_entries(self.formulation)
+
+    @property
     def has_local_unknowns(self) -> bool:
         """Whether the parameters leave equations to be solved at the points."""
-        form = self.formulation
-        return hasattr(form, "local_unknowns") and form.local_unknowns(self.parameters) is not None
+        begin = self.optional.local_unknowns
+        return begin is not None and begin(self.parameters) is not None
 
     @property
     def has_sections(self) -> bool:
         """Whether the formulation has cross-sections (`motion`), as beams and shells do."""
-        return hasattr(self.formulation, "motion")
+        return self.optional.motion is not None
 
 
 def form_name(form: Formulation) -> str:
@@ -151,7 +157,7 @@ def _check(
         raise FormulationError(
             f"{name} takes its own Parameters, got {parameters!r}; write {name}.Parameters(...)"
         )
-    if not with_history and not hasattr(form, "strain_energy"):
+    if not with_history and optional_entries(form).strain_energy is None:
         raise FormulationError(
             f"{name} has a residual and no strain_energy, of which the stiffness is the second derivative; "
             "it is for bodies with history, flexmbd.continuum.NonlinearModel"
@@ -191,7 +197,7 @@ def _check_together(
                 f"cell groups {first!r} and {name!r} have different elements, which cannot share their "
                 f"nodes: {form_name(form)} has {element}, {form_name(other)} has {found}"
             )
-        if hasattr(form, "motion") != hasattr(other, "motion"):
+        if len({optional_entries(one).motion is None for one in (form, other)}) > 1:
             raise FormulationError(
                 f"of {form_name(form)} and {form_name(other)} one has cross-sections (motion, section_inertia) "
                 "and the other has none: they cannot be in one body"

@@ -16,6 +16,7 @@ import ufl
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.errors import FlexmbdError, FormulationError
 from flexmbd.multibody.bodies.homogeneous import CompiledEnergy
 
@@ -86,7 +87,7 @@ def _of_form(source: Any, parameters: Any, F: Expr, domain: ufl.Mesh) -> tuple[s
     if not isinstance(parameters, form.Parameters):
         raise FormulationError(f"{name}: parameters must be its Parameters, got {parameters!r}")
     element = form.element(_CELL, 3, 1) if _CELL in form.CELLS else None
-    if not hasattr(form, "strain_energy") or element is None or element.reference_value_shape != (3,):
+    if optional_entries(form).strain_energy is None or element is None or element.reference_value_shape != (3,):
         raise FormulationError(f"{name}: a pseudo-rigid body needs the strain energy of a solid's displacement alone")
     u = ufl.Coefficient(ufl.FunctionSpace(domain, element))
     W = sum((term for term, _ in form.strain_energy(u, parameters)), ufl.as_ufl(0.0))

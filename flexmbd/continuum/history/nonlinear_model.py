@@ -196,9 +196,9 @@ class NonlinearModel(DiscretisedBody):
         Raises:
             FormulationError: on all ranks: a formulation keeps a history and does not say what its yield limit is.
         """
-        limited = [group for group in self.groups if hasattr(group.formulation, "state")]
+        limited = [group for group in self.groups if group.optional.state is not None]
         for group in limited:
-            if not hasattr(group.formulation, "scaled_yield"):
+            if group.optional.scaled_yield is None:
                 raise FormulationError(
                     f"{group.form_name} keeps a history and does not give its yield limit, without which there is no "
                     "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "

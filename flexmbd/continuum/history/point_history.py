@@ -53,7 +53,7 @@ class History:
         self._mesh = u.function_space.mesh
         form: Any = group.formulation
         p = group.symbols
-        self._has_state = hasattr(form, "state")
+        self._has_state = group.optional.state is not None
         self._rule = _rule_of_history(group, u, v)
         self._points, self._weights = basix.make_quadrature(
             basix.CellType[self._mesh.topology.cell_name()],
@@ -63,7 +63,7 @@ class History:
         self._state: Any = None
         if self._has_state:
             self._state = self._function(int(form.state(p).ufl_shape[0]))
-        cell_mean = getattr(form, "cell_mean", None) if means else None
+        cell_mean = group.optional.cell_mean if means else None
         self.mean: Any = None
         if cell_mean is not None:
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
@@ -164,7 +164,7 @@ class History:
     def increment_size(self) -> FloatArray:
         """(cells, points) the trial step over the largest that the form takes; empty where it knows none."""
         form: Any = self.group.formulation
-        if not hasattr(form, "increment_size"):
+        if self.group.optional.increment_size is None:
             return np.zeros((0, 0))
         return self.evaluate(form.increment_size(self._u, self._state, self.group.symbols))
 
@@ -210,7 +210,7 @@ class History:
             terms = form.strain_energy(u, p)
             parts = [assembly.integral(term, self.group, self._mesh) for term in terms]
             return {f"elastic {k}" if k else "elastic": fem.form(part) for k, part in enumerate(parts)}
-        if not hasattr(form, "energies"):
+        if self.group.optional.energies is None:
             return {}
         given = {} if self.mean is None else {"mean": self.mean}
         return {
@@ -223,7 +223,7 @@ def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -
     """The rule at whose points the history lies: that of all terms."""
     form: Any = group.formulation
     p = group.symbols
-    if not hasattr(form, "state"):
+    if group.optional.state is None:
         terms: list[IntegralTerm] = list(form.strain_energy(u, p))
         return terms[0][1]
     terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))

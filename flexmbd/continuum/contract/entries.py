@@ -1,0 +1,80 @@
+"""The names of the contract: what every form file has, and what it may have besides; here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeAlias
+
+CONSTANTS = ("Parameters", "CELLS", "ORDER", "REFERENCE")
+"""Names that are no functions."""
+
+REQUIRED = {"element": 3, "kinetic_energy": 2, "rigid_motion": 3, "stress": 3, "reference": 0}
+"""Functions that every form file has, and how many positional arguments each takes."""
+
+ENERGIES = ("strain_energy", "residual")
+"""Exactly one of these."""
+
+TOGETHER = (("motion", "section_inertia"), ("state", "update"), ("local_unknowns", "local_residual"))
+"""Of each group all or none."""
+
+OF_HISTORY = ("scaled_yield", "increment_size")
+"""Those that only forms with a history have."""
+
+KEYWORDS = {
+    "local_unknowns": ("z", ("residual", "update", "stress")),
+    "cell_mean": ("mean", ("residual", "update", "stress", "local_residual", "energies")),
+}
+"""What a form that has the first name hands to the others, by keyword."""
+
+Entry: TypeAlias = Callable[..., Any] | None
+
+
+@dataclass(frozen=True)
+class OptionalEntries:
+    """Functions that not every form file has; None for those that it has not.
+
+    Attributes:
+        strain_energy: (u, p) see `formulation.Formulation`; this or `residual`.
+        residual: (u, v, state, p) in place of `strain_energy`, where there is no energy: terms of the virtual work
+            of the internal forces, linear in v.
+        motion: (u, xi, p) with `section_inertia`, where the mass is not that of a plain displacement (beams, shells):
+            displacement, m, (3,), of the material point at the section coordinates xi (m), (2,) of a beam, (1,) of
+            a shell, linear in u and affine in xi.
+        section_inertia: (p) the section's moments, integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2).
+        state: (p) with `update`: the history at a quadrature point at rest, (n,).
+        update: (u, state, p) the history after a step, (n,).
+        local_unknowns: (p) with `local_residual`: what is solved for at a quadrature point, its initial values; None:
+            these parameters have none. residual, update and stress then take the stored solution as `z`, and one
+            further Newton step from it, so that their derivatives are exact.
+        local_residual: (z, u, state, p) the equations, of the same shape.
+        cell_mean: (u, state, p) a scalar whose mean over a cell residual, update, stress and energies take as
+            `mean`, None for the plain form.
+        energies: (u, state, p) dictionary of terms by name, for accounts: "elastic", "plastic".
+        scaled_yield: (p, factor) parameters whose yield limits are `factor` times as high, and nothing else is
+            different; a history that never yields gives p. Asked for where a body that has yielded is linearised.
+        increment_size: (u, state, p) a scalar: the size of the step from the accepted history to u over the largest
+            that the update is accurate for. Beyond 1 slow loading and implicit steps take smaller ones.
+    """
+
+    strain_energy: Entry = field(default=None, metadata={"arguments": 2})
+    residual: Entry = field(default=None, metadata={"arguments": 4})
+    motion: Entry = field(default=None, metadata={"arguments": 3})
+    section_inertia: Entry = field(default=None, metadata={"arguments": 1})
+    state: Entry = field(default=None, metadata={"arguments": 1})
+    update: Entry = field(default=None, metadata={"arguments": 3})
+    local_unknowns: Entry = field(default=None, metadata={"arguments": 1})
+    local_residual: Entry = field(default=None, metadata={"arguments": 4})
+    cell_mean: Entry = field(default=None, metadata={"arguments": 3})
+    energies: Entry = field(default=None, metadata={"arguments": 3})
+    scaled_yield: Entry = field(default=None, metadata={"arguments": 2})
+    increment_size: Entry = field(default=None, metadata={"arguments": 3})
+
+
+OPTIONAL: dict[str, int] = {item.name: item.metadata["arguments"] for item in fields(OptionalEntries)}
+"""The same by name, and how many positional arguments each takes."""
+
+
+def optional_entries(form: Any) -> OptionalEntries:
+    """What a form file has of them; not collective."""
+    return OptionalEntries(**{name: getattr(form, name, None) for name in OPTIONAL})
