@@ -5,6 +5,7 @@ and the protocol of interiors alone.
 """
 
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
+from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries
 from flexmbd.continuum.contract.formulation import Formulation as Formulation
 from flexmbd.continuum.contract.formulation import IntegralTerm as IntegralTerm
 from flexmbd.continuum.contract.formulation import Quadrature as Quadrature

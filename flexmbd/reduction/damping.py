@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from petsc4py import PETSc
-
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -112,8 +110,10 @@ def check_damping(model: LinearModel, damping: Damping | None) -> None:
     """Refuse a damping that does not fit the model; the same on every rank, not collective.
 
     Raises:
-        ReductionError: it is none, or names other cell groups than the model's.
+        ReductionError: it is none, or names other cell groups than the model's; a formulation's dissipation has no
+            matrix, or the body is in a loaded state.
     """
+    _check_dissipation(model)
     if damping is not None and not isinstance(damping, Damping):
         raise ReductionError(
             "damping must be a ModalDamping, RayleighDamping or KelvinVoigtDamping, got "
@@ -129,20 +129,56 @@ def check_damping(model: LinearModel, damping: Damping | None) -> None:
             )
 
 
+def has_dissipation(model: LinearModel) -> bool:
+    """Whether formulations of the model have a dissipation of their own."""
+    return any(group.optional.dissipation is not None for group in model.groups)
+
+
 def modal_damping(
     model: LinearModel, damping: Damping | None, *, modes: FloatArray, stiffness: FloatArray
 ) -> FloatArray:
-    """D_qq (n, n), 1/s, symmetric. Collective; the same to the bit on every rank.
+    """D_qq (n, n), 1/s, symmetric: what is asked for, and what formulations dissipate. Collective.
+
+    The same to the bit on every rank.
 
     Args:
         model: the body.
-        damping: which `check_damping` let pass; None: zero.
+        damping: which `check_damping` let pass; None: that of the formulations alone.
         modes: (owned dofs, n) in normal form.
         stiffness: (n,) 1/s^2, the diagonal of K_qq.
 
     Raises:
         ReductionError: not one ratio for each mode.
     """
+    given = _given_damping(model, damping, modes=modes, stiffness=stiffness)
+    if not has_dissipation(model):
+        return given
+    v, w = fem.Function(model.space), ufl.TestFunction(model.space)
+    forces = [ufl.derivative(term, v, w) for term in assembly.dissipation(model.groups, v)]
+    return given + _projected(model, "dissipation", assembly.derivatives_at_rest(forces, v), modes=modes)
+
+
+def _check_dissipation(model: LinearModel) -> None:
+    if not has_dissipation(model):
+        return
+    if model.state is not None:
+        raise ReductionError(
+            f"the dissipation of {model.form_name} is that of small motions about rest, and the body is reduced about "
+            "a loaded state; give the form no dissipation, and craig_bampton a damping"
+        )
+    v = fem.Function(model.space)
+    for term in assembly.dissipation(model.groups, v):
+        third = ufl.derivative(ufl.derivative(ufl.derivative(term, v), v), v)
+        if not ufl.algorithms.expand_derivatives(third).empty():
+            raise ReductionError(
+                f"the dissipation of {model.form_name} is not quadratic in the rates, so that no damping matrix has "
+                "its forces; write one that is quadratic"
+            )
+
+
+def _given_damping(
+    model: LinearModel, damping: Damping | None, *, modes: FloatArray, stiffness: FloatArray
+) -> FloatArray:
     n = len(stiffness)
     if damping is None:
         return np.zeros((n, n))
@@ -158,13 +194,18 @@ def modal_damping(
     if not isinstance(damping.tau, Mapping) and model.state is None:
         return np.diag(damping.tau * stiffness)
     # of a loaded body the stiffness has a part that is no stress times a strain
-    matrix = _viscosity(model, damping.tau)
-    viscous = symmetric(inner(model.comm, modes, multiply(matrix, modes)))
+    return _projected(model, "viscosity", _viscosity(model, damping.tau), modes=modes)
+
+
+def _projected(model: LinearModel, name: str, forms: list[fem.Form], *, modes: FloatArray) -> FloatArray:
+    """(n, n) of a matrix given by its bilinear forms. Collective."""
+    (matrix,) = assembly.assemble({name: forms}, model.groups, model.space)
+    viscous: FloatArray = symmetric(inner(model.comm, modes, multiply(matrix, modes)))
     matrix.destroy()
     return viscous
 
 
-def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> PETSc.Mat:
+def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> list[fem.Form]:
     """The stiffness at rest with the part of each cell group times its tau. Collective."""
     u, v = fem.Function(model.space), ufl.TestFunction(model.space)
     terms = [
@@ -172,8 +213,7 @@ def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> PETSc.Ma
         for group in model.groups
         for form in assembly.internal_work([group], u, v)
     ]
-    forms = {"viscosity": assembly.derivatives_at_rest(terms, u)}
-    return assembly.assemble(forms, model.groups, model.space)[0]
+    return assembly.derivatives_at_rest(terms, u)
 
 
 def _numbers(what: str, value: object) -> FloatArray:

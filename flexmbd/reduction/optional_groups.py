@@ -31,7 +31,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
-from flexmbd.reduction.damping import Damping, check_damping, modal_damping
+from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
@@ -149,8 +149,11 @@ def optional_parts(
     provenance = {}
     if model.state is not None:
         provenance["prestress"] = "\n".join([*model.state.loads, model.state.note])
-    if contents.damping is not None:
-        provenance["damping"] = str(contents.damping)
+    said = [str(contents.damping)] if contents.damping is not None else []
+    if has_dissipation(model):
+        said.append("dissipation of the formulation")
+    if said:
+        provenance["damping"] = "; ".join(said)
     if contents.geometric_stiffness:
         displacements = with_ghosts(model, found.displacements)
         groups = stiffening(model, found.loads.names, displacements=displacements, modes=modes, stiffness=stiffness)

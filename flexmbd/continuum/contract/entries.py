@@ -42,6 +42,9 @@ class OptionalEntries:
             displacement, m, (3,), of the material point at the section coordinates xi (m), (2,) of a beam, (1,) of
             a shell, linear in u and affine in xi.
         section_inertia: (p) the section's moments, integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2).
+        dissipation: (v, p) Rayleigh's function as terms: half the power, W per unit of the body's measure, that
+            viscosity takes where it is quadratic; its derivative by the rates v of the unknown is the viscous force.
+            Convex, and zero for rigid motions.
         state: (p) with `update`: the history at a quadrature point at rest, (n,).
         update: (u, state, p) the history after a step, (n,).
         local_unknowns: (p) with `local_residual`: what is solved for at a quadrature point, its initial values; None:
@@ -61,6 +64,7 @@ class OptionalEntries:
     residual: Entry = field(default=None, metadata={"arguments": 4})
     motion: Entry = field(default=None, metadata={"arguments": 3})
     section_inertia: Entry = field(default=None, metadata={"arguments": 1})
+    dissipation: Entry = field(default=None, metadata={"arguments": 2})
     state: Entry = field(default=None, metadata={"arguments": 1})
     update: Entry = field(default=None, metadata={"arguments": 3})
     local_unknowns: Entry = field(default=None, metadata={"arguments": 1})

@@ -36,7 +36,11 @@ def evaluate(expression: ufl.core.expr.Expr, terminals: Terminals) -> float:
     Raises:
         NoValueError: a part of it is not among the terminals, or cannot be evaluated.
     """
-    expression = ufl.algorithms.expand_derivatives(expression)
+    return evaluate_expanded(ufl.algorithms.expand_derivatives(expression), terminals)
+
+
+def evaluate_expanded(expression: ufl.core.expr.Expr, terminals: Terminals) -> float:
+    """The same of an expression whose derivatives are carried out, as is cheaper for many values."""
     values: dict[ufl.core.expr.Expr, Array] = {}
     with np.errstate(all="ignore"):
         for part in ufl.corealg.traversal.unique_post_traversal(expression):

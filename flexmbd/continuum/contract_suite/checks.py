@@ -168,6 +168,31 @@ def residual(trial: Trial) -> Outcome:
     return [*figures, Figure("kinetic energy off v M v / 2 by", ratio(kinetic, largest(halves)), 1e-8)]
 
 
+def dissipation(trial: Trial) -> Outcome:
+    """Viscous forces are differences of Rayleigh's function, none of a rigid motion, and take power in any motion."""
+    if not trial.has_dissipation:
+        return Remark(Verdict.SKIP, "the form has no dissipation")
+    d, rates, step = trial.scale, trial.some(1), trial.some(2)
+    slopes = difference(trial.dissipations, rates, step)
+    forces = trial.viscous_forces(rates)
+    off = [
+        ratio(abs(force @ step - slope), np.linalg.norm(d * force) * np.linalg.norm(step / d))
+        for force, slope in zip(forces, slopes, strict=True)
+    ]
+    matrix = d[:, None] * trial.damping(trial.rest()) * d
+    columns = trial.rigid / d[:, None]
+    rigid = matrix @ (columns / abs(columns).max(axis=0))
+    changes = difference(lambda v: np.sum(trial.viscous_forces(v), axis=0), rates, step)
+    tangent_off = ratio(largest(d * (trial.damping(rates) @ step - changes)), largest(d * changes))
+    values = np.linalg.eigvalsh((matrix + matrix.T) / 2)
+    return [
+        Figure("force of a rigid motion", ratio(largest(rigid), largest(matrix)), EXACT),
+        Figure("lowest eigenvalue below zero by", max(ratio(-values[0], values[-1]), 0.0), EXACT),
+        Figure("force off the function's difference by", max(off), 1e-8),
+        Figure("damping off the force's difference by", tangent_off, 1e-7),
+    ]
+
+
 def frame_indifference(trial: Trial) -> Outcome:
     """A finite rotation on top of any displacement turns the forces and changes no energy."""
     if trial.dim < 3:
@@ -276,6 +301,11 @@ CHECKS = (
         observed_order,
         "claim less in ORDER; or the element locks: integrate what locks by a lower rule in a term of its own, or "
         "make it an unknown; or body_force is not that of the displacement in reference()",
+    ),
+    Check(
+        "dissipation",
+        dissipation,
+        "dissipation(v, p) must be a convex function of rates of strain, smooth, and zero where nothing moves",
     ),
     Check(
         "frame indifference",

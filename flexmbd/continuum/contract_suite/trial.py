@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import dolfinx.mesh
 import numpy as np
@@ -168,6 +168,23 @@ class Trial:
         """Mass, as a dense matrix."""
         return _dense_sum(self.masses())
 
+    @property
+    def has_dissipation(self) -> bool:
+        """Whether the form has a Rayleigh function."""
+        return optional_entries(self.form).dissipation is not None
+
+    def dissipations(self, rates: FloatArray) -> FloatArray:
+        """Rayleigh's function of each term, W."""
+        return np.array(self._assembled("dissipation", rates), dtype=float)
+
+    def viscous_forces(self, rates: FloatArray) -> list[FloatArray]:
+        """Viscous forces of each term."""
+        return self._assembled("viscous force", rates)
+
+    def damping(self, rates: FloatArray) -> FloatArray:
+        """Derivative of the viscous forces by the rates, as a dense matrix."""
+        return _dense_sum(self._assembled("damping", rates))
+
     def scalar_of(self, density: ufl.core.expr.Expr, *, degree: int) -> Callable[[FloatArray], float]:
         """Integral of a density that may hold `u`, by a rule of that degree, as a function of `u`."""
         form = fem.form(density * ufl.dx(domain=self.mesh, degree=degree), jit_options=_QUICK)
@@ -243,6 +260,12 @@ class Trial:
             if what == "mass":
                 forms = [ufl.derivative(ufl.derivative(form, u), u) for form in forms]
             return forms
+        if what in ("dissipation", "viscous force", "damping"):
+            terms = cast(Any, self.form).dissipation(u, p)
+            forms = [self._integral(*term) for term in terms]
+            for _ in range(("dissipation", "viscous force", "damping").index(what)):
+                forms = [ufl.derivative(form, u) for form in forms]
+            return forms
         forms = [self._integral(*term) for term in self._internal_work]
         if what == "stiffness":
             forms = [ufl.derivative(form, u) for form in forms]
@@ -283,9 +306,9 @@ def _assembler(form: ufl.Form, size: int, what: str) -> Callable[[], Any]:
     """Assembles a form of that kind; zero, where nothing is left of it."""
     form = ufl.algorithms.expand_derivatives(form)
     compiled = None if form.empty() else fem.form(form, jit_options=_QUICK)
-    if what in ("energy", "kinetic", "finer kinetic"):
+    if what in ("energy", "kinetic", "finer kinetic", "dissipation"):
         return lambda: 0.0 if compiled is None else float(fem.assemble_scalar(compiled))
-    if what in ("force", "third"):
+    if what in ("force", "third", "viscous force"):
         return lambda: np.zeros(size) if compiled is None else fem.assemble_vector(compiled).array.copy()
     empty = scipy.sparse.csr_matrix((size, size))
     return lambda: empty if compiled is None else fem.assemble_matrix(compiled).to_scipy().tocsr()

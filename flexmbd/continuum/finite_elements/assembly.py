@@ -51,6 +51,17 @@ def kinetic_energy(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.For
     ]
 
 
+def dissipation(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.Form]:
+    """Rayleigh's function of the rates v, W, of the groups that have one, term by term; not collective."""
+    mesh = v.function_space.mesh
+    return [
+        integral(term, group, mesh)
+        for group in groups
+        if group.optional.dissipation is not None
+        for term in group.optional.dissipation(v, group.symbols)
+    ]
+
+
 def integral(term: IntegralTerm, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
     """A term integrated over the cells of its group by its own rule; not collective."""
     density, rule = term

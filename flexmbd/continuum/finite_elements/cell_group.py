@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.contract.dissipation import check_values
 from flexmbd.continuum.contract.dof_layout import check_element
 from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, load_form, orders, symbols
@@ -69,6 +70,24 @@ def form_name(form: Formulation) -> str:
     """Name of a formulation's module."""
     # a formulation is a module, which the Protocol cannot say
     return cast(ModuleType, form).__name__
+
+
+def refuse_dissipation(groups: Sequence[CellGroup], *, by: str) -> None:
+    """Refuse bodies whose viscous forces would be left out; the same on every rank, not collective.
+
+    Args:
+        groups: of the body.
+        by: what takes the body and has no viscous forces.
+
+    Raises:
+        FormulationError: a formulation has a dissipation.
+    """
+    for group in groups:
+        if group.optional.dissipation is not None:
+            raise FormulationError(
+                f"{group.form_name} has a dissipation, whose forces {by} would leave out; reduce the body "
+                "(craig_bampton), or give it a form without dissipation"
+            )
 
 
 def pair_cells(
@@ -181,6 +200,10 @@ def _check(
             f"carry its rigid motions; use degree={geometry} or a mesh of degree {degree}"
         )
     check_element(form.element(cell, 3, degree), name=name)
+    if optional_entries(form).dissipation is not None:
+        faults = check_values(form, cell, degree, parameters=parameters)
+        if faults:
+            raise FormulationError(f"{name} with {parameters!r}: dissipation {'; '.join(faults)}")
 
 
 def _check_together(

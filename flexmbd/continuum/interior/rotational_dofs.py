@@ -23,6 +23,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.finite_elements.cell_group import refuse_dissipation
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
@@ -125,6 +126,7 @@ def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOper
             nor rotations; not raised, and a rotation has no inertia, as the drilling of shells.
         InterfaceError: on all ranks: an interface is not rigid.
     """
+    refuse_dissipation(model.groups, by="an explicit run")
     rotations, turning = _rotations(model)
     bonds, bound = _bonds(model)
     masses, product = lumped_mass(model), _StiffnessProduct(model.K)
@@ -153,6 +155,7 @@ def condensed_rotations(model: LinearModel) -> ExplicitOperator:
             about itself that no interface binds.
         InterfaceError: on all ranks: an interface is not rigid.
     """
+    refuse_dissipation(model.groups, by="an explicit run")
     rotations, turning = _rotations(model)
     bonds, bound = _bonds(model)
     masses = np.where(turning, 0.0, lumped_mass(model))
