@@ -94,7 +94,7 @@ def run(
     mark_compiled(purpose)
     occurred = () if search is None else tuple(search.occurred)
     trajectory = _finish(start, bodies, team, integration, times=times, events=occurred, checkpoints=tuple(kept))
-    _refuse_forbidden_motion(start, trajectory)
+    _refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)
     budget.refuse_spent(trajectory)
@@ -244,27 +244,37 @@ def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> Flo
     return residuals
 
 
-def _refuse_forbidden_motion(start: Start, trajectory: Trajectory) -> None:
-    """Raise where a prescribed motion tore loops open, with the rows before.
+def _refuse_torn_loops(start: Start, trajectory: Trajectory) -> None:
+    """Raise where rows that were left out as redundant have opened, with the rows of the trajectory before.
 
-    Their rows were left out, since nothing that is free could move them, and nothing that is driven did at first.
+    Nothing that is free could move them at the start: a prescribed motion has torn them open, or the start was a
+    singular position in which they say nothing new, and only there.
     """
     full, t, x = start.unreduced, trajectory.t, trajectory.x
     if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * row_sizes(full).min():
         return
-    work = new_work(full.plan)
-    evaluate_times(full.plan, t[0], work.time)
-    drives = forbidden_drives(full, work, x[0])
-    for k in range(len(t) if drives else 0):
+    for k in range(len(t)):
         gaps = _largest_residuals(full, t[k : k + 1], x[k : k + 1])
         torn = int(np.argmax(gaps / row_sizes(full)))
         if gaps[torn] > _TORN * row_sizes(full)[torn]:
-            raise SimulationError(
-                f"the loops forbid the prescribed motion of {', '.join(map(repr, drives))}: at t = {t[k]:.6g} s it has "
-                f"torn them open, {full.row_names[torn]} by {gaps[torn]:.3e} (m or rad); leave out the motion, or a "
-                "joint that holds what it moves; what was computed before is in the error's trajectory",
-                _until(trajectory, k),
-            )
+            break
+    else:
+        return
+    work = new_work(full.plan)
+    evaluate_times(full.plan, t[0], work.time)
+    drives = forbidden_drives(full, work, x[0])
+    opened = f"{full.row_names[torn]} by {gaps[torn]:.3e} (m or rad)"
+    if drives:
+        why = (
+            f"the loops forbid the prescribed motion of {', '.join(map(repr, drives))}: at t = {t[k]:.6g} s it has "
+            f"torn them open, {opened}; leave out the motion, or a joint that holds what it moves"
+        )
+    else:
+        why = (
+            f"the loops were left at t = {t[k]:.6g} s, {opened}: the start is a singular position, in which rows say "
+            "nothing new that hold the machine beside it; start elsewhere, or leave out a joint that locks the others"
+        )
+    raise SimulationError(f"{why}; what was computed before is in the error's trajectory", _until(trajectory, k))
 
 
 #: Causes of a step's failure, and the remedies.

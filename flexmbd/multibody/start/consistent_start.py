@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,13 @@ from flexmbd.multibody.plan.scene_matrices import (
 )
 from flexmbd.multibody.start.design_position import assemble_from_design
 from flexmbd.multibody.start.given_coordinates import GivenCoordinates, coordinates_given
-from flexmbd.multibody.start.independent_rows import RowChoice, decompose_rows, independent_rows
+from flexmbd.multibody.start.independent_rows import (
+    LEADS_ON,
+    RowChoice,
+    RowDecomposition,
+    decompose_rows,
+    independent_rows,
+)
 from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
@@ -32,7 +39,10 @@ from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordin
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_LEADS_ON = 1e-6  # of the rates' squares: what a singular start may leave open of them
+_SINGULAR = (
+    "the start is a singular position (a dead centre, or where ways to assemble the machine meet), in which the loops "
+    "do not tell all velocities; start beside it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +125,7 @@ def consistent_start(
     # without the redundant rows, which may stay open a little, the others close to round-off
     after = close_loops(reduced, work, closing.x, held_x, given)
     closed = after.x
-    velocity = _velocities(scene, reduced, work, closed, v, held_v, given)
+    velocity = _velocities(scene, reduced, choice, work, closed, v, held_v, given)
     if reduced.interiors is None:
         a, multipliers = accelerations(reduced, work, closed, velocity)
     else:
@@ -139,6 +149,7 @@ def consistent_start(
 def _velocities(
     scene: CompiledScene,
     reduced: CompiledScene,
+    choice: RowChoice,
     work: Work,
     x: FloatArray,
     v: FloatArray,
@@ -147,35 +158,52 @@ def _velocities(
 ) -> FloatArray:
     """Velocities that keep the loops closed, in the next instant too.
 
-    In a singular position rows lose their hold on velocities, and hold their squares instead.
+    In a singular position rows lose their hold on velocities, and hold their squares instead; so do rows that were
+    left out because they say nothing new there.
+
+    Args:
+        scene: with all its rows.
+        reduced: without those that are redundant.
+        choice: the rows that ``reduced`` keeps.
+        work: scratch; ``work.time`` holds the functions of time at the start.
+        x: (nx,) configuration, loops closed.
+        v: (nv,) wanted velocities.
+        held: (nv,) velocities set by the user.
+        given: of joints held by constraints.
     """
-    places = list(zip(reduced.row_blocks, decompose_rows(reduced, work, x), strict=True))
-    if all(place.rank == len(block.rows) for block, place in places):
+    places = decompose_rows(scene, work, x)
+    kept = (np.isin(block.rows, choice.rows).sum() for block in scene.row_blocks)
+    if all(place.rank >= count for place, count in zip(places, kept, strict=True)):
         velocity = match_velocities(scene, work, x, v, held, given)
-        return match_velocities(reduced, work, x, velocity, held, given)
-    where = (
-        "the start is a singular position (a dead centre, or where ways to assemble the machine meet), in which the "
-        "loops do not tell all velocities; start beside it"
-    )
-    try:
-        velocity = match_velocities(scene, work, x, v, held, given)
-    except (AssemblyError, SceneError) as reason:
-        raise type(reason)(f"{reason}; {where}") from reason
-    bend = constraint_values(reduced, work, x, velocity)[2] / row_sizes(reduced)
-    lost = np.zeros(len(bend))  # what no acceleration changes
-    for block, place in places:
-        across = place.left[:, place.rank :]
-        lost[block.rows] = across @ (across.T @ bend[block.rows])
-    rate = float(np.abs(velocity / coordinate_sizes(scene)).max(initial=0.0))
-    # at rest what opens is round-off of the machine's own accelerations
-    round_off = SAME_RATE * own_rate(reduced, work, x) ** 2
-    if np.linalg.norm(lost) > max(_LEADS_ON * rate**2, round_off):
-        worst = reduced.row_names[int(np.argmax(np.abs(lost)))]
-        raise SceneError(
-            f"the velocities set lead out of the loops at once: no accelerations keep {worst} closed; {where}, or set "
-            "the velocities of all joints to those of one of the motions that leave this position"
-        )
+        velocity = match_velocities(reduced, work, x, velocity, held, given)
+    else:
+        try:
+            velocity = match_velocities(scene, work, x, v, held, given)
+        except (AssemblyError, SceneError) as reason:
+            raise type(reason)(f"{reason}; {_SINGULAR}") from reason
+    _refuse_rates_that_lead_out(scene, work, x, velocity, places)
     return velocity
+
+
+def _refuse_rates_that_lead_out(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, places: Sequence[RowDecomposition]
+) -> None:
+    """Raise SceneError where no accelerations keep all rows closed, those left out as redundant included."""
+    if all(place.rank == len(block.rows) for block, place in zip(scene.row_blocks, places, strict=True)):
+        return
+    bend = constraint_values(scene, work, x, v)[2] / row_sizes(scene)
+    rate = float(np.abs(v / coordinate_sizes(scene)).max(initial=0.0))
+    # at rest what opens is round-off of the machine's own accelerations
+    round_off = SAME_RATE * own_rate(scene, work, x) ** 2
+    for block, place in zip(scene.row_blocks, places, strict=True):
+        across = place.left[:, place.rank :]
+        lost = across @ (across.T @ bend[block.rows])  # what no acceleration changes
+        if np.linalg.norm(lost) > max((LEADS_ON + place.known_to) * rate**2, round_off):
+            worst = scene.row_names[block.rows[int(np.argmax(np.abs(lost)))]]
+            raise SceneError(
+                f"the velocities set lead out of the loops at once: no accelerations keep {worst} closed; {_SINGULAR}, "
+                "or set the velocities of all joints to those of one of the motions that leave this position, if any"
+            )
 
 
 def _set_couplings(

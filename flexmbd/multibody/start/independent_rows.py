@@ -15,7 +15,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -24,6 +26,7 @@ from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
 
 FloatArray = NDArray[np.float64]
 
+LEADS_ON = 1e-6  #: of rates' squares: what may stay open of second derivatives that no acceleration changes
 _BLUR = 10.0  # the slopes' error over the gaps, at most
 _ROUND_OFF = 1e-12  # and by this share at least
 _CLEAR = 1e3  # singular values that are not round-off stand this far above it
@@ -66,6 +69,11 @@ class RowDecomposition:
             return []
         return self._pivoted(self.slopes, self.rank, self.blur * float(np.linalg.norm(self.slopes, 2)))
 
+    @property
+    def known_to(self) -> float:
+        """Error of the spaces that the first ``rank`` and the other left singular vectors span."""
+        return self.blur / float(self.sigma[self.rank - 1]) if self.rank else 0.0
+
     def best_conditioned(self, rank: int) -> list[int]:
         """``rank`` well-conditioned rows, as pivoting finds them."""
         known = self.blur / max(float(self.sigma[rank - 1]), self.blur) if rank else 1.0
@@ -95,8 +103,7 @@ class RowDecomposition:
         if self.rank != other.rank or self.rank == 0:
             return self.rank == other.rank
         kept, there = self.left[:, : self.rank], other.left[:, : self.rank]
-        known = self.blur / self.sigma[self.rank - 1] + other.blur / other.sigma[self.rank - 1]
-        return float(np.abs(kept @ kept.T - there @ there.T).max()) <= _CLEAR * known
+        return float(np.abs(kept @ kept.T - there @ there.T).max()) <= _CLEAR * (self.known_to + other.known_to)
 
 
 def _first_pivots(rows: FloatArray, count: int) -> tuple[NDArray[np.int64], FloatArray]:
@@ -173,6 +180,9 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoi
         scene: with all its rows.
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a configuration with closed loops.
+
+    Raises:
+        SceneError: the start is a singular position that no motion leaves.
     """
     if len(scene.plan.rows) == 0 or len(scene.plan.free) == 0:
         return RowChoice([], True)  # what motions drive altogether needs no row, nor can one hold it
@@ -180,6 +190,8 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoi
     blocks = scene.row_blocks
     unclear = [k for k, (here,) in enumerate(places) if not (here.is_clear and here.rank == len(blocks[k].rows))]
     for k, beside in _regular_positions(scene, work, x, unclear).items():
+        if not beside:
+            _refuse_locked(scene, work, x, blocks[k], places[k][0])
         places[k] += beside
     choices = [_choice(of_block) for of_block in places]
     rows = [int(block.rows[k]) for block, choice in zip(blocks, choices, strict=True) for k in choice.rows]
@@ -196,6 +208,33 @@ def _choice(places: Sequence[RowDecomposition]) -> RowChoice:
     regular = [place for place in clear if place.rank == best.rank]
     whole = best.rank == len(best.sigma)
     return RowChoice(best.independent(), whole or (len(regular) > 1 and all(map(best.carries, regular))))
+
+
+def _refuse_locked(
+    scene: CompiledScene, work: Work, x: FloatArray, block: RowBlock, place: RowDecomposition
+) -> None:
+    """Raise SceneError where a velocity that a block's rows allow at x leads out of them whatever the acceleration.
+
+    Rows that are dependent at x are redundant if they stay so: then their second derivatives depend alike on any
+    velocity that they allow.  Else x is singular (an infinitesimal mechanism: Pellegrino & Calladine 1986), and with
+    no regular position near it the rows that would be left out hold the machine there.
+    """
+    if place.rank == len(block.rows):
+        return
+    size = coordinate_sizes(scene)
+    allowed = scipy.linalg.svd(place.slopes)[2][place.rank :]
+    v, across = np.zeros(scene.nv), place.left[:, place.rank :]
+    v[block.free] = np.random.default_rng(0).standard_normal(len(allowed)) @ allowed
+    v *= size / max(float(np.abs(v).max(initial=0.0)), 1e-300)
+    still, moving = (constraint_values(scene, work, x, rates)[2] for rates in (np.zeros(scene.nv), v))
+    lost = across @ (across.T @ ((moving - still) / row_sizes(scene))[block.rows])
+    if np.linalg.norm(lost) > LEADS_ON + place.known_to:
+        worst = scene.row_names[block.rows[int(np.argmax(np.abs(lost)))]]
+        raise SceneError(
+            f"the machine starts where its loops lock: {worst} holds nothing there, and beside it no position closes "
+            "the loops, as where bars lie stretched out in a line; no finite reactions hold such a machine: change "
+            "lengths, or leave out a joint"
+        )
 
 
 def _regular_positions(

@@ -281,7 +281,8 @@ def match_velocities(
 def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
     """1/s: the rate that the machine's forces and motions give it from rest within a coordinate's full size.
 
-    Beside it the rates of a machine at rest are round-off, whatever they are to each other.
+    Beside it the rates of a machine at rest are round-off, whatever they are to each other.  Gravity counts where
+    constraints carry all of it, too: accelerations of bodies are known as sums with it.
     """
     free, rest = scene.plan.free, np.zeros(scene.nv)
     pull = np.zeros(scene.nv)
@@ -290,4 +291,5 @@ def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
         force = np.zeros(scene.nv)
         residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
         pull[free] = mass_solver(scene, work, x)(force[None])[0, free]
-    return float(np.sqrt(np.abs(pull / coordinate_sizes(scene)).max(initial=0.0)))
+    fastest = np.abs(pull / coordinate_sizes(scene)).max(initial=0.0)
+    return float(np.sqrt(max(fastest, np.linalg.norm(scene.plan.gravity) / scene.extent)))

@@ -37,6 +37,9 @@ import flexmbd as fm
 #: the largest singular value; a machine between them is near a singular position and is thrown away.
 DEPENDENT, INDEPENDENT = 1e-11, 0.03
 
+#: Of the largest of the rates from which those that keep loops closed are found.
+ROUND_OFF = 1e-15
+
 
 @st.composite
 def machines(
@@ -251,7 +254,10 @@ def _matched(machine, tree, charts, state):
     step = np.zeros(len(state))
     step[free] = -vt[held].T @ ((u[:, held].T @ (jacobian @ state)) / sizes[held])
     assume(np.abs(jacobian @ (state + step)).max() < 1e-12)  # a motion that the loops forbid
-    return state + step
+    rates = state + step
+    # a machine at rest has no rate beside which what is left of these would be seen to be round-off
+    rates[np.abs(rates) <= ROUND_OFF * np.abs(state).max()] = 0.0
+    return rates
 
 
 def _load(draw, machine, functions_of, *, on_joints=False, only=None):

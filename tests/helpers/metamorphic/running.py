@@ -7,14 +7,23 @@ from typing import Any
 
 import functions_of_time as of_time
 import numpy as np
+import scipy.linalg
 from hypothesis import reject
 from observation import Moment, moment
 from random_machine import Built, Pose, Pseudo, build
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
+from flexmbd.multibody.plan.scene_matrices import (
+    constraint_jacobian,
+    constraint_values,
+    mass_factor,
+    scaled_jacobian,
+)
+from flexmbd.multibody.start.given_start import given_start
+from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.stopped import SimulationError
 
 #: Of rigid machines, and of those with bodies that deform.
@@ -87,10 +96,41 @@ def _leads_out(machine):
         link if link.motion is None else replace(link, motion=float(of_time.value(link.motion, machine.start)))
         for link in machine.links
     ]
-    start = build(replace(machine, parts=tuple(parts), links=tuple(links))).scene.start(t=machine.start)
+    built = build(replace(machine, parts=tuple(parts), links=tuple(links)))
+    if _locks(built, machine.start):
+        return True
+    start = built.scene.start(t=machine.start)
     x = np.empty_like(start.x)
     retract(start.scene.plan, start.x, BESIDE * np.random.default_rng(0).standard_normal(len(start.v)), x)
     return condition(start, usual=replace(start, x=x)) > SINGULAR
+
+
+#: How far a machine is moved that is to tell whether it locks, of a radian or in m; and the share of that way that it
+#: is pulled back by where it does: one of all its ways is, or all are by their squares.
+ALONG, PULLED_BACK = 1e-3, 0.05
+
+
+def _locks(built, t):
+    """Whether some motion that the loops of a machine at rest allow leads nowhere: closing them again pulls it back."""
+    machine = built.scene.compile()
+    scene, work = machine.scene, new_work(machine.scene.plan)
+    free = scene.plan.free
+    if len(scene.plan.rows) == 0:
+        return False
+    evaluate_inputs(scene, work, t)
+    x, v = given_start(scene, machine.connections, machine.bodies)[:2]
+    drive(scene.plan, work, x, v, np.zeros(scene.nv))
+    ways = scipy.linalg.null_space(constraint_jacobian(scene, work, x)[:, free], rcond=1e-6)
+    moved = np.zeros(scene.nv)
+    moved[free] = ALONG * ways @ np.random.default_rng(0).standard_normal(ways.shape[1])
+    first = moved.copy()
+    for _ in range(50):
+        near = np.empty_like(x)
+        retract(scene.plan, x, moved, near)
+        gaps = constraint_values(scene, work, near, np.zeros(scene.nv))[0]
+        slopes = constraint_jacobian(scene, work, near)[:, free]
+        moved[free] -= np.linalg.lstsq(slopes, gaps, rcond=1e-9)[0]
+    return np.linalg.norm(moved - first) > PULLED_BACK * np.linalg.norm(first)
 
 
 def rtol_of(machine):

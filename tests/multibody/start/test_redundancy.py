@@ -211,3 +211,29 @@ def test_rolling_gives_way_to_what_holds_positions(tilt, turn):
     assert scene.start().scene.redundant in (("disc: no slip along x",), ("disc: no slip along y",))
     assert linear.M.shape == (1, 1)
     assert linear.K.shape == (1, 2)
+
+
+def flat_triangle(*, rates, on_cart=False):
+    """Bars of 0.5 m and 0.75 m between two pins of a plate 0.25 m apart: they lie in line and lock each other."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    plate = scene.ground
+    if on_cart:
+        plate = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="plate")
+        cart = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), plate.frame(), name="cart")
+        cart.prescribe(fm.Sine(0.3, 7.0))
+    short = scene.add(fm.RigidBody(1.0, (0.01, 0.1, 0.1), com=(0.25, 0.0, 0.0)), name="short")
+    long = scene.add(fm.RigidBody(1.0, (0.01, 0.1, 0.1)), name="long")
+    hinge = fm.joint.Revolute("z")
+    one = scene.connect(hinge, plate.frame((0.25, 0.0, 0.0)), short.frame(), name="one")
+    two = scene.connect(hinge, plate.frame(), long.frame(), name="two")
+    scene.connect(hinge, short.frame((0.5, 0.0, 0.0)), long.frame((0.75, 0.0, 0.0)), name="tip")
+    one.velocity, two.velocity = rates
+    return scene
+
+
+@pytest.mark.parametrize("rates", [(0.0, 0.0), (3.0, 2.0)])
+@pytest.mark.parametrize("on_cart", [False, True])
+def test_bars_that_lock_each_other_are_refused(on_cart, rates):
+    """At first order their tip moves along both circles; these touch there and nowhere else, the cart moved or not."""
+    with pytest.raises(SceneError, match="its loops lock: tip: translation x holds nothing there"):
+        flat_triangle(rates=rates, on_cart=on_cart).start()
