@@ -139,6 +139,13 @@ def _balance(plan, state, scratch, h):
 
 
 @kernel
+def place_end(plan, work, state, scratch):
+    """Write the configuration and the driven motions of the last stage, where its corrections have brought it."""
+    retract(plan, state.x, scratch.local[_LAST], scratch.x[_LAST])
+    drive(plan, work, scratch.x[_LAST], scratch.v[_LAST], scratch.a[_LAST])
+
+
+@kernel
 def close_end(plan, work, state, scratch, h, tolerance, doubts):
     """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance.
 
@@ -167,8 +174,7 @@ def close_end(plan, work, state, scratch, h, tolerance, doubts):
         contraction = size / before if before > 0.0 else 0.0
         settled = moved_before == 0.0 and before > 0.0 and size * contraction <= tolerance
         if settled or (moved_before == 0.0 and size <= _ROUND_OFF * noise):
-            retract(plan, state.x, scratch.local[_LAST], scratch.x[_LAST])
-            drive(plan, work, scratch.x[_LAST], scratch.v[_LAST], scratch.a[_LAST])
+            place_end(plan, work, state, scratch)
             return True
         before = size
     return False

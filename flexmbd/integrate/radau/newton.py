@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import STAGES
-from flexmbd.integrate.radau.end import close_end
+from flexmbd.integrate.radau.end import close_end, place_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
 from flexmbd.integrate.radau.row_transforms import choose_stage, transform_stage_rows
 from flexmbd.integrate.radau.stages import (
@@ -99,8 +99,11 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             if attempt == 0:
                 scratch.memory.renewals[0] = _RENEWALS
             continue
-        if plan.rows.shape[0] > 0 and not close_end(plan, work, state, scratch, h, tolerance, attempt == 0):
-            continue
+        if plan.rows.shape[0] > 0:
+            if not close_end(plan, work, state, scratch, h, tolerance, attempt == 0):
+                continue
+        else:  # the stages were evaluated before they were corrected last
+            place_end(plan, work, state, scratch)
         slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
             scratch.memory.tangent_serves[0] = 0
