@@ -11,9 +11,7 @@ from scipy.optimize import brentq
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
-from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
-from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
+from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
 from flexmbd.multibody.start.consistent_start import match_motion
 from flexmbd.multibody.team import Team
 from flexmbd.run.event import Event, Moment, Occurrence
@@ -57,8 +55,7 @@ class EventSearch:
         self._signs = self._signs_now()
         # from which side (-1, 1) an action has thrown each function back, until it is off zero
         self._thrown_back = np.zeros(len(events))
-        plain, quaternions = coordinate_slots(integration.start.scene.plan)
-        self._slots = plain, quaternions, round_axes(integration.start.scene.plan, quaternions)
+        self._coordinates = interpolated_coordinates(integration.start.scene.plan)
         # when each function passed through zero last, and how long that was after the time before
         self._last_passage = np.full(len(events), -np.inf)
         self._spacing = np.full(len(events), np.inf)
@@ -133,7 +130,7 @@ class EventSearch:
         t, x, v, a = (np.array(pair) for pair in pairs)
         k = len(instants)
         found = np.zeros((k, x.shape[1])), np.zeros((k, v.shape[1])), np.zeros((k, v.shape[1]))
-        interpolate_series(*self._slots, t, x, v, a, np.zeros(k, np.int64), instants, *found)
+        interpolate_series(*self._coordinates, t, x, v, a, np.zeros(k, np.int64), instants, *found)
         return found
 
     def _take_place(

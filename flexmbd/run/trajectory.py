@@ -18,12 +18,10 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.forward_dynamics.round_bodies import round_axes
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
-from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series
+from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
@@ -257,7 +255,8 @@ class Trajectory:
         step: of x at most h^6 / 46080 times the motion's sixth derivative, that is 2e-8 rad where an
         oscillation of 1 rad takes 20 steps a period.  This lies below rtol for methods up to order 5; one
         of order 8 takes steps so long that it may be some thirty times rtol.  Where that matters take the
-        values at the steps' ends, or a fixed step.  Closed loops are open by as much.
+        values at the steps' ends, or a fixed step.  Closed loops are open by as much.  Modal coordinates of bodies
+        that vibrate more than once in two steps, which the steps do not resolve, follow straight lines.
 
         Raises:
             SceneError: a time outside the trajectory, or not a time.
@@ -278,11 +277,8 @@ class Trajectory:
         x, v, a = np.zeros((n, self.scene.nx)), np.zeros((n, self.scene.nv)), np.zeros((n, self.scene.nv))
         at, x_at, v_at, a_at = self._with_departures()
         interval = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, len(at) - 2)
-        plain, quaternions = coordinate_slots(self.scene.plan)
-        axes = round_axes(self.scene.plan, quaternions)
-        interpolate_series(
-            plain, quaternions, axes, at, x_at, v_at, a_at, interval, wanted, x, v, a
-        )
+        coordinates = interpolated_coordinates(self.scene.plan)
+        interpolate_series(*coordinates, at, x_at, v_at, a_at, interval, wanted, x, v, a)
         return x, v, a
 
     def _with_departures(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

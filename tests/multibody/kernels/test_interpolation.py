@@ -39,7 +39,7 @@ def conical(t, *, spin=5.0):
 def between(t0, h, s, *, spin=5.0, axis=(0.0, 0.0, 0.0)):
     x, v, a = np.zeros(5), np.zeros(4), np.zeros(4)
     ends = *conical(t0, spin=spin), *conical(t0 + h, spin=spin)
-    interpolate(PLAIN, QUATERNIONS, np.array([axis]), h, s, *ends, x, v, a)  # type: ignore[call-arg]
+    interpolate(PLAIN, QUATERNIONS, np.array([axis]), np.zeros(4), h, s, *ends, x, v, a)  # type: ignore[call-arg]
     return x, v, a
 
 
@@ -74,6 +74,19 @@ def test_exact_at_both_ends_even_for_turns_beyond_half(h):
     for s in (0.0, 1.0):
         for found, exact in zip(between(0.3, h, s), conical(0.3 + s * h), strict=True):
             np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-11)
+
+
+@pytest.mark.parametrize(("frequency", "straight"), [(3.1, False), (3.2, True)])
+def test_a_mode_that_the_interval_does_not_resolve_stays_between_its_values(frequency, straight):
+    """Of accelerations that contradict the positions, as round-off in a stiff mode does, the quintic makes a swing."""
+    plain, none = np.array([[0, 0]]), np.zeros((0, 2), np.int64)
+    ends = [np.array([value]) for value in (1.0, 0.5, 1e3, 2.0, -0.5, 1e3)]
+    found = [np.zeros(1) for _ in range(3)]
+    interpolate(plain, none, np.zeros((0, 3)), np.array([frequency]), 1.0, 0.25, *ends, *found)  # type: ignore[call-arg]
+    if straight:
+        np.testing.assert_allclose(np.ravel(found), [1.25, 0.25, 1e3], rtol=1e-14)
+    else:
+        assert found[0][0] > 10.0
 
 
 def test_a_trajectory_gives_its_rows_back_and_velocities_between():

@@ -5,12 +5,20 @@ by a rotation vector u(t) that is such a quintic, after the steady spin of a bod
 (``round_bodies``).  The error of the configuration is of order 6 in the
 interval h between the instants, that of the velocity 5, that of the acceleration 4: of x it is at most
 h^6 / 46080 times the sixth derivative of the motion.
+
+A mode that vibrates more than once in two intervals is not resolved by them: the quintic would multiply what a method
+leaves of it, by up to (omega h)^2 / 64.  Its coordinate, rate and acceleration follow straight lines between their
+values at the ends, which none of them exceeds.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     cross3,
@@ -25,8 +33,28 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.forward_dynamics.round_bodies import despun_motion, turn_about
+from flexmbd.multibody.kernels.forward_dynamics.round_bodies import despun_motion, round_axes, turn_about
+from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def interpolated_coordinates(plan: Plan) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """The first arguments of ``interpolate``.
+
+    ``coordinate_slots``; ``round_axes``; (nv,) angular frequencies (rad/s) of modal coordinates, zero elsewhere.
+    """
+    plain, quaternions = coordinate_slots(plan)
+    frequencies = np.zeros(len(plan.free) + len(plan.driven))
+    for place in modal_places(plan):
+        first = flexible_row(plan, place.row)[at.MODAL_STIFFNESS]
+        stiffness = plan.modal[first : first + place.v.stop - place.v.start]
+        frequencies[place.v] = np.sqrt(np.maximum(stiffness, 0.0))
+    return plain, quaternions, round_axes(plan, quaternions), frequencies
 
 
 @kernel
@@ -44,6 +72,12 @@ def _quintic(h, s, v0, a0, move, v1, a1):
     rate = (first + s * (second + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
     rate2 = (second + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h)
     return u, rate, rate2
+
+
+@kernel
+def _straight(s, begin, end):
+    """On the straight line from one value to another."""
+    return (1.0 - s) * begin + s * end
 
 
 @kernel
@@ -90,17 +124,20 @@ def _interpolate_turn(h, s, x0, v0, a0, x1, v1, a1, ox, ov, axis, x, v, a):
 
 
 @entry_kernel
-def interpolate(plain, quaternions, axes, h, s, x0, v0, a0, x1, v1, a1, x, v, a):
+def interpolate(plain, quaternions, axes, frequencies, h, s, x0, v0, a0, x1, v1, a1, x, v, a):
     """Write configuration, velocity and acceleration at s in [0, 1] of an interval of h (s).
 
-    ``x0, v0, a0`` and ``x1, v1, a1`` stand at its ends, where the result equals them.  ``plain``,
-    ``quaternions``: ``rotation_update.coordinate_slots``; ``axes``: ``round_bodies.round_axes``.
+    ``x0, v0, a0`` and ``x1, v1, a1`` stand at its ends, where the result equals them.  ``plain, quaternions, axes,
+    frequencies``: ``interpolated_coordinates``.
     """
     for i in range(plain.shape[0]):
         j = plain[i, 0]
         k = plain[i, 1]
-        u, v[k], a[k] = _quintic(h, s, v0[k], a0[k], x1[j] - x0[j], v1[k], a1[k])
-        x[j] = x0[j] + u
+        if frequencies[k] * h > math.pi:
+            x[j], v[k], a[k] = _straight(s, x0[j], x1[j]), _straight(s, v0[k], v1[k]), _straight(s, a0[k], a1[k])
+        else:
+            u, v[k], a[k] = _quintic(h, s, v0[k], a0[k], x1[j] - x0[j], v1[k], a1[k])
+            x[j] = x0[j] + u
     for i in range(quaternions.shape[0]):
         _interpolate_turn(
             h, s, x0, v0, a0, x1, v1, a1, quaternions[i, 0], quaternions[i, 1], axes[i], x, v, a
@@ -108,7 +145,7 @@ def interpolate(plain, quaternions, axes, h, s, x0, v0, a0, x1, v1, a1, x, v, a)
 
 
 @entry_kernel
-def interpolate_series(plain, quaternions, axes, t, x, v, a, interval, wanted, out_x, out_v, out_a):
+def interpolate_series(plain, quaternions, axes, frequencies, t, x, v, a, interval, wanted, out_x, out_v, out_a):
     """Interpolate a series t, x, v, a at times ``wanted``, each in the interval after row ``interval``.
 
     At the instants of the series its rows come out as they are.
@@ -126,6 +163,6 @@ def interpolate_series(plain, quaternions, axes, t, x, v, a, interval, wanted, o
         else:
             s = (wanted[i] - t[k]) / h
             interpolate(
-                plain, quaternions, axes, h, s, x[k], v[k], a[k], x[k + 1], v[k + 1], a[k + 1],
+                plain, quaternions, axes, frequencies, h, s, x[k], v[k], a[k], x[k + 1], v[k + 1], a[k + 1],
                 out_x[i], out_v[i], out_a[i],
             )  # fmt: skip
