@@ -112,9 +112,11 @@ def no_factors() -> None:
 
 
 def make_advance(
-    loop: Any, method: Any, rule: Rule, state: st.State, groups: st.Groups
+    loop: Any, method: ArrayStruct, rule: Rule, state: st.State, groups: st.Groups
 ) -> Callable[[st.Record, FloatArray], int]:
     """A stepper's ``advance`` by a method's compiled loop; ``method``: what its attempts work with."""
+    for part in (method, rule, state, groups):
+        part.lay_out()  # once a run, and not within its first step
 
     def drive_to(record: st.Record, knots: FloatArray) -> int:
         return int(loop(method, rule, knots, state, groups, record))

@@ -108,6 +108,7 @@ class Integration:
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.record = st.Record(np.empty(rows), *(np.empty((rows, size)) for size in sizes))
+        self.record.lay_out()
         self.stored: list[tuple[FloatArray, ...]] = []
         self._taken = 0
         self.interior_rows: list[InteriorRecord] = []

@@ -54,6 +54,10 @@ class ArrayStruct:
     def _address(self) -> int:
         return address_of_data(self._block)
 
+    def lay_out(self) -> None:
+        """Write the words that kernels read, which otherwise the first call of one does."""
+        _ = self._address
+
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other fields.
 

@@ -164,7 +164,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         row=zeros((count, N_ROW)),
         pose=_resting_poses(constants),
         gathered=zeros((count, N_GATHERED)),
-        subspace=zeros((multi_dof, 3, 6, 6)),
+        subspace=_ball_subspaces(links, multi_dof),
         force=zeros((multi_dof, 6)),
         flex=flex,
         body=zeros((len(flex), N_BODY)),
@@ -185,6 +185,15 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         zeros=zeros(nv),
         planar=np.array([_is_planar(links, constants)], np.int64),
     )
+
+
+def _ball_subspaces(links: IntArray, count: int) -> FloatArray:
+    """ArticulatedWork.subspace with the columns of S that turn a ball, which are constant."""
+    subspace = np.zeros((count, 3, 6, 6))
+    for link in links[links[:, SUBSPACE] >= 0]:
+        for k in range(link[ADDS], link[FREEDOMS]):
+            subspace[link[SUBSPACE], 0, k - link[ADDS], k] = 1.0
+    return subspace
 
 
 def _resting_poses(constants: FloatArray) -> FloatArray:

@@ -17,9 +17,12 @@ from flexmbd.multibody.kernels.physics.joints import joint_column
 
 
 @kernel
-def set_motion_subspace(S, freedoms, adds, data, o, R_FG):
-    """Write the motion subspace S of a joint of several coordinates: motion of G (angular, linear; G's axes)."""
-    for k in range(freedoms):
+def set_motion_subspace(S, adds, data, o, R_FG):
+    """Write the motion subspace S of a joint of several coordinates: motion of G (angular, linear; G's axes).
+
+    Its columns of a ball do not change: they stand there since ``new_articulated_work``.
+    """
+    for k in range(adds):
         angular, linear = joint_column(adds, data, o, k)
         linear = rotate_back(R_FG, linear)
         for i in range(3):

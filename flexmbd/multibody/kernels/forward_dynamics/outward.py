@@ -84,7 +84,7 @@ def _propagate_velocity(plan, aw, i, x, v, a, w):  # noqa: PLR0915  one step
             o = plan.tree[i, at.JOINT_DATA]
             p, R_FG = joint_pose(turns, adds, plan.data, o, x, link[i, to.JOINT_X])
             p_dot, relative = joint_motion(turns, adds, plan.data, o, v, link[i, to.JOINT_V])
-            set_motion_subspace(aw.subspace[link[i, to.SUBSPACE], 0], link[i, to.FREEDOMS], adds, plan.data, o, R_FG)
+            set_motion_subspace(aw.subspace[link[i, to.SUBSPACE], 0], adds, plan.data, o, R_FG)
         R_AG = compose(R, R_FG)
         r = add3(r, rotate(R, p))
         bias = rotate_back(R_AG, cross3(w, add3(cross3(w, r), scale3(2.0, rotate(R, p_dot)))))

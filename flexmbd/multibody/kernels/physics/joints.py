@@ -38,18 +38,30 @@ def is_free(link):
     return link[at.JOINT_SIZE] == 6
 
 
-@entry_kernel
-def joint_pose(turn, adds, data, o, x, first):
-    """p_FG_F and R_FG from the joint's coordinates x[first:]."""
-    angle = 0.0
-    px = py = pz = 0.0
-    for k in range(adds):
+@kernel
+def _sum_of_coordinates(adds, data, o, values, first):
+    """Sum over the coordinates that add: turn about z and slide (3,) in F's axes, for ``values[first:]`` of them."""
+    if adds == 0:
+        return 0.0, _ZERO
+    q = values[first]
+    angle = data[o] * q
+    px = data[o + 1] * q
+    py = data[o + 2] * q
+    pz = data[o + 3] * q
+    for k in range(1, adds):
         c = o + 4 * k
-        q = x[first + k]
+        q = values[first + k]
         angle += data[c] * q
         px += data[c + 1] * q
         py += data[c + 2] * q
         pz += data[c + 3] * q
+    return angle, (px, py, pz)
+
+
+@entry_kernel
+def joint_pose(turn, adds, data, o, x, first):
+    """p_FG_F and R_FG from the joint's coordinates x[first:]."""
+    angle, p = _sum_of_coordinates(adds, data, o, x, first)
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     if turn == kinds.TURN_ABOUT_Z:
         cos = math.cos(angle)
@@ -58,25 +70,16 @@ def joint_pose(turn, adds, data, o, x, first):
     elif turn == kinds.TURN_BALL:
         b = first + adds
         r = quaternion_matrix((x[b], x[b + 1], x[b + 2], x[b + 3]))
-    return (px, py, pz), r
+    return p, r
 
 
 @entry_kernel
 def joint_motion(turn, adds, data, o, v, first):
     """Rate of p_FG_F and w_FG_G from the joint's entries v[first:]; for accelerations alike."""
-    rate = 0.0
-    px = py = pz = 0.0
-    for k in range(adds):
-        c = o + 4 * k
-        q = v[first + k]
-        rate += data[c] * q
-        px += data[c + 1] * q
-        py += data[c + 2] * q
-        pz += data[c + 3] * q
-    angular = (0.0, 0.0, rate)
+    rate, linear = _sum_of_coordinates(adds, data, o, v, first)
     if turn == kinds.TURN_BALL:
-        angular = load3(v, first + adds)
-    return (px, py, pz), angular
+        return linear, load3(v, first + adds)
+    return linear, (0.0, 0.0, rate)
 
 
 @kernel
