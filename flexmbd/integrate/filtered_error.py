@@ -8,22 +8,24 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 
+DRIFTING = (0.0, 0.0)  # shares of own rates that are a vibration's, where nothing is
+
 
 @kernel
-def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, leniency):
+def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, lasting):
     """Largest ratio of the local error (free,) to the tolerance: rtol per radian of the motion that causes it.
 
     A vibration faster than the machine that lasts is measured per radian of its own, and its velocity by
     its displacement, for its error swings and does not drift.  ``own_rates``, ``rates_before``: (nv,) each coordinate's
     own rate (1/s) as the step shows it, and as the steps before did.  ``noise``: the share of scales that is round-off.
-    ``leniency``: 1, or 0 for what drifts, which is no vibration.
+    ``lasting``: (2,) the share of own rates that is a vibration's, of modes and of joints; 0 for what drifts.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        lenient = leniency if groups.kind[g] == kinds.GROUP_MODAL else leniency * state.numbers[st.STEP_LASTING]
+        lenient = lasting[0] if groups.kind[g] == kinds.GROUP_MODAL else lasting[1]
         own = lenient * st.own_rate(own_rates[k], rates_before[k], machine_rate)
         # what changes within the step is one radian at least
         share = min(1.0, h * max(machine_rate, own, lenient * own_rates[k]))

@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
-from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
+from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
@@ -352,7 +352,6 @@ def new_snapshot(
     number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
-    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = 1.0
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS
@@ -360,7 +359,9 @@ def new_snapshot(
     sizes = np.zeros((3, len(scene.group_floor)))
     # joints of elastic bodies vibrate with these, which lasts whatever an element does
     elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
-    ne = len(scene.plan.elements) if stiffness_may_change(scene.plan) and not elastic else 0
+    vibrates = elastic or can_vibrate(scene.plan)
+    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = float(vibrates)
+    ne = len(scene.plan.elements) if vibrates and stiffness_may_change(scene.plan) and not elastic else 0
     softest = np.full((2, ne, 2), np.inf)
     groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
     rows = np.array(start.choice.rows, np.int64)

@@ -6,14 +6,16 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
-from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
+from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE2, deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
+
+_SWINGING = (1.0, 1.0)  # across rows all swings, with the steps
 
 
 @kernel
@@ -97,7 +99,8 @@ def _holds_velocities(plan):
 
 
 @kernel
-def _ratio(plan, state, groups, scratch, h, machine_rate, leniency):
+def _ratio(plan, state, groups, scratch, h, machine_rate, lasting):
+    """The ratio of the error at hand, see ``filtered_ratio``."""
     rates = scratch.memory.own_rate
     noise = ROUND_OFF / scratch.least_pivot[0]
     return filtered_ratio(
@@ -111,7 +114,7 @@ def _ratio(plan, state, groups, scratch, h, machine_rate, leniency):
         h,
         machine_rate,
         noise,
-        leniency,
+        lasting,
     )
 
 
@@ -122,7 +125,7 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio
     found = find_defects(plan, state, h, h_before, scratch.data)
     if found == STRAIGHT:
         return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, machine_rate, 0.0) <= 1.0:
+    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, machine_rate, DRIFTING) <= 1.0:
         for k in range(scratch.own_rate.shape[0]):
             scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
         return ratio
@@ -130,9 +133,9 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio
     put_pushes(plan, scratch.data, scratch.correction)
     solve_factored(plan, scratch, scratch.correction)
     without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
-    seen = _ratio(plan, state, groups, scratch, h, machine_rate, 1.0)
+    seen = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
     missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v[0])
-    return max(seen, _ratio(plan, state, groups, scratch, h, machine_rate, 0.0))
+    return max(seen, _ratio(plan, state, groups, scratch, h, machine_rate, DRIFTING))
 
 
 @kernel
@@ -143,23 +146,25 @@ def _put_own_rates(plan, groups, scratch):
         scratch.own_rate[k] = vibration_rate(groups, k, scratch.curve[j])
 
 
-@deferred_kernel(NUMBER)
+@deferred_kernel(TUPLE2)
 def _across_rows(plan, state, groups, scratch, h, machine_rate):
-    """The ratio of the whole error, its part across the rows included, at most 1; leaves the error along the loops.
+    """Ratios of the whole error, its part across the rows included; leaves the error along the loops.
 
+    The first, at most 1, takes what swings for what it is, the second for an error as others are.
     Rows hold positions and velocities, and accelerations and reactions swing about theirs.  What those swing by is of
     the step's order, so the steps after it get shorter; but a shorter step would not take away what the steps before
     have left, so it rejects none.  Where an augmented Lagrangian closes rows by their positions, velocities swing too,
     and never cease.
     """
-    largest = 0.0
+    swing = 0.0
     if _holds_velocities(plan):
-        largest = min(1.0, _ratio(plan, state, groups, scratch, h, machine_rate, 1.0))
+        swing = min(1.0, _ratio(plan, state, groups, scratch, h, machine_rate, _SWINGING))
+    whole = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
     _remove_across_rows(plan, state, scratch, scratch.error_x)
     _remove_across_rows(plan, state, scratch, scratch.error_v[0])
     _remove_across_rows(plan, state, scratch, scratch.curve)
     _put_own_rates(plan, groups, scratch)
-    return largest
+    return swing, whole
 
 
 @kernel
@@ -170,11 +175,13 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
     if scratch.memory.filters[0] == 1:
         _filter(plan, work, state, scratch)
     _put_own_rates(plan, groups, scratch)
-    across = 0.0
+    swing = 0.0
+    whole = 0.0
     if plan.rows.shape[0] > 0:
-        across = _across_rows(plan, state, groups, scratch, h, machine_rate)
-    along = _ratio(plan, state, groups, scratch, h, machine_rate, 1.0)
+        swing, whole = _across_rows(plan, state, groups, scratch, h, machine_rate)
+    along = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
     if along <= 1.0 and scratch.data.known[0] == 1:
         along = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, along)
     forget_passing(plan, state, groups, scratch.own_rate)
-    return max(across, along)
+    # rows turn within the step, so that of a swing across them a part seems to lie along
+    return max(swing, along - whole * min(1.0, h * machine_rate))

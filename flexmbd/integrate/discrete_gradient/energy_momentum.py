@@ -26,7 +26,7 @@ from flexmbd.integrate.discrete_gradient.newton import bind, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
-from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
@@ -243,10 +243,10 @@ def _filter(plan, scratch, error):
 
 
 @kernel
-def _ratio(plan, state, groups, scratch, h, rate, leniency):
+def _ratio(plan, state, groups, scratch, h, rate, lasting):
     rates = scratch.memory.own_rate
     return filtered_ratio(
-        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, 0.0, leniency
+        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, 0.0, lasting
     )
 
 
@@ -259,7 +259,7 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
     if found == STRAIGHT:
         return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, 0.0) <= 1.0:
+    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, DRIFTING) <= 1.0:
         for k in range(scratch.own_rate.shape[0]):
             scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
         return ratio
@@ -267,9 +267,9 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
     put_pushes(plan, scratch.data, scratch.correction)
     solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
     without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
-    seen = _ratio(plan, state, groups, scratch, h, rate, 1.0)
+    seen = _ratio(plan, state, groups, scratch, h, rate, (1.0, state.numbers[st.STEP_LASTING]))
     missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v)
-    return max(seen, _ratio(plan, state, groups, scratch, h, rate, 0.0))
+    return max(seen, _ratio(plan, state, groups, scratch, h, rate, DRIFTING))
 
 
 @kernel
@@ -302,7 +302,7 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate):
     _filter(plan, scratch, scratch.error_v)
     for j in range(plan.free.shape[0]):
         scratch.error_v[j] = scratch.correction[0, j]
-    ratio = _ratio(plan, state, groups, scratch, h, rate, 1.0)
+    ratio = _ratio(plan, state, groups, scratch, h, rate, (1.0, state.numbers[st.STEP_LASTING]))
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio)
     forget_passing(plan, state, groups, scratch.own_rate)

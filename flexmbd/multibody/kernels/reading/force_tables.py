@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.elements.element import Behaviour
+from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
+from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -45,6 +46,16 @@ def force_elements(plan: Plan) -> ForceElements:
 def stiffness_may_change(plan: Plan) -> bool:
     """Whether a force's stiffness may change on the way, as that of a stop does."""
     return any(one.changing for one in behaviours(plan))
+
+
+def can_vibrate(plan: Plan) -> bool:
+    """Whether anything makes joints vibrate: springs, users' laws, rows that an augmented Lagrangian enforces.
+
+    Stops and friction do not, whose grip passes.
+    """
+    elements = zip(behaviours(plan), stores(plan), strict=True)
+    springs = any(not one.abrupt and (storing or one.stiffness is not Stiffness.NONE) for one, storing in elements)
+    return springs or bool(constraint_rows(plan).augmented.any())
 
 
 def joint_force_times(plan: Plan) -> IntArray:
