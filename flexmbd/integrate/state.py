@@ -162,8 +162,10 @@ def set_scales(state, groups, scratch, rate, limit):
 
 
 @kernel
-def reaction_acceleration(response, reactions, j):
+def reaction_acceleration(response, reactions, j, first, last):
     """The acceleration of coordinate j that reactions (m,) cause in the machine without its loops.
+
+    Of the rows from ``first`` to before ``last``, those of its block.
 
     Forces out of balance count by the acceleration that they would make of such masses, for the units of multipliers
     say nothing, and of rows that can hardly be told apart they are large without effect.  Where accelerations and
@@ -172,7 +174,7 @@ def reaction_acceleration(response, reactions, j):
     ``response``: (m, n) what a unit of each reaction pushes.
     """
     total = 0.0
-    for r in range(response.shape[0]):
+    for r in range(first, last):
         total += response[r, j] * reactions[r]
     return total
 

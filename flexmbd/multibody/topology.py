@@ -108,7 +108,37 @@ def spanning_tree(
                 "its bodies, or its frame on the outer body deforms, or it only runs from parent to child"
             )
     closures = tuple(c for c in connections if id(c) not in used)
-    return Topology(tuple(branches), closures)
+    return Topology(tuple(_side_by_side(ground, branches, closures)), closures)
+
+
+def _side_by_side(ground: Body, branches: list[Branch], closures: Sequence[Connection]) -> list[Branch]:
+    """The branches, those of bodies that hang together without the ground next to each other, otherwise in order.
+
+    What moves on the ground as prescribed counts as the ground.
+    """
+    joined: dict[int, int] = {}
+    still = {id(ground)}
+    for branch in branches:
+        prescribed = branch.connection is not None and branch.connection.motion is not None
+        if prescribed and id(branch.inner.body) in still and branch.outer.body.reduced() is None:
+            still.add(id(branch.outer.body))
+
+    def root(body: Body) -> int:
+        b = id(body)
+        while joined.setdefault(b, b) != b:
+            joined[b] = joined[joined[b]]
+            b = joined[b]
+        return b
+
+    pairs = [(branch.inner.body, branch.outer.body) for branch in branches]
+    pairs += [(c.parent.body, c.child.body) for c in closures]
+    for one, other in pairs:
+        if id(one) not in still and id(other) not in still:
+            joined[root(other)] = root(one)
+    groups: dict[int, list[Branch]] = {}
+    for branch in branches:
+        groups.setdefault(root(branch.outer.body), []).append(branch)
+    return [branch for group in groups.values() for branch in group]
 
 
 def _by_body(connections: Sequence[Connection]) -> dict[int, list[tuple[int, Connection]]]:

@@ -8,12 +8,12 @@ from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
-from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
+from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE2, deferred_kernel
-from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
 
 _SWINGING = (1.0, 1.0)  # across rows all swings, with the steps
 
@@ -64,7 +64,8 @@ def _filter(plan, work, state, scratch):
     for j in range(nu):
         scratch.error_v[0, j] = scratch.residual[plan.free[j]] / blown
     if plan.rows.shape[0] > 0:
-        solve(plan.lapack, scratch.tree_matrix, scratch.tree_pivot, scratch.sizes, scratch.error_v)
+        free = scratch.tangent.blocks.free
+        solve_blocks(plan.lapack, scratch.tree_matrix, free, scratch.tree_pivot, scratch.sizes, scratch.error_v)
     else:
         solve_factored(plan, scratch, scratch.error_v)
 
@@ -72,21 +73,27 @@ def _filter(plan, work, state, scratch):
 @kernel
 def _remove_across_rows(plan, state, scratch, vector):
     """Remove from a vector (free,) what reactions of the rows would make: rows hold positions and velocities there."""
-    for i in range(plan.rows.shape[0]):
-        scratch.phi[i] = 0.0
-        for j in range(plan.free.shape[0]):
-            scratch.phi[i] += scratch.tangent.jacobian[i, plan.free[j]] * vector[j]
-    solve_semidefinite(
-        scratch.row_factors,
-        scratch.row_rank[0],
-        scratch.row_order,
-        scratch.memory.row_length,
-        scratch.phi,
-        scratch.phi_rate,
-        scratch.phi_rate2,
-    )
-    for j in range(plan.free.shape[0]):
-        vector[j] -= st.reaction_acceleration(scratch.shift_direction, scratch.phi_rate2, j)
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        first, last = blocks.free[c], blocks.free[c + 1]
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for i in range(above, below):
+            scratch.phi[i] = 0.0
+            for j in range(first, last):
+                scratch.phi[i] += scratch.tangent.jacobian[i, plan.free[j]] * vector[j]
+        solve_block(
+            scratch.row_factors,
+            above,
+            below,
+            scratch.row_rank[c],
+            scratch.row_order,
+            scratch.memory.row_length,
+            scratch.phi,
+            scratch.phi_rate,
+            scratch.phi_rate2,
+        )
+        for j in range(first, last):
+            vector[j] -= st.reaction_acceleration(scratch.shift_direction, scratch.phi_rate2, j, above, below)
 
 
 @kernel

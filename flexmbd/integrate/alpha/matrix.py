@@ -10,14 +10,15 @@ from flexmbd.integrate.alpha.workspace import (
     holds_position_alone,
     is_unshifted,
 )
-from flexmbd.integrate.explicit.loop_dynamics import factor_rows
+from flexmbd.integrate.explicit.loop_dynamics import factor_rows, least_pivot
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
-from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 
 _OF_TREE = -1  # in place of LAPACK's first pivot: the factors are those of the tree
@@ -39,7 +40,6 @@ def _put_derivatives(plan, work, scratch, per_x, per_v):
     tree without interiors the rotations within a step count as small, which changes the matrix by their share of its
     stiffness.
     """
-    nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     tw = scratch.tangent
     added = scratch.interior_stiffness.shape[0] > 0
@@ -66,40 +66,66 @@ def _put_derivatives(plan, work, scratch, per_x, per_v):
             _add_interiors(plan, scratch, per_x)
         if part == 1:
             break
-        for i in range(nu):
-            for j in range(nu):
-                scratch.tree_matrix[i, j] = -scratch.full_tangent[plan.free[i], plan.free[j]]
-        turn_columns(plan, scratch.displacement, scratch.full_tangent)
-        turn_columns(plan, scratch.displacement, tw.rate_jacobian)
-        for i in range(nu):
-            for j in range(nu):
-                scratch.stiffness[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
-                scratch.tree_matrix[i, j] += scratch.stiffness[i, j]
-        for i in range(m):
-            for j in range(nu):
-                scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
-    for i in range(nu):
-        for j in range(nu):
-            scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
-            if turned:
-                scratch.matrix[i, j] += scratch.tree_matrix[i, j]
-        for k in range(m):
-            scratch.matrix[i, nu + k] = tw.jacobian[k, plan.free[i]]
-    turn_columns(plan, scratch.displacement, tw.jacobian)
+        _keep_stiffness(plan, scratch)
+    for c in range(tw.blocks.velocity.shape[0]):
+        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
+        above, below = tw.blocks.rows[c], tw.blocks.rows[c + 1]
+        begin = scratch.bounds[c]
+        for i in range(first, last):
+            row = scratch.matrix[begin + i - first]
+            for j in range(first, last):
+                row[begin + j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
+                if turned:
+                    row[begin + j - first] += scratch.tree_matrix[i, j]
+            for k in range(above, below):
+                row[begin + last - first + k - above] = tw.jacobian[k, plan.free[i]]
+    turn_row_columns(plan, tw.blocks, scratch.displacement, tw.jacobian)
 
 
 @kernel
-def _put_shift_columns(plan, state, scratch, per_x, per_v):
-    """Fill the columns of the shifts of positions along ``s.shift_direction``, and the rows that hold the loops."""
-    nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
-    for k in range(m):
-        for i in range(nu):
+def _keep_stiffness(plan, scratch):
+    """From the tangent by positions alone, ``s.stiffness``, ``s.rate_stiffness`` and what the turns of a step change.
+
+    The last is written into ``s.tree_matrix``.
+    """
+    tw = scratch.tangent
+    for c in range(tw.blocks.velocity.shape[0]):
+        for i in range(tw.blocks.free[c], tw.blocks.free[c + 1]):
+            for j in range(tw.blocks.free[c], tw.blocks.free[c + 1]):
+                scratch.tree_matrix[i, j] = -scratch.full_tangent[plan.free[i], plan.free[j]]
+    turn_columns(plan, tw.blocks, scratch.displacement, scratch.full_tangent)
+    turn_row_columns(plan, tw.blocks, scratch.displacement, tw.rate_jacobian)
+    for c in range(tw.blocks.velocity.shape[0]):
+        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
+        for i in range(first, last):
+            for j in range(first, last):
+                scratch.stiffness[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+                scratch.tree_matrix[i, j] += scratch.stiffness[i, j]
+        for i in range(tw.blocks.rows[c], tw.blocks.rows[c + 1]):
+            for j in range(first, last):
+                scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
+
+
+@kernel
+def _put_shift_columns(plan, scratch, c, per_x, per_v):
+    """Fill the columns of the shifts of positions along ``s.shift_direction``, and the rows that hold the loops.
+
+    Of block c.
+    """
+    blocks = scratch.tangent.blocks
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    own = scratch.bounds[c] - first  # where unknowns of the block stand: coordinates, reactions, shifts
+    pushed = scratch.bounds[c] + last - first - above
+    shifted = pushed + below - above
+    matrix = scratch.matrix
+    for k in range(above, below):
+        for i in range(first, last):
             t = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 t += scratch.stiffness[i, j] * scratch.shift_direction[k, j]
-            scratch.matrix[i, nu + m + k] = t
-    for i in range(m):
+            matrix[own + i, shifted + k] = t
+    for i in range(above, below):
         unshifted = is_unshifted(plan, scratch, i)
         # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
         augmented = is_augmented(plan.rows[i])
@@ -107,37 +133,44 @@ def _put_shift_columns(plan, state, scratch, per_x, per_v):
         if holds_position_alone(plan, scratch, i):
             k_x, k_v = 1.0, 0.0
         total = k_x * per_x + k_v * per_v
-        for j in range(nu):
+        for j in range(first, last):
             x = scratch.tangent.jacobian[i, plan.free[j]]
-            scratch.matrix[nu + i, j] = 0.0 if unshifted else x
+            matrix[pushed + i, own + j] = 0.0 if unshifted else x
             v = scratch.tangent.rate_jacobian[i, plan.free[j]]
-            scratch.matrix[nu + m + i, j] = (k_x * per_x * x + k_v * v) / total
-        for k in range(m):
+            matrix[shifted + i, own + j] = (k_x * per_x * x + k_v * v) / total
+        for k in range(above, below):
             t = 0.0
             r = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 x = scratch.tangent.jacobian[i, plan.free[j]]
                 t += x * scratch.shift_direction[k, j]
                 r += (k_x * per_x * x + k_v * scratch.rate_stiffness[i, j]) * scratch.shift_direction[k, j]
-            own = 1.0 if i == k else 0.0
-            scratch.matrix[nu + i, nu + k] = 0.0
-            scratch.matrix[nu + m + i, nu + k] = -own / total if augmented else 0.0
-            scratch.matrix[nu + i, nu + m + k] = own if unshifted else t
-            scratch.matrix[nu + m + i, nu + m + k] = r / total
+            same = 1.0 if i == k else 0.0
+            matrix[pushed + i, pushed + k] = 0.0
+            matrix[shifted + i, pushed + k] = -same / total if augmented else 0.0
+            matrix[pushed + i, shifted + k] = same if unshifted else t
+            matrix[shifted + i, shifted + k] = r / total
 
 
 @kernel
 def _measure_row_pivot(plan, state, scratch):
-    """Write the rows' smallest pivot into ``s.least_pivot``, by ``s.shift_direction``."""
-    m = plan.rows.shape[0]
-    for i in range(m):
-        for k in range(i + 1):
-            scratch.row_factors[i, k] = 0.0
-            for j in range(plan.free.shape[0]):
-                scratch.row_factors[i, k] += scratch.tangent.jacobian[i, plan.free[j]] * scratch.shift_direction[k, j]
-    rank = factor_rows(state, scratch.memory.row_length, scratch.row_factors, scratch.row_order)
-    scratch.row_rank[0] = rank
-    scratch.least_pivot[0] = scratch.row_factors[m - 1, m - 1] ** 2 if rank == m else RANK_FLOOR
+    """Factor C B^-1 C^T by ``s.shift_direction``, block by block; write its smallest pivot into ``s.least_pivot``."""
+    blocks = scratch.tangent.blocks
+    longest = scratch.memory.row_length
+    least = 1.0
+    for c in range(blocks.velocity.shape[0]):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for i in range(above, below):
+            for k in range(above, i + 1):
+                scratch.row_factors[i, k] = 0.0
+                for j in range(blocks.free[c], blocks.free[c + 1]):
+                    push = scratch.shift_direction[k, j]
+                    scratch.row_factors[i, k] += scratch.tangent.jacobian[i, plan.free[j]] * push
+        rank = factor_rows(longest, scratch.row_factors, above, below, scratch.row_order)
+        scratch.row_rank[c] = rank
+        least = min(least, least_pivot(scratch.row_factors, above, below, rank))
+    st.watch_pivot(state, least)
+    scratch.least_pivot[0] = least if least > 0.0 else RANK_FLOOR
 
 
 @deferred_kernel(FLAG)
@@ -146,16 +179,43 @@ def _put_shifts(plan, state, scratch, per_x, per_v):
 
     False if the tree's matrix is singular.
     """
-    for i in range(plan.free.shape[0]):
-        for j in range(plan.free.shape[0]):
-            scratch.tree_matrix[i, j] = scratch.matrix[i, j]
-        for k in range(plan.rows.shape[0]):
-            scratch.shift_direction[k, i] = scratch.matrix[i, plan.free.shape[0] + k]
-    if factor(plan.lapack, scratch.tree_matrix, scratch.tree_pivot, scratch.sizes) != 0:
-        return False
-    solve(plan.lapack, scratch.tree_matrix, scratch.tree_pivot, scratch.sizes, scratch.shift_direction)
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        first, last = blocks.free[c], blocks.free[c + 1]
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        begin = scratch.bounds[c]
+        for i in range(first, last):
+            row = scratch.matrix[begin + i - first]
+            for j in range(first, last):
+                scratch.tree_matrix[i, j] = row[begin + j - first]
+            for k in range(above, below):
+                scratch.shift_direction[k, i] = row[begin + last - first + k - above]
+        if factor_part(plan.lapack, scratch.tree_matrix, first, last, scratch.tree_pivot, scratch.sizes) != 0:
+            return False
+        solve_part(
+            plan.lapack,
+            scratch.tree_matrix,
+            first,
+            last,
+            scratch.tree_pivot,
+            scratch.sizes,
+            scratch.shift_direction,
+            above,
+            below,
+        )
     _measure_row_pivot(plan, state, scratch)
-    _put_shift_columns(plan, state, scratch, per_x, per_v)
+    for c in range(blocks.velocity.shape[0]):
+        _put_shift_columns(plan, scratch, c, per_x, per_v)
+    return True
+
+
+@kernel
+def _is_finite(scratch):
+    for c in range(scratch.bounds.shape[0] - 1):
+        for i in range(scratch.bounds[c], scratch.bounds[c + 1]):
+            for j in range(scratch.bounds[c], scratch.bounds[c + 1]):
+                if not np.isfinite(scratch.matrix[i, j]):
+                    return False
     return True
 
 
@@ -164,7 +224,6 @@ def linearise(plan, work, state, scratch, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    n = nu + 2 * m
     per_x, per_v = coefficients(scratch.memory.scheme, h)
     state.counts[st.FACTORISATIONS] += 1
     scratch.memory.step_factored[0] = h
@@ -172,10 +231,8 @@ def linearise(plan, work, state, scratch, h):
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
-    for i in range(n):
-        for j in range(n):
-            if not np.isfinite(scratch.matrix[i, j]):
-                return False
+    if not _is_finite(scratch):
+        return False
     scratch.pivot[0] = _OF_TREE
     if scratch.ancestors.shape[0] > 0 and factor_tree(scratch.ancestors, scratch.matrix):
         return True
@@ -183,7 +240,7 @@ def linearise(plan, work, state, scratch, h):
         for i in range(nu):
             for j in range(nu):
                 scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
-    return factor(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes) == 0
+    return factor_blocks(plan.lapack, scratch.matrix, scratch.bounds, scratch.pivot, scratch.sizes)
 
 
 @kernel
@@ -192,4 +249,5 @@ def solve_factored(plan, scratch, rhs):
     if scratch.pivot[0] == _OF_TREE:
         solve_tree(scratch.ancestors, scratch.matrix, rhs)
     else:
-        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)
+        blocks, bounds, pivot = scratch.tangent.blocks, scratch.bounds, scratch.pivot
+        solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, pivot, scratch.sizes, rhs, scratch.sorted_rhs)

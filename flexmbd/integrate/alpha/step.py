@@ -58,11 +58,13 @@ def update_end(plan, work, state, scratch, h, unknown):
             (0.5 - beta) * scratch.memory.auxiliary[k] + beta * auxiliary
         )
         scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
-    for i in range(m):
-        scratch.multipliers[i] = unknown[nu + i]
-        shift = per_x * unknown[nu + m + i]
-        for j in range(nu):
-            scratch.displacement[plan.free[j]] += shift * scratch.shift_direction[i, j]
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        for i in range(blocks.rows[c], blocks.rows[c + 1]):
+            scratch.multipliers[i] = unknown[nu + i]
+            shift = per_x * unknown[nu + m + i]
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                scratch.displacement[plan.free[j]] += shift * scratch.shift_direction[i, j]
     retract(plan, state.x, scratch.displacement, scratch.x)
     drive(plan, work, scratch.x, scratch.v, scratch.a)
 
@@ -119,21 +121,22 @@ def correct(plan, state, scratch, h):
     for i in range(scratch.unknown.shape[0]):
         scratch.unknown[i] -= scratch.correction[0, i]
     reactions = scratch.correction[0, nu : nu + m]
-    for j in range(nu):
-        k = plan.free[j]
-        move = scratch.correction[0, j]
-        part = max(abs(move) * per_x / scratch.scale_x[k], abs(move) * per_v / scratch.scale_v[k])
-        if m > 0:
-            pushed = st.reaction_acceleration(scratch.shift_direction, reactions, j)
-            imbalance = max(imbalance, abs(move + pushed) * per_v / scratch.scale_v[k])
-        for i in range(m):
-            part = max(
-                part,
-                abs(scratch.correction[0, nu + m + i] * scratch.shift_direction[i, j]) * per_x / scratch.scale_x[k],
-            )
-        if not part <= size:
-            size = part
-            state.counts[st.WORST] = k
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            k = plan.free[j]
+            move = scratch.correction[0, j]
+            part = max(abs(move) * per_x / scratch.scale_x[k], abs(move) * per_v / scratch.scale_v[k])
+            if below > above:
+                pushed = st.reaction_acceleration(scratch.shift_direction, reactions, j, above, below)
+                imbalance = max(imbalance, abs(move + pushed) * per_v / scratch.scale_v[k])
+            for i in range(above, below):
+                shift = scratch.correction[0, nu + m + i] * scratch.shift_direction[i, j]
+                part = max(part, abs(shift) * per_x / scratch.scale_x[k])
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
     return size, imbalance
 
 

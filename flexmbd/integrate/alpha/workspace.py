@@ -11,8 +11,10 @@ from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
@@ -97,8 +99,9 @@ class AlphaWorkspace(ArrayStruct):
     stiffness, rate_stiffness: (free, free), (m, free) derivatives by positions alone.
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
     shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
-    row_factors: (m, m) of C B^-1 C^T, with row_order (m,) and row_rank (1,); least_pivot: (1,) of rows of unit length,
-    1 without rows.
+    row_factors: (m, m) of the blocks of C B^-1 C^T, with row_order (m,) and row_rank (c,); least_pivot: (1,) of rows of
+    unit length, 1 without rows.
+    bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
     phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
     """
 
@@ -126,6 +129,8 @@ class AlphaWorkspace(ArrayStruct):
     row_order: NDArray[np.int64]
     row_rank: NDArray[np.int64]
     least_pivot: FloatArray
+    bounds: NDArray[np.int64]
+    sorted_rhs: FloatArray
     correction: FloatArray
     error_x: FloatArray
     error_v: FloatArray
@@ -177,8 +182,10 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         shift_direction=zeros((m, nu)),
         row_factors=zeros((m, m)),
         row_order=zeros(m, np.int64),
-        row_rank=zeros(1, np.int64),
+        row_rank=zeros(len(tangent.blocks.velocity), np.int64),
         least_pivot=np.ones(1),
+        bounds=unknown_bounds(tangent.blocks, 2),
+        sorted_rhs=zeros((1, n)),
         correction=zeros((1, n)),
         error_x=zeros(nu),
         error_v=zeros((1, nu)),
@@ -190,8 +197,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         phi_rate2=zeros(m),
         pivot=zeros(max(1, n), np.int32),
         tree_pivot=zeros(max(1, nu), np.int32),
-        sizes=zeros(4, np.int32),
-        ancestors=_ancestor_table(plan)[: 0 if interiors else None],
+        sizes=zeros(N_SIZES, np.int32),
+        ancestors=_ancestor_table(plan, tangent.blocks)[: 0 if interiors else None],
         kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
@@ -199,10 +206,10 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     )
 
 
-def _ancestor_table(plan: Plan) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where factoring by the tree is cheaper; (0, ...) elsewhere."""
+def _ancestor_table(plan: Plan, blocks: DiagonalBlocks) -> NDArray[np.int64]:
+    """Ancestors of the unknowns where factoring by the tree is cheaper than block by block; (0, ...) elsewhere."""
     lines = ancestors(plan)
-    return lines if len(plan.rows) == 0 and is_cheaper_than_dense(lines) else lines[:0]
+    return lines if len(plan.rows) == 0 and is_cheaper_than_dense(lines, np.diff(blocks.free)) else lines[:0]
 
 
 @kernel

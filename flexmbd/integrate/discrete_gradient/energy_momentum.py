@@ -22,7 +22,7 @@ from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, 
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
-from flexmbd.integrate.discrete_gradient.newton import bind, solve_step
+from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
@@ -34,7 +34,6 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
-from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract, spin_of
@@ -100,7 +99,7 @@ class EnergyMomentum:
         stored = storing_plan(plan)
         scratch = step.new_workspace(plan, work, scene.nx, scene.nv, projector(scene, stored), row_sizes(scene))
         memory = scratch.memory
-        loops = new_loops(plan, memory.loops, scene.nv, blockwise=False)
+        loops = new_loops(plan, memory.loops, scene.nv, bounds=np.unique(scratch.tangent.blocks.rows))
         bind(plan, stored, work, loops, state, groups, scratch)
 
         def drop_factors() -> None:
@@ -236,10 +235,12 @@ def _filter(plan, scratch, error):
     free = plan.free
     for i in range(scratch.correction.shape[1]):
         scratch.correction[0, i] = 0.0
-    for i in range(free.shape[0]):
-        for j in range(free.shape[0]):
-            scratch.correction[0, i] += scratch.full_matrix[free[i], free[j]] * error[free[j]]
-    solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+    bounds = scratch.tangent.blocks.free
+    for c in range(bounds.shape[0] - 1):
+        for i in range(bounds[c], bounds[c + 1]):
+            for j in range(bounds[c], bounds[c + 1]):
+                scratch.correction[0, i] += scratch.full_matrix[free[i], free[j]] * error[free[j]]
+    solve_factored(plan, scratch)
 
 
 @kernel
@@ -265,7 +266,7 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
         return ratio
     push(plan, work, state, scratch.x_end, scratch.v_end, scratch.a_end, scratch.zero_multipliers, scratch.data)
     put_pushes(plan, scratch.data, scratch.correction)
-    solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+    solve_factored(plan, scratch)
     without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
     seen = _ratio(plan, state, groups, scratch, h, rate, (1.0, state.numbers[st.STEP_LASTING]))
     missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v)

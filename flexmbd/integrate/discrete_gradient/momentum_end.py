@@ -1,7 +1,7 @@
 """The end of an energy-momentum step: its mass matrix, velocities from momenta, accelerations, multipliers.
 
-The mass matrix is that of the tangent, factored densely.  With constraint rows momenta are projected, p - C^T mu,
-so that velocities close the loops too.  ``scratch`` is an ``EnergyMomentumWorkspace``.
+The mass matrix is that of the tangent, factored densely block by block.  With constraint rows momenta are projected,
+p - C^T mu, so that velocities close the loops too.  ``scratch`` is an ``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import numpy as np
 
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
-from flexmbd.multibody.kernels.algebra.rank_revealing import factor_semidefinite, solve_semidefinite
+from flexmbd.multibody.kernels.algebra.rank_revealing import factor_block, solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.native import solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_blocks
 
 
 @separate_kernel
@@ -45,50 +46,69 @@ def factor_end_mass(plan, work, scratch):
         ),
     )
     free = plan.free
+    bounds = scratch.tangent.blocks.free
     finite = True
-    for i in range(free.shape[0]):
-        for j in range(free.shape[0]):
-            scratch.mass[i, j] = scratch.full_matrix[free[i], free[j]]
-            finite = finite and np.isfinite(scratch.mass[i, j])
+    for c in range(bounds.shape[0] - 1):
+        for i in range(bounds[c], bounds[c + 1]):
+            for j in range(bounds[c], bounds[c + 1]):
+                scratch.mass[i, j] = scratch.full_matrix[free[i], free[j]]
+                finite = finite and np.isfinite(scratch.mass[i, j])
     scratch.energy[SINGULAR] = 1.0
-    if finite and factor(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes) == 0:
+    if finite and factor_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes):
         scratch.energy[SINGULAR] = 0.0
 
 
 @kernel
 def _factor_rows(plan, loops, scratch):
     """Factor C M^-1 C^T at the end, with the factors of M and the C that ``factor_end_mass`` left."""
-    m = plan.rows.shape[0]
-    for i in range(m):
-        for k in range(scratch.zeros.shape[0]):
-            scratch.response[i, k] = 0.0
-        for j in range(plan.free.shape[0]):
-            scratch.free_response[i, j] = scratch.tangent.jacobian[i, plan.free[j]]
-    solve(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes, scratch.free_response)
-    for i in range(m):
-        for j in range(plan.free.shape[0]):
-            scratch.response[i, plan.free[j]] = scratch.free_response[i, j]
-    for i in range(m):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(scratch.zeros.shape[0]):
-                total += scratch.tangent.jacobian[i, k] * scratch.response[j, k]
-            loops.row_factors[i, j] = total
-            loops.row_factors[j, i] = total
-    for i in range(m):
-        loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
-    loops.rank[0] = factor_semidefinite(loops.row_factors, loops.row_order, loops.row_scale)
+    d = 0  # blocks that have rows
+    for c in range(scratch.bounds.shape[0] - 1):
+        if scratch.tangent.blocks.rows[c + 1] > scratch.tangent.blocks.rows[c]:
+            loops.rank[d] = _factor_row_block(plan, loops, scratch, c)
+            d += 1
 
 
 @kernel
-def _minimum_norm_motion(loops, scratch, rank, rows, out):
+def _factor_row_block(plan, loops, scratch, c):
+    """Block c of ``_factor_rows``; its rank."""
+    blocks = scratch.tangent.blocks
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    response = scratch.response
+    for i in range(above, below):
+        for j in range(first, last):
+            response[i, j] = scratch.tangent.jacobian[i, plan.free[j]]
+    solve_part(
+        plan.lapack, scratch.mass, first, last, scratch.mass_pivot, scratch.sizes, response, above, below
+    )
+    for i in range(above, below):
+        for j in range(above, i + 1):
+            total = 0.0
+            for k in range(first, last):
+                total += scratch.tangent.jacobian[i, plan.free[k]] * response[j, k]
+            loops.row_factors[i, j] = total
+            loops.row_factors[j, i] = total
+        loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
+    return factor_block(loops.row_factors, above, below, loops.row_order, loops.row_scale)
+
+
+@kernel
+def _minimum_norm_motion(plan, loops, scratch, ranks, rows, out):
     """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors at hand; the multipliers in ``loops.solution``."""
-    solve_semidefinite(loops.row_factors, rank, loops.row_order, loops.row_scale, rows, loops.scratch, loops.solution)
+    blocks = scratch.tangent.blocks
+    factors, order, scale = loops.row_factors, loops.row_order, loops.row_scale
     for k in range(out.shape[0]):
         out[k] = 0.0
-    for i in range(rows.shape[0]):
-        for k in range(out.shape[0]):
-            out[k] += loops.solution[i] * scratch.response[i, k]
+    d = 0
+    for c in range(scratch.bounds.shape[0] - 1):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        if below == above:
+            continue
+        solve_block(factors, above, below, ranks[d], order, scale, rows, loops.scratch, loops.solution)
+        d += 1
+        for i in range(above, below):
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                out[plan.free[j]] += loops.solution[i] * scratch.response[i, j]
 
 
 @separate_kernel
@@ -105,7 +125,9 @@ def close_velocities(plan, loops, scratch):
         scratch.mass_rhs[0, j] = p[k]
         for i in range(plan.driven.shape[0]):
             scratch.mass_rhs[0, j] -= scratch.full_matrix[k, driven_place(plan.driven[i])[1]] * scratch.driven[i, 1]
-    solve(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
+    solve_blocks(
+        plan.lapack, scratch.mass, scratch.tangent.blocks.free, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs
+    )
     for j in range(plan.free.shape[0]):
         scratch.v_end[plan.free[j]] = scratch.mass_rhs[0, j]
     if plan.rows.shape[0] > 0:
@@ -115,18 +137,26 @@ def close_velocities(plan, loops, scratch):
 @deferred_kernel()
 def _close_loops(plan, loops, scratch):
     """Project ``s.v_end`` and ``s.p_end`` onto the loops."""
-    m = plan.rows.shape[0]
     p = scratch.p_end
     _factor_rows(plan, loops, scratch)
-    for i in range(m):
-        loops.phi[i] = -scratch.row_end[i, 1]
-        for k in range(p.shape[0]):
-            loops.phi[i] += scratch.tangent.jacobian[i, k] * scratch.v_end[k]
-    _minimum_norm_motion(loops, scratch, loops.rank[0], loops.phi, loops.move)
+    blocks = scratch.tangent.blocks
+    jacobian = scratch.tangent.jacobian
+    for c in range(scratch.bounds.shape[0] - 1):
+        for i in range(blocks.rows[c], blocks.rows[c + 1]):
+            loops.phi[i] = -scratch.row_end[i, 1]
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                loops.phi[i] += jacobian[i, plan.free[j]] * scratch.v_end[plan.free[j]]
+            for j in range(blocks.driven.shape[0]):
+                loops.phi[i] += jacobian[i, blocks.driven[j]] * scratch.v_end[blocks.driven[j]]
+    _minimum_norm_motion(plan, loops, scratch, loops.rank, loops.phi, loops.move)
     for k in range(p.shape[0]):
         scratch.v_end[k] -= loops.move[k]
-        for i in range(m):
-            p[k] -= scratch.tangent.jacobian[i, k] * loops.solution[i]
+    for c in range(scratch.bounds.shape[0] - 1):
+        for i in range(blocks.rows[c], blocks.rows[c + 1]):
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                p[plan.free[j]] -= jacobian[i, plan.free[j]] * loops.solution[i]
+            for j in range(blocks.driven.shape[0]):
+                p[blocks.driven[j]] -= jacobian[i, blocks.driven[j]] * loops.solution[i]
 
 
 @kernel
@@ -145,7 +175,9 @@ def accelerate_end(plan, work, loops, scratch):
     )
     for j in range(plan.free.shape[0]):
         scratch.mass_rhs[0, j] = -scratch.scratch_v[plan.free[j]]
-    solve(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
+    solve_blocks(
+        plan.lapack, scratch.mass, scratch.tangent.blocks.free, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs
+    )
     for j in range(plan.free.shape[0]):
         scratch.a_end[plan.free[j]] = scratch.mass_rhs[0, j]
     if plan.rows.shape[0] > 0:
@@ -160,10 +192,13 @@ def _add_reactions(plan, work, loops, scratch):
         scratch.kernels[RESIDUAL], (plan, work, scratch.x_end, scratch.v_end, scratch.a_end, none, scratch.scratch_v)
     )
     call_separate(scratch.kernels[CONSTRAINTS], (plan, work, loops.phi, loops.rate, loops.rate2))
-    rank = loops.rank[0]
-    while rank > 1 and loops.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION * loops.usual_pivot[0]:
-        rank -= 1
-    _minimum_norm_motion(loops, scratch, rank, loops.rate2, loops.move)
+    for d in range(loops.rank.shape[0]):
+        rank, first = loops.rank[d], loops.paths.block[d]
+        least = NO_REACTION * loops.usual_pivot[d]
+        while rank > 1 and loops.row_factors[first + rank - 1, first + rank - 1] ** 2 < least:
+            rank -= 1
+        loops.effective_rank[d] = rank
+    _minimum_norm_motion(plan, loops, scratch, loops.effective_rank, loops.rate2, loops.move)
     for i in range(scratch.nu_end.shape[0]):
         scratch.nu_end[i] = loops.solution[i]
     for k in range(scratch.a_end.shape[0]):

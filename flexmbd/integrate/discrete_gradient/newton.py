@@ -32,10 +32,10 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, modes_of
-from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.residual_tangent import turn_row_columns
 
 _MAX_ITERATIONS = 20
 _MANY = 5  # more iterations than this renew the factors at the next step
@@ -53,9 +53,6 @@ _WHOLE_FLOOR = 8.0  # safety factor of the probe
 @kernel
 def _put_matrix(plan, work, scratch, h):
     """Fill the iteration matrix at ``s.unknown``, and factor the mass matrix at the end that it leads to."""
-    free = plan.free
-    n = free.shape[0]
-    m = plan.rows.shape[0]
     tw = scratch.tangent
     call_separate(
         scratch.kernels[RESIDUAL], (plan, work, scratch.x_mid, scratch.u, scratch.zeros, scratch.nu, scratch.scratch_v)
@@ -78,26 +75,57 @@ def _put_matrix(plan, work, scratch, h):
     )
     if plan.flex.shape[0] > 0:
         vary_average_strain(plan, scratch, h)
-    for i in range(n):
-        for j in range(n):
-            scratch.matrix[i, j] = scratch.full_matrix[free[i], free[j]]
-        for k in range(m):
-            scratch.matrix[i, n + k] = tw.jacobian[k, free[i]]
-    for k in range(m):
-        for j in range(n):
-            scratch.matrix[n + k, j] = 2.0 / h * tw.rate_jacobian[k, free[j]]
-        for j in range(m):
-            scratch.matrix[n + k, n + j] = 0.0
+    for c in range(scratch.bounds.shape[0] - 1):
+        _put_block(plan, scratch, c, h)
     call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
-    for i in range(n):
-        for j in range(n):
-            scratch.matrix[i, j] -= scratch.full_matrix[free[i], free[j]]
-    if m > 0:
-        turn_columns(plan, scratch.increment, tw.jacobian)
-    for k in range(m):
+    if plan.rows.shape[0] > 0:
+        turn_row_columns(plan, tw.blocks, scratch.increment, tw.jacobian)
+    for c in range(scratch.bounds.shape[0] - 1):
+        _change_block(plan, scratch, c)
+
+
+@kernel
+def _put_block(plan, scratch, c, h):
+    """Block c of the matrix from the tangent at the middle."""
+    blocks, free = scratch.tangent.blocks, plan.free
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    own = scratch.bounds[c] - first  # where velocities and reactions of the block stand
+    pushed = scratch.bounds[c] + last - first - above
+    for i in range(first, last):
+        for j in range(first, last):
+            scratch.matrix[own + i, own + j] = scratch.full_matrix[free[i], free[j]]
+        for k in range(above, below):
+            scratch.matrix[own + i, pushed + k] = scratch.tangent.jacobian[k, free[i]]
+    for k in range(above, below):
+        for j in range(first, last):
+            scratch.matrix[pushed + k, own + j] = 2.0 / h * scratch.tangent.rate_jacobian[k, free[j]]
+        for j in range(above, below):
+            scratch.matrix[pushed + k, pushed + j] = 0.0
+
+
+@kernel
+def _change_block(plan, scratch, c):
+    """Take M and C at the end into block c of the matrix."""
+    blocks, free = scratch.tangent.blocks, plan.free
+    first, last = blocks.free[c], blocks.free[c + 1]
+    own = scratch.bounds[c] - first
+    pushed = scratch.bounds[c] + last - first - blocks.rows[c]
+    for i in range(first, last):
+        for j in range(first, last):
+            scratch.matrix[own + i, own + j] -= scratch.full_matrix[free[i], free[j]]
+    for k in range(blocks.rows[c], blocks.rows[c + 1]):
         if holds_position(plan.rows[k]):
-            for j in range(n):
-                scratch.matrix[n + k, j] = tw.jacobian[k, free[j]]
+            for j in range(first, last):
+                scratch.matrix[pushed + k, own + j] = scratch.tangent.jacobian[k, free[j]]
+
+
+@kernel
+def solve_factored(plan, scratch):
+    """Solve with the factors of the iteration matrix for ``s.correction``, in place."""
+    blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
+    rhs, sorted_rhs = scratch.correction, scratch.sorted_rhs
+    solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, scratch.pivot, sizes, rhs, sorted_rhs)
 
 
 @kernel
@@ -117,10 +145,14 @@ def _correction_norm(free, scale_x, scale_v, correction, h, counts):
 @kernel
 def _stiff_forces(plan, groups, scratch, h):
     """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        scratch.modal_scratch[0, k] = 4.0 / (h * h) * abs(scratch.matrix[j, j] - scratch.full_matrix[k, k])
-        scratch.modal_scratch[1, k] = groups.full[groups.of[k]]
+    blocks = scratch.tangent.blocks
+    for c in range(scratch.bounds.shape[0] - 1):
+        own = scratch.bounds[c] - blocks.free[c]
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            k = plan.free[j]
+            stiffness = abs(scratch.matrix[own + j, own + j] - scratch.full_matrix[k, k])
+            scratch.modal_scratch[0, k] = 4.0 / (h * h) * stiffness
+            scratch.modal_scratch[1, k] = groups.full[groups.of[k]]
     for i in range(plan.tree.shape[0]):
         n, qx, qv = modes_of(plan.tree[i], plan.flex)
         for k in range(n):
@@ -138,6 +170,7 @@ def _probe_round_off(plan, state, groups, scratch, h):
     moves with a coordinate, and what the rounding of the coordinates themselves adds.
     """
     n = plan.free.shape[0]
+    blocks = scratch.tangent.blocks
     p = scratch.memory.momentum
     energy = 0.0
     for k in range(p.shape[0]):
@@ -145,22 +178,24 @@ def _probe_round_off(plan, state, groups, scratch, h):
     scratch.round_off_floor[0] = 0.0
     for pattern in range(_SIGNS):
         for i in range(scratch.unknown.shape[0]):
-            size = 0.0
             if i < n:
-                k = plan.free[i]
-                size = 2.0 * np.sqrt(abs(scratch.full_matrix[k, k] * energy)) + 0.5 * h * scratch.modal_scratch[0, k]
-                for j in range(scratch.nu.shape[0]):
-                    size += abs(scratch.tangent.jacobian[j, k] * scratch.unknown[n + j])
+                size = 2.0 * np.sqrt(abs(scratch.full_matrix[plan.free[i], plan.free[i]] * energy))
+                size += 0.5 * h * scratch.modal_scratch[0, plan.free[i]]
             else:
-                if holds_position(plan.rows[i - n]):
-                    size = scratch.row_size[i - n] / h
-                for j in range(n):
+                size = scratch.row_size[i - n] / h if holds_position(plan.rows[i - n]) else 0.0
+            scratch.round_off[i] = size
+        for c in range(scratch.bounds.shape[0] - 1):
+            for i in range(blocks.rows[c], blocks.rows[c + 1]):
+                for j in range(blocks.free[c], blocks.free[c + 1]):
                     k = plan.free[j]
-                    size += abs(scratch.tangent.jacobian[i - n, k]) * groups.full[groups.of[k]] / h
+                    slope = abs(scratch.tangent.jacobian[i, k])
+                    scratch.round_off[j] += slope * abs(scratch.unknown[n + i])
+                    scratch.round_off[n + i] += slope * groups.full[groups.of[k]] / h
+        for i in range(scratch.unknown.shape[0]):
             # signs without a pattern: bits of multiples of the golden ratio
             odd = int((i + 1) * (2 * pattern + 1) * 0.6180339887498949 * 16.0) % 2
-            scratch.correction[0, i] = _EPSILON * (size if odd == 1 else -size)
-        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+            scratch.correction[0, i] = _EPSILON * (scratch.round_off[i] if odd == 1 else -scratch.round_off[i])
+        solve_factored(plan, scratch)
         size = _correction_norm(plan.free, scratch.scale_x, scratch.scale_v, scratch.correction, h, state.counts)
         scratch.round_off_floor[0] = max(scratch.round_off_floor[0], _WHOLE_FLOOR * size)
 
@@ -178,12 +213,14 @@ def linearise(plan, work, state, groups, scratch, h):
     call_separate(scratch.kernels[PLACE], (plan, state.x, scratch, h))
     _put_matrix(plan, work, scratch, h)
     regular = scratch.energy[SINGULAR] == 0.0
-    for i in range(scratch.unknown.shape[0]):
-        for j in range(scratch.unknown.shape[0]):
-            regular = regular and np.isfinite(scratch.matrix[i, j])
+    bounds = scratch.bounds
+    for c in range(bounds.shape[0] - 1):
+        for i in range(bounds[c], bounds[c + 1]):
+            for j in range(bounds[c], bounds[c + 1]):
+                regular = regular and np.isfinite(scratch.matrix[i, j])
     scratch.energy[SINGULAR] = 1.0
     _stiff_forces(plan, groups, scratch, h)
-    if regular and factor(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes) == 0:
+    if regular and factor_blocks(plan.lapack, scratch.matrix, bounds, scratch.pivot, scratch.sizes):
         scratch.energy[SINGULAR] = 0.0
         _probe_round_off(plan, state, groups, scratch, h)
 
@@ -257,7 +294,7 @@ def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, truste
         state.counts[st.ITERATIONS] += 1
         for i in range(scratch.equation.shape[0]):
             scratch.correction[0, i] = scratch.equation[i]
-        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+        solve_factored(plan, scratch)
         size = _correction_norm(plan.free, scratch.scale_x, scratch.scale_v, scratch.correction, h, state.counts)
         if not np.isfinite(size):
             return -1

@@ -26,9 +26,9 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 )
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
 
 _EPSILON = 2.0**-52
 _UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
@@ -149,7 +149,8 @@ def _missing_energy(plan, stored_plan, work, loops, number, scratch, gained, nea
             k = plan.free[j]
             scratch.scratch_v[k] = scratch.p_end[k] - scratch.scratch_v[k]
             scratch.mass_rhs[0, j] = scratch.scratch_v[k]
-        solve(plan.lapack, scratch.mass, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
+        bounds = scratch.tangent.blocks.free
+        solve_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
         before = kinetic_error
         kinetic_error = 0.0
         kinetic = 0.0

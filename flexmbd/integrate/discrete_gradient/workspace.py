@@ -11,11 +11,13 @@ from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.explicit import loop_dynamics
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, write_potential
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import tree_joints
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -101,9 +103,11 @@ class EnergyMomentumWorkspace(ArrayStruct):
     row_end: (m, 2) function of time of a row and its rate, at the end.  nu_end: (m,) multipliers there.
     row_size: (m,) full size of each row's residual, m or rad.
     unknown, equation: (free + m,) u and nu h / 2; the step's equations times h / 2, and residuals over h.
-    matrix: (free + m, free + m) factors of the iteration matrix.  round_off_floor: (1,) a correction by round-off.
-    full_matrix: (nv, nv) tangent, or the mass matrix.  mass: (free, free) factors of M.  mass_rhs: (1, free) and
-    free_response: (m, free) right-hand sides for it.  response: (m, nv) C M^-1.
+    matrix: (free + m, free + m) factors of the iteration matrix, block by block between ``bounds`` (c + 1,);
+    sorted_rhs: (1, free + m) a right-hand side sorted by them.
+    round_off_floor: (1,) a correction by round-off; round_off: (free + m,) the terms that are rounded.
+    full_matrix: (nv, nv) tangent, or the mass matrix.  mass: (free, free) factors of M.  mass_rhs: (1, free) a
+    right-hand side for it.  response: (m, free) C M^-1.
     previous: (2, free + m) unknowns and correction of the iteration before.
     anderson_changes, anderson_moves: (ANDERSON_DEPTH, free + m) orthonormal changes of the corrections, and the moves
     of the unknowns that belong to them.
@@ -143,11 +147,13 @@ class EnergyMomentumWorkspace(ArrayStruct):
     unknown: FloatArray
     equation: FloatArray
     matrix: FloatArray
+    bounds: IntArray
+    sorted_rhs: FloatArray
     round_off_floor: FloatArray
+    round_off: FloatArray
     full_matrix: FloatArray
     mass: FloatArray
     mass_rhs: FloatArray
-    free_response: FloatArray
     response: FloatArray
     correction: FloatArray
     previous: FloatArray
@@ -215,12 +221,14 @@ def new_workspace(
         unknown=zeros(n),
         equation=zeros(n),
         matrix=zeros((n, n)),
+        bounds=unknown_bounds(tangent.blocks, 1),
+        sorted_rhs=zeros((1, n)),
         round_off_floor=zeros(1),
+        round_off=zeros(n),
         full_matrix=full,
         mass=zeros((free, free)),
         mass_rhs=zeros((1, free)),
-        free_response=zeros((m, free)),
-        response=zeros((m, nv)),
+        response=zeros((m, free)),
         correction=zeros((1, n)),
         previous=zeros((2, n)),
         anderson_changes=zeros((ANDERSON_DEPTH, n)),
@@ -234,7 +242,7 @@ def new_workspace(
         driven=zeros((len(plan.driven), 3)),
         pivot=zeros(max(1, n), np.int32),
         mass_pivot=zeros(max(1, free), np.int32),
-        sizes=zeros(4, np.int32),
+        sizes=zeros(N_SIZES, np.int32),
         kernels=np.array(
             [
                 address_of(canonical, (plan, work, x, v, v, v, rows, wrench, part, v, v)),

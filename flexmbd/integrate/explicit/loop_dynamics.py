@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_block, factor_semidefinite, solve_block
+from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_block, solve_block
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -91,15 +91,15 @@ class Loops(ArrayStruct):
     no_multipliers: FloatArray
 
 
-def new_loops(plan: Plan, memory: LoopMemory, nv: int, *, blockwise: bool = True) -> Loops:
+def new_loops(plan: Plan, memory: LoopMemory, nv: int, *, bounds: IntArray | None = None) -> Loops:
     """Allocate for the rows of ``plan`` with nv velocities; ``memory`` is kept and not copied.
 
-    All rows are one block where they are not to be factored ``blockwise``.
+    ``bounds``: (blocks + 1,) where other blocks of rows begin and end than those that tree and rows make.
     """
     m = len(plan.rows)
     paths = new_row_paths(plan)
-    if not blockwise and m:
-        paths = paths.replace(block=np.array([0, m]))
+    if bounds is not None:
+        paths = paths.replace(block=bounds)
     blocks = len(paths.block) - 1
     zeros = np.zeros
     return Loops(
@@ -203,19 +203,24 @@ def update_row_scales(loops, state):
 
 
 @kernel
-def factor_rows(state, longest, matrix, order):
-    """Factor C B^-1 C^T of an implicit method's rows and watch these; the rank.
+def factor_rows(longest, matrix, first, last, order):
+    """Factor the block of C B^-1 C^T from row ``first`` to before ``last``, of an implicit method; its rank.
 
     ``longest`` (m,) keeps the largest lengths of the rows.
     """
-    m = matrix.shape[0]
-    for i in range(m):
+    for i in range(first, last):
         longest[i] = max(longest[i], np.sqrt(max(matrix[i, i], 0.0)))
         if longest[i] == 0.0:
             longest[i] = 1.0
-    rank = factor_semidefinite(matrix, order, longest)
-    st.watch_pivot(state, matrix[m - 1, m - 1] ** 2 if rank == m else 0.0)
-    return rank
+    return factor_block(matrix, first, last, order, longest)
+
+
+@kernel
+def least_pivot(matrix, first, last, rank):
+    """The smallest pivot of a block of that rank, rows over the largest lengths that they had; 1 without rows."""
+    if last == first:
+        return 1.0
+    return matrix[last - 1, last - 1] ** 2 if rank == last - first else 0.0
 
 
 @kernel

@@ -9,16 +9,17 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows
+from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows, least_pivot
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
-from flexmbd.multibody.kernels.algebra.rank_revealing import solve_semidefinite
+from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
 
 _LAST = STAGES - 1
 _MAX_ITERATIONS = 10
@@ -30,57 +31,79 @@ _STALLED = 0.5  # a slower contraction counts as none
 @kernel
 def _factor_end(plan, work, state, scratch):
     """Factor M and C M^-1 C^T at the last stage, which was evaluated last; whether M is regular."""
-    nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
     derive(plan, work, scratch, _LAST, 0.0, 0.0, 1.0)
-    for i in range(nu):
-        for j in range(nu):
-            scratch.end_mass[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
-    if factor(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes) != 0:
+    least = 1.0
+    for c in range(scratch.bounds.shape[0] - 1):
+        if not _factor_block(plan, scratch, c):
+            return False
+        above, below = scratch.tangent.blocks.rows[c], scratch.tangent.blocks.rows[c + 1]
+        rank = factor_rows(scratch.memory.row_length, scratch.row_factors, above, below, scratch.row_order)
+        least = min(least, least_pivot(scratch.row_factors, above, below, rank))
+        # a nearly dependent direction keeps the stage's own values: its solution would be round-off
+        while rank > 1 and scratch.row_factors[above + rank - 1, above + rank - 1] ** 2 < NO_REACTION:
+            rank -= 1
+        scratch.row_rank[c] = rank
+    st.watch_pivot(state, least)
+    for r in range(plan.rows.shape[0]):
+        scratch.row_length[r] = scratch.memory.row_length[r]
+    return True
+
+
+@kernel
+def _factor_block(plan, scratch, c):
+    """Factor block c of M and write that of C M^-1 C^T; whether M is regular and all is finite."""
+    blocks = scratch.tangent.blocks
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    matrix, pivot, sizes = scratch.end_mass, scratch.pivot_end, scratch.sizes
+    for i in range(first, last):
+        for j in range(first, last):
+            matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+    if factor_part(plan.lapack, matrix, first, last, pivot, sizes) != 0:
         return False
-    for r in range(m):
-        for j in range(nu):
+    for r in range(above, below):
+        for j in range(first, last):
             scratch.end_jacobian[r, j] = scratch.tangent.jacobian[r, plan.free[j]]
             scratch.end_response[r, j] = scratch.end_jacobian[r, j]
-    solve(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes, scratch.end_response)
-    for r in range(m):
-        for q in range(r + 1):
+    solve_part(plan.lapack, matrix, first, last, pivot, sizes, scratch.end_response, above, below)
+    for r in range(above, below):
+        for q in range(above, r + 1):
             total = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 total += scratch.end_jacobian[r, j] * scratch.end_response[q, j]
             scratch.row_factors[r, q] = total
         if not np.isfinite(scratch.row_factors[r, r]):
             return False
-    rank = factor_rows(state, scratch.memory.row_length, scratch.row_factors, scratch.row_order)
-    for r in range(m):
-        scratch.row_length[r] = scratch.memory.row_length[r]
-    # a nearly dependent direction keeps the stage's own values: its solution would be round-off
-    while rank > 1 and scratch.row_factors[rank - 1, rank - 1] ** 2 < NO_REACTION:
-        rank -= 1
-    scratch.row_rank[0] = rank
     return True
 
 
 @kernel
 def _solve_reactions(scratch):
     """Write the reactions (C M^-1 C^T)^-1 ``s.row_residual`` into ``s.reaction``."""
-    rank = scratch.row_rank[0]
-    solve_semidefinite(
-        scratch.row_factors,
-        rank,
-        scratch.row_order,
-        scratch.row_length,
-        scratch.row_residual,
-        scratch.row_scratch,
-        scratch.reaction,
-    )
+    blocks = scratch.tangent.blocks
+    for c in range(scratch.bounds.shape[0] - 1):
+        solve_block(
+            scratch.row_factors,
+            blocks.rows[c],
+            blocks.rows[c + 1],
+            scratch.row_rank[c],
+            scratch.row_order,
+            scratch.row_length,
+            scratch.row_residual,
+            scratch.row_scratch,
+            scratch.reaction,
+        )
 
 
 @kernel
 def _least_pivot(scratch):
     """The smallest pivot of C M^-1 C^T above round-off, of rows of unit length."""
-    rank = scratch.row_rank[0]
-    return scratch.row_factors[rank - 1, rank - 1] if rank > 0 else 1.0
+    least = 1.0
+    for c in range(scratch.bounds.shape[0] - 1):
+        if scratch.row_rank[c] > 0:
+            last = scratch.tangent.blocks.rows[c] + scratch.row_rank[c] - 1
+            least = min(least, scratch.row_factors[last, last])
+    return least
 
 
 @kernel
@@ -94,12 +117,16 @@ def _close(plan, scratch, what, scale, rows, velocities):
     for r in range(m):
         scratch.row_residual[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
     _solve_reactions(scratch)
+    blocks = scratch.tangent.blocks
     size = 0.0
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        change = st.reaction_acceleration(scratch.end_response, scratch.reaction, j)
-        what[k] -= change
-        size = max(size, abs(change) / scale[k])
+    for c in range(scratch.bounds.shape[0] - 1):
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            k = plan.free[j]
+            change = st.reaction_acceleration(
+                scratch.end_response, scratch.reaction, j, blocks.rows[c], blocks.rows[c + 1]
+            )
+            what[k] -= change
+            size = max(size, abs(change) / scale[k])
     return size
 
 
@@ -112,27 +139,31 @@ def _balance(plan, state, scratch, h):
     m = plan.rows.shape[0]
     for j in range(plan.free.shape[0]):
         scratch.rhs_end[0, j] = -scratch.equation[_LAST, j]
-    solve(plan.lapack, scratch.end_mass, scratch.pivot_end, scratch.sizes, scratch.rhs_end)
-    for r in range(m):
-        scratch.row_residual[r] = scratch.phi_rate2[r]
-        for j in range(plan.free.shape[0]):
-            scratch.row_residual[r] += scratch.end_jacobian[r, j] * scratch.rhs_end[0, j]
+    blocks = scratch.tangent.blocks
+    solve_blocks(plan.lapack, scratch.end_mass, blocks.free, scratch.pivot_end, scratch.sizes, scratch.rhs_end)
+    for c in range(scratch.bounds.shape[0] - 1):
+        for r in range(blocks.rows[c], blocks.rows[c + 1]):
+            scratch.row_residual[r] = scratch.phi_rate2[r]
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                scratch.row_residual[r] += scratch.end_jacobian[r, j] * scratch.rhs_end[0, j]
     _solve_reactions(scratch)
     size = 0.0
     noise = 1.0 / _least_pivot(scratch)
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        unbalanced = scratch.rhs_end[0, j]
-        change = unbalanced - st.reaction_acceleration(scratch.end_response, scratch.reaction, j)
-        weight = 0.0
-        for r in range(m):
-            weight += abs(scratch.end_response[r, j] * scratch.multipliers[_LAST, r])
-        scratch.a[_LAST, k] += change
-        part = max(abs(change), abs(unbalanced)) * h / scratch.scale_v[k]
-        if not part <= size:
-            size = part
-            state.counts[st.WORST] = k
-        noise = max(noise, weight * h / scratch.scale_v[k])
+    for c in range(scratch.bounds.shape[0] - 1):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            k = plan.free[j]
+            unbalanced = scratch.rhs_end[0, j]
+            change = unbalanced - st.reaction_acceleration(scratch.end_response, scratch.reaction, j, above, below)
+            weight = 0.0
+            for r in range(above, below):
+                weight += abs(scratch.end_response[r, j] * scratch.multipliers[_LAST, r])
+            scratch.a[_LAST, k] += change
+            part = max(abs(change), abs(unbalanced)) * h / scratch.scale_v[k]
+            if not part <= size:
+                size = part
+                state.counts[st.WORST] = k
+            noise = max(noise, weight * h / scratch.scale_v[k])
     for r in range(m):
         scratch.multipliers[_LAST, r] += scratch.reaction[r]
     return size, noise

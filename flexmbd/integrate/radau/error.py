@@ -9,11 +9,11 @@ from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
+from flexmbd.integrate.radau.matrix import solve_real
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
-from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
@@ -33,6 +33,7 @@ def _estimate(plan, state, groups, scratch, h):
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
+    blocks = scratch.tangent.blocks
     step = h / REAL
     for j in range(nu):
         k = plan.free[j]
@@ -48,27 +49,30 @@ def _estimate(plan, state, groups, scratch, h):
         # the frequency of a vibration with that curvature of its acceleration
         size = groups.acceleration[groups.of[k]]
         scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
-    for i in range(nu):
-        total = 0.0
-        for j in range(nu):
-            total += scratch.mass[i, j] * scratch.error_v[j] - step * scratch.stiffness[i, j] * scratch.error_x[j]
-        scratch.rhs_real[0, i] = total
-    for r in range(m):
-        opening = 0.0
-        swing = 0.0
-        for j in range(nu):
-            opening -= scratch.jacobian[r, j] * scratch.error_x[j]
-            swing -= scratch.rate_jacobian[r, j] * scratch.error_x[j]
-        holds = holds_position(plan.rows[r])
-        scratch.rhs_real[0, nu + r] = opening / step if holds else 0.0
-        scratch.rhs_real[0, nu + m + r] = swing
-    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
-    for j in range(nu):
-        shift = 0.0
-        for r in range(m):
-            shift += scratch.shift_direction[r, j] * scratch.rhs_real[0, nu + m + r]
-        scratch.error_v[j] = scratch.rhs_real[0, j]
-        scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)
+    for c in range(blocks.velocity.shape[0]):
+        first, last = blocks.free[c], blocks.free[c + 1]
+        for i in range(first, last):
+            total = 0.0
+            for j in range(first, last):
+                total += scratch.mass[i, j] * scratch.error_v[j] - step * scratch.stiffness[i, j] * scratch.error_x[j]
+            scratch.rhs_real[0, i] = total
+        for r in range(blocks.rows[c], blocks.rows[c + 1]):
+            opening = 0.0
+            swing = 0.0
+            for j in range(first, last):
+                opening -= scratch.jacobian[r, j] * scratch.error_x[j]
+                swing -= scratch.rate_jacobian[r, j] * scratch.error_x[j]
+            holds = holds_position(plan.rows[r])
+            scratch.rhs_real[0, nu + r] = opening / step if holds else 0.0
+            scratch.rhs_real[0, nu + m + r] = swing
+    solve_real(plan, scratch)
+    for c in range(blocks.velocity.shape[0]):
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            shift = 0.0
+            for r in range(blocks.rows[c], blocks.rows[c + 1]):
+                shift += scratch.shift_direction[r, j] * scratch.rhs_real[0, nu + m + r]
+            scratch.error_v[j] = scratch.rhs_real[0, j]
+            scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)
 
 
 @kernel
@@ -158,7 +162,7 @@ def _respond(plan, work, state, scratch):
     end = 2
     push(plan, work, state, scratch.x[end], scratch.v[end], scratch.a[end], scratch.multipliers[end], scratch.data)
     put_pushes(plan, scratch.data, scratch.rhs_real)
-    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
+    solve_real(plan, scratch)
 
 
 @deferred_kernel(NUMBER)

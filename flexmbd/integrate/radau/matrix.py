@@ -8,23 +8,27 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
 from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
 
 
 @kernel
 def _take_free(plan, scratch, out):
-    for i in range(out.shape[0]):
-        for j in range(out.shape[0]):
-            out[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        for i in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                out[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
 
 
 @kernel
-def _take_rows(plan, rows, out):
-    for r in range(out.shape[0]):
-        for j in range(plan.free.shape[0]):
-            out[r, j] = rows[r, plan.free[j]]
+def _take_rows(plan, blocks, rows, out):
+    for c in range(blocks.velocity.shape[0]):
+        for r in range(blocks.rows[c], blocks.rows[c + 1]):
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                out[r, j] = rows[r, plan.free[j]]
 
 
 @kernel
@@ -51,87 +55,110 @@ def derive(plan, work, scratch, i, per_x, per_v, per_a):
 @kernel
 def take_tangent(plan, work, state, scratch, stage):
     """M, damping, stiffness and the rows' derivatives at the guess of stage ``stage``; whether all is finite."""
-    nu = plan.free.shape[0]
     scratch.uses_transform[0] = 0
     evaluate_stage(plan, work, state, scratch, stage)
     derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
     _take_free(plan, scratch, scratch.stiffness)
-    _take_rows(plan, scratch.tangent.rate_jacobian, scratch.rate_jacobian)
+    _take_rows(plan, scratch.tangent.blocks, scratch.tangent.rate_jacobian, scratch.rate_jacobian)
     derive(plan, work, scratch, stage, 0.0, 1.0, 0.0)
     _take_free(plan, scratch, scratch.damping)
     derive(plan, work, scratch, stage, 0.0, 0.0, 1.0)
     _take_free(plan, scratch, scratch.mass)
-    _take_rows(plan, scratch.tangent.jacobian, scratch.jacobian)
+    _take_rows(plan, scratch.tangent.blocks, scratch.tangent.jacobian, scratch.jacobian)
     scratch.memory.tangent_serves[0] = 1
     scratch.memory.step_factored[0] = 0.0
-    for i in range(nu):
-        for j in range(nu):
-            if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
-                return False
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        for i in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(blocks.free[c], blocks.free[c + 1]):
+                if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
+                    return False
     return True
 
 
 @kernel
 def _fill_matrix(plan, scratch, step, matrix):
-    """Iteration matrix of one eigenvalue: ``step`` is the step over it.
+    """Iteration matrix of one eigenvalue, block by block: ``step`` is the step over it.
 
     Unknowns a, nu, kappa; rows of the motion, of positions over step^2, of rates over step.
     """
-    nu = plan.free.shape[0]
-    m = plan.rows.shape[0]
-    for i in range(nu):
-        for j in range(nu):
-            matrix[i, j] = scratch.mass[i, j] + step * (scratch.damping[i, j] + step * scratch.stiffness[i, j])
-        for r in range(m):
+    for c in range(scratch.bounds.shape[0] - 1):
+        _fill_block(plan, scratch, c, step, matrix)
+
+
+@kernel
+def _fill_block(plan, scratch, c, step, matrix):
+    blocks = scratch.tangent.blocks
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    own = scratch.bounds[c] - first  # where a, nu and kappa of the block stand
+    pushed = scratch.bounds[c] + last - first - above
+    shifted = pushed + below - above
+    for i in range(first, last):
+        for j in range(first, last):
+            matrix[own + i, own + j] = scratch.mass[i, j] + step * (
+                scratch.damping[i, j] + step * scratch.stiffness[i, j]
+            )
+        for r in range(above, below):
             push = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 push += scratch.stiffness[i, j] * scratch.shift_direction[r, j]
-            matrix[i, nu + r] = scratch.jacobian[r, i]
-            matrix[i, nu + m + r] = step * step * push
-    for r in range(m):
-        for j in range(nu):
-            matrix[nu + r, j] = scratch.jacobian[r, j]
-            matrix[nu + m + r, j] = scratch.jacobian[r, j] + step * scratch.rate_jacobian[r, j]
-        for q in range(m):
+            matrix[own + i, pushed + r] = scratch.jacobian[r, i]
+            matrix[own + i, shifted + r] = step * step * push
+    for r in range(above, below):
+        for j in range(first, last):
+            matrix[pushed + r, own + j] = scratch.jacobian[r, j]
+            matrix[shifted + r, own + j] = scratch.jacobian[r, j] + step * scratch.rate_jacobian[r, j]
+        for q in range(above, below):
             gain = 0.0
             swing = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 gain += scratch.jacobian[r, j] * scratch.shift_direction[q, j]
                 swing += scratch.rate_jacobian[r, j] * scratch.shift_direction[q, j]
-            matrix[nu + r, nu + q] = 0.0
-            matrix[nu + m + r, nu + q] = 0.0
-            matrix[nu + r, nu + m + q] = gain
-            matrix[nu + m + r, nu + m + q] = step * swing
+            matrix[pushed + r, pushed + q] = 0.0
+            matrix[shifted + r, pushed + q] = 0.0
+            matrix[pushed + r, shifted + q] = gain
+            matrix[shifted + r, shifted + q] = step * swing
         if not holds_position(plan.rows[r]):  # no position to shift: kappa = 0
-            for j in range(nu):
-                matrix[nu + r, j] = 0.0
-            for q in range(m):
-                matrix[nu + r, nu + m + q] = 1.0 if q == r else 0.0
+            for j in range(first, last):
+                matrix[pushed + r, own + j] = 0.0
+            for q in range(above, below):
+                matrix[pushed + r, shifted + q] = 1.0 if q == r else 0.0
 
 
 @kernel
 def _shift_directions(plan, scratch, h):
     """D: the motion within the step by a unit reaction, stiffness included; False if singular."""
-    nu = plan.free.shape[0]
-    step = h / REAL
-    for i in range(nu):
-        for j in range(nu):
+    for c in range(scratch.bounds.shape[0] - 1):
+        if not _block_shift_directions(plan, scratch, c, h / REAL):
+            return False
+    return True
+
+
+@kernel
+def _block_shift_directions(plan, scratch, c, step):
+    blocks = scratch.tangent.blocks
+    first, last = blocks.free[c], blocks.free[c + 1]
+    above, below = blocks.rows[c], blocks.rows[c + 1]
+    for i in range(first, last):
+        for j in range(first, last):
             scratch.tree_matrix[i, j] = scratch.mass[i, j] + step * (
                 scratch.damping[i, j] + step * scratch.stiffness[i, j]
             )
-    for r in range(plan.rows.shape[0]):
-        for j in range(nu):
+    for r in range(above, below):
+        for j in range(first, last):
             scratch.row_response[r, j] = scratch.jacobian[r, j]
-    if factor(plan.lapack, scratch.tree_matrix, scratch.pivot_real, scratch.sizes) != 0:
+    matrix, pivot, sizes = scratch.tree_matrix, scratch.pivot_real, scratch.sizes
+    if factor_part(plan.lapack, matrix, first, last, pivot, sizes) != 0:
         return False
-    solve(plan.lapack, scratch.tree_matrix, scratch.pivot_real, scratch.sizes, scratch.row_response)
-    for r in range(plan.rows.shape[0]):
+    solve_part(plan.lapack, matrix, first, last, pivot, sizes, scratch.row_response, above, below)
+    for r in range(above, below):
         holds = holds_position(plan.rows[r])
-        for j in range(nu):
+        for j in range(first, last):
             scratch.shift_direction[r, j] = scratch.row_response[r, j] if holds else 0.0
-        for q in range(plan.rows.shape[0]):
+        for q in range(above, below):
             scratch.row_matrix[r, q] = 0.0
-            for j in range(nu):
+            for j in range(first, last):
                 scratch.row_matrix[r, q] += scratch.jacobian[r, j] * scratch.row_response[q, j]
     return True
 
@@ -145,21 +172,40 @@ def factor_step(plan, state, scratch, h):
         return False
     _fill_matrix(plan, scratch, h / REAL + 0.0, scratch.real_matrix)
     _fill_matrix(plan, scratch, h / COMPLEX, scratch.complex_matrix)
-    if factor(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes) != 0:
+    bounds, sizes = scratch.bounds, scratch.sizes
+    if not factor_blocks(plan.lapack, scratch.real_matrix, bounds, scratch.pivot_real, sizes):
         return False
-    return factor(scratch.lapack_complex, scratch.complex_matrix, scratch.pivot_complex, scratch.sizes) == 0
+    return factor_blocks(scratch.lapack_complex, scratch.complex_matrix, bounds, scratch.pivot_complex, sizes)
+
+
+@kernel
+def solve_real(plan, scratch):
+    """Solve with the real iteration matrix for ``s.rhs_real``, in place."""
+    blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
+    rhs, sorted_rhs = scratch.rhs_real, scratch.sorted_real
+    solve_sorted(plan.lapack, scratch.real_matrix, blocks, bounds, scratch.pivot_real, sizes, rhs, sorted_rhs)
+
+
+@kernel
+def _solve_complex(scratch):
+    blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
+    rhs, sorted_rhs = scratch.rhs_complex, scratch.sorted_complex
+    matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
+    solve_sorted(scratch.lapack_complex, matrix, blocks, bounds, pivot, sizes, rhs, sorted_rhs)
 
 
 @kernel
 def _transform_rows(scratch, nu, m):
     """Multiply the stages' row residuals by T_i, for the rows of the tangent (see ``row_transforms``)."""
+    blocks = scratch.tangent.blocks
     for i in range(STAGES):
-        for r in range(m):
-            scratch.transformed[0, r] = 0.0
-            scratch.transformed[1, r] = 0.0
-            for q in range(m):
-                scratch.transformed[0, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + q]
-                scratch.transformed[1, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + m + q]
+        for c in range(scratch.bounds.shape[0] - 1):
+            for r in range(blocks.rows[c], blocks.rows[c + 1]):
+                scratch.transformed[0, r] = 0.0
+                scratch.transformed[1, r] = 0.0
+                for q in range(blocks.rows[c], blocks.rows[c + 1]):
+                    scratch.transformed[0, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + q]
+                    scratch.transformed[1, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + m + q]
         for r in range(m):
             scratch.equation[i, nu + r] = scratch.transformed[0, r]
             scratch.equation[i, nu + m + r] = scratch.transformed[1, r]
@@ -195,8 +241,8 @@ def correct_stages(plan, scratch, h):
             BASIS_INVERSE[1, 0] * e0 + BASIS_INVERSE[1, 1] * e1 + BASIS_INVERSE[1, 2] * e2,
             BASIS_INVERSE[2, 0] * e0 + BASIS_INVERSE[2, 1] * e1 + BASIS_INVERSE[2, 2] * e2,
         )
-    solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
-    solve(scratch.lapack_complex, scratch.complex_matrix, scratch.pivot_complex, scratch.sizes, scratch.rhs_complex)
+    solve_real(plan, scratch)
+    _solve_complex(scratch)
     for j in range(n):
         w0 = scratch.rhs_real[0, j]
         w1 = scratch.rhs_complex[0, j].real
@@ -209,7 +255,7 @@ def correct_stages(plan, scratch, h):
                 if scratch.uses_transform[0] == 0:
                     scratch.multipliers[i, j - nu] += change
                 else:
-                    for r in range(m):
+                    for r in range(m):  # zeros apart from the row's own block
                         scratch.multipliers[i, r] += scratch.row_transform[i, j - nu, r] * change
             else:
                 scratch.shift[i, j - nu - m] += change

@@ -16,7 +16,7 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.native import factor, solve
+from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _DIFFERENT = math.log(2.0)  # rows whose volumes differ by more than this factor between stages are transformed
@@ -25,21 +25,24 @@ _DIFFERENT = math.log(2.0)  # rows whose volumes differ by more than this factor
 @kernel
 def _factor_row_matrix(plan, work, scratch, i):
     """Factor the transpose of C_i B^-1 C^T of stage i, evaluated last; log of its volume, -inf if singular."""
-    m = plan.rows.shape[0]
     derive(plan, work, scratch, i, 0.0, 0.0, 1.0)
-    for r in range(m):
-        for q in range(m):
-            total = 0.0
-            for j in range(plan.free.shape[0]):
-                total += scratch.tangent.jacobian[r, plan.free[j]] * scratch.row_response[q, j]
-            scratch.stage_row_matrix[q, r] = total
-            if not np.isfinite(total):
-                return -np.inf
-    if factor(plan.lapack, scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes) != 0:
-        return -np.inf
+    blocks = scratch.tangent.blocks
+    matrix, pivot, sizes = scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes
     volume = 0.0
-    for r in range(m):
-        volume += math.log(abs(scratch.stage_row_matrix[r, r]))
+    for c in range(scratch.bounds.shape[0] - 1):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for r in range(above, below):
+            for q in range(above, below):
+                total = 0.0
+                for j in range(blocks.free[c], blocks.free[c + 1]):
+                    total += scratch.tangent.jacobian[r, plan.free[j]] * scratch.row_response[q, j]
+                matrix[q, r] = total
+                if not np.isfinite(total):
+                    return -np.inf
+        if factor_part(plan.lapack, matrix, above, below, pivot, sizes) != 0:
+            return -np.inf
+        for r in range(above, below):
+            volume += math.log(abs(matrix[r, r]))
     return volume
 
 
@@ -67,8 +70,12 @@ def transform_stage_rows(plan, work, scratch, i):
     """Write T_i of stage i, which was evaluated last; whether it exists."""
     if _factor_row_matrix(plan, work, scratch, i) == -np.inf:
         return False
-    for r in range(scratch.row_matrix.shape[0]):
-        for q in range(scratch.row_matrix.shape[0]):
-            scratch.row_transform[i, r, q] = scratch.row_matrix[r, q]
-    solve(plan.lapack, scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes, scratch.row_transform[i])
+    blocks = scratch.tangent.blocks
+    for c in range(scratch.bounds.shape[0] - 1):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        for r in range(above, below):
+            for q in range(above, below):
+                scratch.row_transform[i, r, q] = scratch.row_matrix[r, q]
+        matrix, pivot, sizes = scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes
+        solve_part(plan.lapack, matrix, above, below, pivot, sizes, scratch.row_transform[i], above, below)
     return True

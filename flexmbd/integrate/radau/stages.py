@@ -21,11 +21,13 @@ from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -102,7 +104,9 @@ class RadauWorkspace(ArrayStruct):
     row_matrix, stage_row_matrix: (m, m) C B^-1 C^T where the tangent was taken, and of the stage at hand.
     real_matrix, complex_matrix: (n, n) factors of the iteration matrices.
     end_mass: (nu, nu) factors of M at a step's end; end_jacobian, end_response: (m, nu) C and C M^-1 there.
-    row_factors: (m, m) of C M^-1 C^T, with row_order, row_length (m,) and row_rank (1,).
+    row_factors: (m, m) of the blocks of C M^-1 C^T, with row_order, row_length (m,) and row_rank (c,).
+    bounds: (c + 1,) of the blocks of the iteration matrices; sorted_real, sorted_complex: (1, n) right-hand sides
+    sorted by them.
     row_residual, reaction, row_scratch: (m,).  tree_matrix: (nu, nu) factors of B.
     own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
@@ -163,6 +167,9 @@ class RadauWorkspace(ArrayStruct):
     pivot_end: NDArray[np.int32]
     sizes: NDArray[np.int32]
     kernels: IntArray
+    bounds: IntArray
+    sorted_real: FloatArray
+    sorted_complex: ComplexArray
     tangent: TangentWork
     data: DataLoads
     memory: RadauMemory
@@ -217,7 +224,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         row_factors=zeros((m, m)),
         row_order=zeros(m, np.int64),
         row_length=zeros(m),
-        row_rank=zeros(1, np.int64),
+        row_rank=zeros(len(tangent.blocks.velocity), np.int64),
         row_scratch=zeros(m),
         row_residual=zeros(m),
         reaction=zeros(m),
@@ -238,8 +245,11 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         pivot_real=zeros(max(1, n), np.int32),
         pivot_complex=zeros(max(1, n), np.int32),
         pivot_end=zeros(max(1, n), np.int32),
-        sizes=zeros(4, np.int32),
+        sizes=zeros(N_SIZES, np.int32),
         kernels=kernels,
+        bounds=unknown_bounds(tangent.blocks, 2),
+        sorted_real=zeros((1, n)),
+        sorted_complex=zeros((1, n), np.complex128),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
@@ -292,26 +302,24 @@ def place_stages(plan, state, scratch, h):
     Rates of rotation vectors depend on these themselves: each call is one sweep of a fixed-point iteration that
     contracts by about a twelfth of the squared turn, besides Newton's own.
     """
-    m = plan.rows.shape[0]
+    blocks = scratch.tangent.blocks
     largest = 0.0
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        for i in range(STAGES):
-            gain = WEIGHTS[i, 0] * scratch.a[0, k] + WEIGHTS[i, 1] * scratch.a[1, k] + WEIGHTS[i, 2] * scratch.a[2, k]
-            v = state.v[k] + h * gain
-            part = abs(v - scratch.v[i, k]) / scratch.scale_v[k]
-            if not part <= largest:
-                largest = part
-                state.counts[st.WORST] = k
-            scratch.v[i, k] = v
-            for r in range(m):
-                drift = (
-                    WEIGHTS[i, 0] * scratch.shift[0, r]
-                    + WEIGHTS[i, 1] * scratch.shift[1, r]
-                    + WEIGHTS[i, 2] * scratch.shift[2, r]
-                )
-                v += h * drift * scratch.shift_direction[r, j]
-            scratch.local_rate[i, k] = v
+    for c in range(blocks.velocity.shape[0]):
+        for j in range(blocks.free[c], blocks.free[c + 1]):
+            k = plan.free[j]
+            for i in range(STAGES):
+                w = WEIGHTS[i]
+                gain = w[0] * scratch.a[0, k] + w[1] * scratch.a[1, k] + w[2] * scratch.a[2, k]
+                v = state.v[k] + h * gain
+                part = abs(v - scratch.v[i, k]) / scratch.scale_v[k]
+                if not part <= largest:
+                    largest = part
+                    state.counts[st.WORST] = k
+                scratch.v[i, k] = v
+                for r in range(blocks.rows[c], blocks.rows[c + 1]):
+                    drift = w[0] * scratch.shift[0, r] + w[1] * scratch.shift[1, r] + w[2] * scratch.shift[2, r]
+                    v += h * drift * scratch.shift_direction[r, j]
+                scratch.local_rate[i, k] = v
     for q in range(scratch.quaternions.shape[0]):
         o = scratch.quaternions[q]
         for i in range(STAGES):

@@ -22,7 +22,7 @@ from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import lapack_addresses
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock, blockwise_order, row_blocks
+from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order, row_blocks
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock
+from flexmbd.multibody.kernels.base.row_blocks import RowBlock
 
 FloatArray = NDArray[np.float64]
 

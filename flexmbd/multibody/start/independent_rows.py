@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock
+from flexmbd.multibody.kernels.base.row_blocks import RowBlock
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import RowBlock
+from flexmbd.multibody.kernels.base.row_blocks import RowBlock
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (

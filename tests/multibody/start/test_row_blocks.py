@@ -8,9 +8,9 @@ from mixed_machine import mixed_scene
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.row_blocks import row_blocks
 from flexmbd.multibody.kernels.forward_dynamics.articulated import articulate
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import row_blocks
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import new_row_paths, solve_rows
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.mass_solver import dense_solver, recursive_solver

@@ -14,6 +14,8 @@ from numba.extending import get_cython_function_address, intrinsic
 
 from flexmbd.multibody.kernels.base.compiling import kernel
 
+N_SIZES = 6  # numbers that LAPACK is told by their places
+
 
 def lapack_addresses() -> np.ndarray:
     """(2,) addresses of LAPACK's dgetrf and dgetrs, from SciPy."""
@@ -151,38 +153,42 @@ def factor(lapack, matrix, pivot, sizes):
     """LU-factor the square ``matrix`` in place; return LAPACK's info (0: regular).
 
     A C-ordered matrix is LAPACK's transpose; ``solve`` asks for the transposed system.
-    ``pivot`` and ``sizes`` (at least 4 long) are int32 scratch.
+    ``pivot`` and ``sizes`` (N_SIZES,) are int32 scratch.
     """
-    if matrix.shape[0] == 0:
+    return factor_part(lapack, matrix, 0, matrix.shape[0], pivot, sizes)
+
+
+@kernel
+def factor_part(lapack, matrix, first, last, pivot, sizes):
+    """As ``factor`` of rows and columns ``first`` to before ``last`` alone."""
+    if last == first:
         return 0
-    sizes[0] = matrix.shape[0]
+    sizes[0] = last - first
+    sizes[4] = matrix.shape[1]
     n = sizes.ctypes.data
-    _call_getrf(
-        lapack[0], (n, n, matrix.ctypes.data, n, pivot.ctypes.data, n + 4)
-    )
+    begin = matrix.ctypes.data + matrix.itemsize * (first * matrix.shape[1] + first)
+    _call_getrf(lapack[0], (n, n, begin, n + 16, pivot.ctypes.data + 4 * first, n + 4))
     return int(sizes[1])
 
 
 @kernel
 def solve(lapack, matrix, pivot, sizes, rhs):
     """Solve with the factors; each row of the (k, n) ``rhs`` is one right-hand side, in place."""
-    if matrix.shape[0] == 0:
+    solve_part(lapack, matrix, 0, matrix.shape[0], pivot, sizes, rhs, 0, rhs.shape[0])
+
+
+@kernel
+def solve_part(lapack, matrix, first, last, pivot, sizes, rhs, above, below):
+    """Solve with the factors of ``factor_part``, columns alike, in rows ``above`` to before ``below`` of ``rhs``."""
+    if last == first or below == above:
         return
-    sizes[0] = matrix.shape[0]
-    sizes[2] = rhs.shape[0]
+    sizes[0] = last - first
+    sizes[2] = below - above
     sizes[3] = 84  # 'T'
+    sizes[4] = matrix.shape[1]
+    sizes[5] = rhs.shape[1]
     n = sizes.ctypes.data
-    _call_getrs(
-        lapack[1],
-        (
-            n + 12,
-            n,
-            n + 8,
-            matrix.ctypes.data,
-            n,
-            pivot.ctypes.data,
-            rhs.ctypes.data,
-            n,
-            n + 4,
-        ),
-    )
+    begin = matrix.ctypes.data + matrix.itemsize * (first * matrix.shape[1] + first)
+    right = rhs.ctypes.data + rhs.itemsize * (above * rhs.shape[1] + first)
+    pivots = pivot.ctypes.data + 4 * first
+    _call_getrs(lapack[1], (n + 12, n, n + 8, begin, n + 16, pivots, right, n + 20, n + 4))

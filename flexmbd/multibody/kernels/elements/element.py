@@ -104,6 +104,7 @@ class GeneralisedForce:
         energy: (plan, row, x) -> J that they store; None where they store nothing.
         slope: (plan, work, row, x, rate, size) -> derivative by the coordinate x of a force on it, whose group's size
             is given; for those that are ``changing``.
+        couples: whether ``subtract_tangent`` writes entries between bodies that move independently of each other.
     """
 
     behaviour: Behaviour
@@ -111,6 +112,7 @@ class GeneralisedForce:
     subtract_tangent: Any = None
     energy: Any = None
     slope: Any = None
+    couples: bool = True
 
 
 ElementKind = CoordinateLaw | FrameElement | GeneralisedForce

@@ -80,5 +80,5 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
 
 
 HOMOGENEOUS_ENERGY = GeneralisedForce(
-    Behaviour("energies of homogeneous deformations"), _subtract, _subtract_tangent, _energy
+    Behaviour("energies of homogeneous deformations"), _subtract, _subtract_tangent, _energy, couples=False
 )

@@ -61,6 +61,27 @@ def stores(plan: Plan) -> NDArray[np.bool_]:
     return np.array([ELEMENTS[kind].energy is not None for kind in plan.elements[:, at.EL_KIND]], bool)
 
 
+def couple_all(plan: Plan) -> NDArray[np.bool_]:
+    """(k,) whether the tangent of each element of a plan may join any two coordinates.
+
+    Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole.
+    """
+    kinds = (ELEMENTS[kind] for kind in plan.elements[:, at.EL_KIND])
+    return np.array(
+        [
+            one is INTERIOR_WRENCH
+            or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
+            for one in kinds
+        ],
+        bool,
+    )
+
+
+def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
+    """(k,) whether each element of a plan acts between two frames."""
+    return np.array([isinstance(ELEMENTS[kind], FrameElement) for kind in plan.elements[:, at.EL_KIND]], bool)
+
+
 def are_of(plan: Plan, element: ElementKind) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan is of a kind."""
     return np.asarray(plan.elements[:, at.EL_KIND] == kind_of(element))

@@ -21,15 +21,15 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
-from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
-from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
-from flexmbd.multibody.kernels.forward_dynamics.row_blocks import (
+from flexmbd.multibody.kernels.base.row_blocks import (
     block_bounds,
     bodies_on_paths,
     row_blocks,
     row_bodies,
 )
+from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
+from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, load_relative, relative_pose
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench

@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, re
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
 
 
@@ -228,8 +229,8 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
 @deferred_kernel()
 def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
-    tw.jacobian[:] = 0.0
-    tw.rate_jacobian[:] = 0.0
+    clear_rows(tw.blocks, tw.jacobian)
+    clear_rows(tw.blocks, tw.rate_jacobian)
     first = 0
     while first < plan.rows.shape[0]:
         if plan.rows[first, at.ROW_KIND] == kinds.ROW_COUPLING:

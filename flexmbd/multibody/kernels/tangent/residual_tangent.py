@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
     modal_columns,
     rigid_composite,
 )
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_blocks
 from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements
 from flexmbd.multibody.kernels.tangent.laws import add_laws
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
@@ -172,8 +173,11 @@ def _ancestor_sweep(plan, tw, matrix):
 
 @separate_kernel
 def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it."""
-    matrix[:, :] = 0.0
+    """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it.
+
+    ``matrix`` must be zero outside of ``tw.blocks``, as it is when it is new and stays.
+    """
+    clear_blocks(tw.blocks, matrix)
     _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     if plan.rows.shape[0] > 0:
@@ -191,20 +195,49 @@ def tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     dx is the tangent vector of `retract` at x: rotations in the axes of the frame that they turn (rad).
     ``work.time`` must be up to date; ``tw`` is `new_tangent_work`.  M, C and K alone by unit weights.
     """
+    matrix[:, :] = 0.0
     residual(plan, work, x, v, a, multipliers, tw.out)
     tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
 
 
 @kernel
-def turn_columns(plan, move, matrix):
+def turn_columns(plan, blocks, move, matrix):
     """Make derivatives by x at retract(x0, move) those by ``move``: columns of rotations times J(-move).
 
-    ``matrix`` is (k, nv); `tangent` gives columns by small turns of x itself.
+    ``matrix`` (nv, nv) is a tangent in its ``blocks``, whose columns are by small turns of x itself.
     """
+    c = 0
     for i in range(plan.tree.shape[0]):
         o = spin_of(plan.tree[i])
-        if o < 0:
-            continue
-        turn = scale3(-1.0, load3(move, o))
-        for r in range(matrix.shape[0]):
-            store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))
+        if o >= 0:
+            c = _block_of(blocks, c, o)
+            if c < blocks.velocity.shape[0]:
+                _turn(move, o, matrix, blocks.velocity[c, 0], blocks.velocity[c, 1])
+
+
+@kernel
+def turn_row_columns(plan, blocks, move, rows):
+    """As ``turn_columns`` of derivatives of constraint rows (m, nv)."""
+    c = 0
+    for i in range(plan.tree.shape[0]):
+        o = spin_of(plan.tree[i])
+        if o >= 0:
+            c = _block_of(blocks, c, o)
+            if c < blocks.velocity.shape[0]:
+                _turn(move, o, rows, blocks.rows[c], blocks.rows[c + 1])
+
+
+@kernel
+def _block_of(blocks, c, o):
+    """The first block from c on that does not end before velocity o; one past the last where there is none."""
+    while c < blocks.velocity.shape[0] and blocks.velocity[c, 1] <= o:
+        c += 1
+    return c
+
+
+@kernel
+def _turn(move, o, matrix, first, last):
+    """Turn the columns from o of rows ``first`` to before ``last``."""
+    turn = scale3(-1.0, load3(move, o))
+    for r in range(first, last):
+        store3(matrix[r], o, left_jacobian_transposed(turn, load3(matrix[r], o)))

@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -52,6 +53,7 @@ class TangentWork(ArrayStruct):
     move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.
     size_x, size_v: (nv,) sizes of positions and of velocities, of which users' functions are moved by a share.
     out: (nv,) residual.
+    blocks: outside of which matrix and rows are zero and stay so.
     """
 
     origin: FloatArray
@@ -77,6 +79,7 @@ class TangentWork(ArrayStruct):
     size_x: FloatArray
     size_v: FloatArray
     out: FloatArray
+    blocks: DiagonalBlocks
 
 
 def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
@@ -118,4 +121,5 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         size_x=sizes[0],
         size_v=sizes[1],
         out=zeros(nv),
+        blocks=diagonal_blocks(plan),
     )

@@ -49,24 +49,20 @@ def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
     """The blocks of the rows of ``plan``, by their first rows.  Rows that nothing free moves are one block more."""
     if len(plan.rows) == 0:
         return ()
-    velocities = _velocities(plan)
+    velocities = body_velocities(plan)
     driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     parents: Any = plan.tree[:, at.PARENT].tolist()
-    branch: list[int] = []  # the body nearest to the ground that is free to move; -1: none is
-    for i, parent in enumerate(parents):
-        inner = branch[parent] if parent >= 0 else -1
-        moves = any(k not in driven for k in velocities[i])
-        branch.append(inner if inner >= 0 else i if moves else -1)
+    branch = moving_branches(plan, velocities)
     ends = [row_bodies(plan, row) for row in plan.rows]
     joined = {i: i for i in (-1, *branch)}
     for bodies in ends:
         moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
         for b in moving[1:]:
-            joined[_root(joined, b)] = _root(joined, moving[0])
+            joined[root_of(joined, b)] = root_of(joined, moving[0])
     members: dict[int, list[int]] = {}
     for r, bodies in enumerate(ends):
         moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
-        members.setdefault(_root(joined, moving[0]) if moving else -1, []).append(r)
+        members.setdefault(root_of(joined, moving[0]) if moving else -1, []).append(r)
     found = []
     for rows in members.values():
         path = bodies_on_paths(parents, {b for r in rows for b in ends[r]})
@@ -77,12 +73,29 @@ def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
     return tuple(found)
 
 
+def moving_branches(plan: Plan, velocities: list[list[int]]) -> list[int]:
+    """Of each body, that nearest to the ground on its path that is free to move; -1 where none is.
+
+    Two bodies move each other, but for what acts between them, where they have it in common.  ``velocities``: see
+    ``body_velocities``.
+    """
+    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    branch: list[int] = []
+    for i, parent in enumerate(parents):
+        inner = branch[parent] if parent >= 0 else -1
+        moves = any(k not in driven for k in velocities[i])
+        branch.append(inner if inner >= 0 else i if moves else -1)
+    return branch
+
+
 def blockwise_order(plan: Plan) -> IntArray:
-    """(m,) the rows of ``plan``, those of one block next to each other; as they are where they lie so already."""
+    """(m,) the rows of ``plan``, those of one block next to each other, blocks in the order of their velocities."""
     blocks = row_blocks(plan)
     if len(blocks) < 2:
         return np.arange(len(plan.rows))
-    return np.concatenate([block.rows for block in blocks])
+    ordered = sorted(blocks, key=lambda block: (len(block.free) == 0, *block.free[:1]))
+    return np.concatenate([block.rows for block in ordered])
 
 
 def block_bounds(blocks: tuple[RowBlock, ...], count: int) -> IntArray:
@@ -96,7 +109,7 @@ def block_bounds(blocks: tuple[RowBlock, ...], count: int) -> IntArray:
     return np.concatenate([np.zeros(1, np.int64), ends])
 
 
-def _velocities(plan: Plan) -> list[list[int]]:
+def body_velocities(plan: Plan) -> list[list[int]]:
     """The velocities of each body of the tree: of its joint and its modes."""
     found = []
     trees: Any = plan.tree.tolist()
@@ -110,7 +123,7 @@ def _velocities(plan: Plan) -> list[list[int]]:
     return found
 
 
-def _root(joined: dict[int, int], b: int) -> int:
+def root_of(joined: dict[int, int], b: int) -> int:
     """Who stands for all that b is joined with."""
     while joined[b] != b:
         joined[b] = joined[joined[b]]

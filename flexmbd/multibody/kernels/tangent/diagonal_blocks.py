@@ -1,0 +1,178 @@
+"""Diagonal blocks of an iteration matrix: machines side by side, which nothing couples, are factored one by one.
+
+Unknowns of two bodies are coupled where their paths to the ground share a body that is free to move, or where a
+constraint row or a force acts between such paths.  The unknowns of a block lie next to each other in v, and so do its
+rows; blocks that lie among each other count as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import factor_part, solve_part
+from flexmbd.multibody.kernels.base.row_blocks import body_velocities, moving_branches, root_of, row_bodies
+from flexmbd.multibody.kernels.elements.table import act_between_frames, couple_all
+
+
+@dataclass(frozen=True, eq=False)
+class DiagonalBlocks(ArrayStruct):
+    """Where the c blocks begin and end.
+
+    velocity: (c, 2) in v; prescribed velocities on which independent bodies stand are of no block, or of any.
+    free, rows: (c + 1,) among the free unknowns and among the constraint rows.
+    driven: (k,) all prescribed velocities.
+    """
+
+    velocity: IntArray
+    free: IntArray
+    rows: IntArray
+    driven: IntArray
+
+
+def diagonal_blocks(plan: Plan) -> DiagonalBlocks:
+    """The blocks of ``plan``, in the order of their velocities; last what rows hold that nothing free moves."""
+    driven = np.sort(plan.driven[:, at.DRIVEN_V])
+    nv, m = len(plan.free) + len(driven), len(plan.rows)
+    stretches = [(0, nv, 0, m)]
+    if nv > 0 and not couple_all(plan).any():
+        stretches = _merged(_coupled(plan))
+    found = np.array(stretches, np.int64).reshape(-1, 4)
+    free = np.searchsorted(plan.free, found[:, 1])
+    return DiagonalBlocks(
+        velocity=np.ascontiguousarray(found[:, :2]),
+        free=np.concatenate([np.zeros(1, np.int64), free]),
+        rows=np.maximum.accumulate(np.concatenate([np.zeros(1, np.int64), found[:, 3]])),
+        driven=driven,
+    )
+
+
+def unknown_bounds(blocks: DiagonalBlocks, levels: int) -> IntArray:
+    """(c + 1,) where blocks begin among the free unknowns and ``levels`` unknowns of each row, sorted by blocks."""
+    return blocks.free + levels * blocks.rows
+
+
+def _coupled(plan: Plan) -> Iterator[tuple[int, int, int, int]]:
+    """First and one past the last velocity and row of each set of bodies that are coupled, by what it holds."""
+    velocities = body_velocities(plan)
+    branch = moving_branches(plan, velocities)
+    ends = [row_bodies(plan, row) for row in plan.rows]
+    acting = [
+        (int(plan.frame_of[row[at.EL_F], at.FRAME_BODY]), int(plan.frame_of[row[at.EL_G], at.FRAME_BODY]))
+        for row in plan.elements[act_between_frames(plan)]
+    ]
+    joined = {i: i for i in branch if i >= 0}
+    for bodies in (*ends, *acting):
+        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
+        for b in moving[1:]:
+            joined[root_of(joined, b)] = root_of(joined, moving[0])
+    members: dict[int, list[int]] = {}
+    for body, b in enumerate(branch):
+        if b >= 0:
+            members.setdefault(root_of(joined, b), []).extend(velocities[body])
+    rows: dict[int, list[int]] = {}
+    for r, bodies in enumerate(ends):
+        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
+        if moving:
+            rows.setdefault(root_of(joined, moving[0]), []).append(r)
+        else:
+            yield len(plan.free) + len(plan.driven), len(plan.free) + len(plan.driven), r, r + 1
+    for root, own in members.items():
+        held = rows.get(root, [0])
+        yield min(own), max(own) + 1, held[0], held[-1] + 1 if root in rows else 0
+
+
+def _merged(stretches: Iterable[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Stretches by their velocities; those that lie among each other, by velocities or by rows, as one."""
+    found: list[tuple[int, int, int, int]] = []
+    most = [0]  # one past the last row of those found so far
+    for first, last, above, below in sorted(stretches):
+        while found and (first < found[-1][1] or (below > above and above < most[-1])):
+            inner = found.pop()
+            most.pop()
+            rows = [one for one in (inner[2:], (above, below)) if one[1] > one[0]] or [(0, 0)]
+            first, last = inner[0], max(last, inner[1])
+            above, below = min(one[0] for one in rows), max(one[1] for one in rows)
+        found.append((first, last, above, below))
+        most.append(max(most[-1], below))
+    return found
+
+
+@kernel
+def clear_blocks(blocks, matrix):
+    """Set to zero what the tangent may write of a ``matrix`` (nv, nv)."""
+    for c in range(blocks.velocity.shape[0]):
+        first, last = blocks.velocity[c, 0], blocks.velocity[c, 1]
+        matrix[first:last, first:last] = 0.0
+    for i in range(blocks.driven.shape[0]):
+        matrix[blocks.driven[i], :] = 0.0
+        matrix[:, blocks.driven[i]] = 0.0
+
+
+@kernel
+def clear_rows(blocks, rows):
+    """Set to zero what may be written of ``rows`` (m, nv)."""
+    for c in range(blocks.velocity.shape[0]):
+        above, below = blocks.rows[c], blocks.rows[c + 1]
+        rows[above:below, blocks.velocity[c, 0] : blocks.velocity[c, 1]] = 0.0
+    for i in range(blocks.driven.shape[0]):
+        rows[:, blocks.driven[i]] = 0.0
+
+
+@kernel
+def factor_blocks(lapack, matrix, bounds, pivot, sizes):
+    """LU-factor the blocks of ``matrix`` between ``bounds`` (c + 1,) in place; whether all are regular."""
+    for c in range(bounds.shape[0] - 1):
+        if factor_part(lapack, matrix, bounds[c], bounds[c + 1], pivot, sizes) != 0:
+            return False
+    return True
+
+
+@kernel
+def solve_blocks(lapack, matrix, bounds, pivot, sizes, rhs):
+    """Solve with the factors of ``factor_blocks``; each row of ``rhs`` (k, n) is one right-hand side, in place."""
+    for c in range(bounds.shape[0] - 1):
+        solve_part(lapack, matrix, bounds[c], bounds[c + 1], pivot, sizes, rhs, 0, rhs.shape[0])
+
+
+@kernel
+def solve_sorted(lapack, matrix, blocks, bounds, pivot, sizes, rhs, sorted_rhs):
+    """As ``solve_blocks`` of right-hand sides that are not sorted by blocks, but all free unknowns, then those of rows.
+
+    These go level by level.  ``sorted_rhs``: (1, n) scratch.
+    """
+    if bounds.shape[0] == 2 or blocks.rows[bounds.shape[0] - 1] == 0:
+        solve_blocks(lapack, matrix, bounds, pivot, sizes, rhs)
+        return
+    for k in range(rhs.shape[0]):
+        _sort(blocks, bounds, rhs[k], sorted_rhs[0], True)
+        solve_blocks(lapack, matrix, bounds, pivot, sizes, sorted_rhs)
+        _sort(blocks, bounds, sorted_rhs[0], rhs[k], False)
+
+
+@kernel
+def _sort(blocks, bounds, unknowns, out, forth):
+    """Sort the unknowns by blocks, or undo it."""
+    count = bounds.shape[0] - 1
+    nu, m = blocks.free[count], blocks.rows[count]
+    for c in range(count):
+        k = bounds[c]
+        for i in range(blocks.free[c], blocks.free[c + 1]):
+            if forth:
+                out[k] = unknowns[i]
+            else:
+                out[i] = unknowns[k]
+            k += 1
+        for level in range((out.shape[0] - nu) // m):
+            for i in range(nu + level * m + blocks.rows[c], nu + level * m + blocks.rows[c + 1]):
+                if forth:
+                    out[k] = unknowns[i]
+                else:
+                    out[i] = unknowns[k]
+                k += 1
