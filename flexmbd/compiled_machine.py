@@ -6,7 +6,7 @@ import hashlib
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import NoneType
@@ -20,7 +20,7 @@ from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import meaning, program_stamp
 from flexmbd.ensemble.variants import Study, VariantOutput
-from flexmbd.errors import SceneError, StartWarning, warn
+from flexmbd.errors import FlexmbdError, SceneError, StartWarning, warn
 from flexmbd.given import is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
@@ -43,8 +43,9 @@ from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
+from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.settings import RunSettings
-from flexmbd.run.simulation import run
+from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
 from flexmbd.run.trajectory import Trajectory
 
@@ -73,6 +74,7 @@ class CompiledMachine:
     bodies: tuple[Body, ...]
     parameters: Mapping[str, tuple[Parameter, ...]]
     team: Team
+    _workspaces: Workspaces = field(default_factory=Workspaces, init=False)
 
     def __post_init__(self) -> None:
         taken = set(inspect.signature(CompiledMachine.simulate).parameters) if self.parameters else set()
@@ -232,6 +234,9 @@ class CompiledMachine:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = self.variant(values)
+        found = self._prepared_run(scene, settings) if values else None
+        if found is not None:
+            return found
         refuse_false_rates(scene, settings.starts, settings.t_end)
         start = self.start_of(scene, settings.begun, settings.about)
         method = settings.method(start)
@@ -243,6 +248,37 @@ class CompiledMachine:
             snapshot = settings.restart.of(start.scene, method)
         bodies = {body.name: body for body in self.bodies}
         return run(start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team)
+
+    def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory | None:
+        """Run a variant in arrays of runs before; None where that is not for them, or for the first of its kind."""
+        key = settings.stepping
+        if not settings.is_stepping_alone or not self._workspaces.are_for(key):
+            return None
+        workspace = self._workspaces.taken(key, lambda: self._new_workspace(settings))
+        if workspace is None:
+            return None
+        trajectory = None
+        if workspace.take(scene):
+            workspace.x[:], workspace.v[:], *_ = given_start(scene, self.connections, self.bodies)
+            if workspace.begin():
+                rows = workspace.step()
+                if rows is None:
+                    return None
+                bodies = {body.name: body for body in self.bodies}
+                trajectory = prepared_trajectory(scene, rows, workspace, bodies, self.team)
+        self._workspaces.give_back(key, workspace)
+        return trajectory
+
+    def _new_workspace(self, settings: RunSettings) -> PreparedRuns | None:
+        """A workspace for runs of variants; None where there can be none, or what was compiled has no start."""
+        if not can_be_prepared(self.scene, settings):
+            return None
+        try:
+            start = self.start_of(self.scene, settings.begun)
+            made = PreparedRuns(start, settings.method(start), settings)
+        except FlexmbdError:
+            return None
+        return made if made.is_of_use else None
 
     def ensemble(
         self,

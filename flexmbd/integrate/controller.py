@@ -83,12 +83,15 @@ class Stepper(NamedTuple):
     drop_factors: makes it forget its iteration matrix.
     memory: arrays by their names, all that the method remembers from step to step beside the state; they are copied,
     written to checkpoints and put back.
+    refit: brings what the method keeps of masses and frames up to date after the plan's arrays got other ones; False
+    where it cannot, so that a new stepper is needed.
     """
 
     advance: Callable[[st.Record, FloatArray], int]
     begin: Callable[[], None]
     drop_factors: Callable[[], None]
     memory: ArrayStruct
+    refit: Callable[[], bool] = lambda: False
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 
 FloatArray = NDArray[np.float64]
@@ -134,6 +135,19 @@ def machine_rate(state, groups):
         else:
             joints = max(joints, rate)
     return max(joints if joints > 0.0 else modes, state.numbers[LEAST_RATE])
+
+
+@entry_kernel
+def starting_rate(free, of, full, v, a, least):
+    """The rate (1/s) at a start with v, a (nv,): the fastest free coordinate's, or ``least``; as of ``Groups``."""
+    fastest = 0.0
+    bent = 0.0
+    for i in range(free.shape[0]):
+        k = free[i]
+        size = full[of[k]]
+        fastest = max(fastest, abs(v[k]) / size)
+        bent = max(bent, abs(a[k]) / size)
+    return max(least, fastest, math.sqrt(bent))
 
 
 @kernel

@@ -110,6 +110,20 @@ class RunSettings:
             )
 
     @property
+    def stepping(self) -> tuple[object, ...]:
+        """All that says how a run is stepped."""
+        return self.t_start, self.t_end, self.rtol, self.h, self.max_step, self.integrator
+
+    @property
+    def is_stepping_alone(self) -> bool:
+        """Whether a run is stepped from its own start to the end, and nothing is to be done or looked at on the way."""
+        asked = (
+            self.about, self.events or None, self.checkpoints or None, self.checkpoint_file, self.restart,
+            self.max_steps, self.max_rows, self.max_seconds,
+        )  # fmt: skip
+        return not self.progress and all(one is None for one in asked)
+
+    @property
     def starts(self) -> float:
         """When this run starts (s): at the checkpoint that it goes on from, or at ``t_start``."""
         return self.t_start if self.restart is None else self.restart.t

@@ -30,13 +30,15 @@ from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
+from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.stats import Stats
+from flexmbd.run.stats import NOTHING_SPENT, Stats
 from flexmbd.run.stepping import Integration, Snapshot
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _TORN = 10.0 * CLOSED  # of a row's size: more than what meshes leave open of overconstrained loops, however these turn
 
@@ -211,16 +213,8 @@ def _finish(
 ) -> Trajectory:
     """The trajectory of an integration; ``times``: s of its stepping, and until its first steps."""
     t, x, v, a, multipliers = integration.series()
-    count = integration.state.counts
-    stats = Stats(
-        integrator=integration.method.name,
-        steps=int(count[st.STEPS]),
-        rejected=int(count[st.REJECTED]),
-        iterations=int(count[st.ITERATIONS]),
-        factorisations=int(count[st.FACTORISATIONS]),
-        evaluations=int(count[st.EVALUATIONS]),
-        seconds=times[0],
-        compile_seconds=times[1],
+    stats = replace(
+        _spent(integration.method, integration.state.counts, *times),
         start_moved=start.moved,
         start_residual=start.residual,
         constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
@@ -233,6 +227,37 @@ def _finish(
     return Trajectory(
         scene, t, x, v, a, multipliers, stats, bodies, team, events, checkpoints, beside, departures, kept
     )
+
+
+def _spent(method: Integrator, count: IntArray, seconds: float, compile_seconds: float) -> Stats:
+    """The cost of an integration by ``State.counts``."""
+    return replace(
+        NOTHING_SPENT,
+        integrator=method.name,
+        steps=int(count[st.STEPS]),
+        rejected=int(count[st.REJECTED]),
+        iterations=int(count[st.ITERATIONS]),
+        factorisations=int(count[st.FACTORISATIONS]),
+        evaluations=int(count[st.EVALUATIONS]),
+        seconds=seconds,
+        compile_seconds=compile_seconds,
+    )
+
+
+def prepared_trajectory(
+    scene: CompiledScene, rows: SteppedRows, workspace: PreparedRuns, bodies: Mapping[str, Body], team: Team
+) -> Trajectory:
+    """The trajectory of a prepared run of this variant.
+
+    Raises:
+        SimulationInterrupted: Ctrl-C ended it early.
+    """
+    stats = _spent(workspace.method, workspace.counts, rows.seconds, 0.0)
+    t, x, v, a = (part.copy() for part in (rows.t, rows.x, rows.v, rows.a))
+    trajectory = Trajectory(scene, t, x, v, a, np.zeros((len(t), 0)), stats, bodies, team)
+    if rows.interrupt is not None:
+        raise _interrupted(trajectory) from rows.interrupt
+    return trajectory
 
 
 def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:

@@ -346,12 +346,12 @@ def new_snapshot(
     number = np.zeros(st.N_NUMBER)
     span = t_end - t_start
     number[st.TIME], number[st.TIME_END] = t_start, t_end
-    number[st.STEP] = h if h is not None else _first_step(start, rtol, span, method.order)
     number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
     number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
+    number[st.STEP] = h if h is not None else first_step(scene, number, start.v, start.a, method.order)
     count = np.zeros(st.N_COUNT, np.int64)
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS
@@ -368,14 +368,11 @@ def new_snapshot(
     return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, _kept(scene))
 
 
-def _first_step(start: Start, rtol: float, span: float, order: int) -> float:
-    """A step that the method's starting error does not show in: the rate is the machine's."""
-    scene = start.scene
-    free = scene.plan.free
-    floor = scene.group_full[scene.group_of[free]]
-    fastest = float((np.abs(start.v[free]) / floor).max(initial=0.0))
-    rate = max(1.0 / span, fastest, float(np.sqrt((np.abs(start.a[free]) / floor).max(initial=0.0))))
-    return float(0.1 * rtol ** (1.0 / order) / rate)
+def first_step(scene: CompiledScene, numbers: FloatArray, v: FloatArray, a: FloatArray, order: int) -> float:
+    """A step (s) that the method's starting error does not show in: the rate is the machine's."""
+    free, least = scene.plan.free, float(numbers[st.LEAST_RATE])
+    rate = float(st.starting_rate(free, scene.group_of, scene.group_full, v, a, least))
+    return float(0.1 * float(numbers[st.TOLERANCE]) ** (1.0 / order) / rate)
 
 
 def _kept(scene: CompiledScene) -> InteriorSnapshot:

@@ -37,7 +37,11 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import ArticulatedWork, new_articulated_work
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import (
+    ArticulatedWork,
+    new_articulated_work,
+    refit,
+)
 from flexmbd.multibody.kernels.forward_dynamics.round_bodies import (
     begin_spin,
     despun_rates,
@@ -139,7 +143,15 @@ class ExplicitRungeKutta:
         def begin() -> None:
             set_row_scales(scene, method.loops, state, work)
 
-        return Stepper(make_advance(advance, method, self.rule, state, groups), begin, no_factors, memory)
+        def refit_method() -> bool:
+            axes = round_axes(scene.plan, method.quaternions)
+            if bool(axes.any()) != bool(len(method.scratch.axes)):
+                return False
+            method.scratch.axes[:] = axes[: len(method.scratch.axes)]
+            return refit(scene.plan, method.aw)
+
+        loop = make_advance(advance, method, self.rule, state, groups)
+        return Stepper(loop, begin, no_factors, memory, refit_method)
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
     """
     jumps, knots = [np.asarray(declared, dtype=np.float64)], []
     for row in rows:
-        if row.kind == kinds.TIME_PIECEWISE and row.count > 1:
+        if row.has_pieces:
             poly = _polynomial(row)
             if row.motion:
                 # what acts is its acceleration, and where its rate jumps, an impulse

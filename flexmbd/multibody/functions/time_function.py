@@ -97,6 +97,16 @@ class TimeRow:
     motion: bool = False
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def has_pieces(self) -> bool:
+        """Whether it is a polynomial of several pieces, which may have breaks of their own."""
+        return self.kind == kinds.TIME_PIECEWISE and self.count > 1
+
+    @property
+    def is_users(self) -> bool:
+        """Whether it is a function that a user wrote."""
+        return self.kind in (kinds.TIME_COMPILED, kinds.TIME_PYTHON)
+
 
 def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     """Translate what a user gave into a ``TimeRow``.

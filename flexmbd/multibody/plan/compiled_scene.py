@@ -183,7 +183,8 @@ class CompiledScene:
 
     def declared_breaks(self) -> FloatArray:
         """(k,) s, of functions of time, of laws and of forces of the state."""
-        found: FloatArray = np.unique(np.concatenate([self.breaks, *(row.breaks for row in self.time_rows)]))
+        parts = [part for part in (self.breaks, *(row.breaks for row in self.time_rows)) if len(part)]
+        found: FloatArray = np.unique(np.concatenate(parts)) if parts else np.zeros(0)
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 #: Of generalised forces (k, nv) the accelerations (k, nv) M^-1 f of the free coordinates; zero of driven ones.
 MassSolver = Callable[[FloatArray], FloatArray]
 
-# Velocities up to which M is set up and factored in less time than the recursion's kernels take to be loaded.
-_DENSE_UP_TO = 100
+#: Velocities up to which M is set up and factored in less time than the recursion's kernels take to be loaded.
+DENSE_UP_TO = 100
 
 
 def mass_solver(scene: CompiledScene, work: Work, x: FloatArray) -> MassSolver:
@@ -30,7 +30,7 @@ def mass_solver(scene: CompiledScene, work: Work, x: FloatArray) -> MassSolver:
     Raises:
         AssemblyError: some motion moves no mass; the message names its largest coordinate.
     """
-    return dense_solver(scene, work, x) if scene.nv <= _DENSE_UP_TO else recursive_solver(scene, work, x)
+    return dense_solver(scene, work, x) if scene.nv <= DENSE_UP_TO else recursive_solver(scene, work, x)
 
 
 def dense_solver(scene: CompiledScene, work: Work, x: FloatArray) -> MassSolver:

@@ -13,13 +13,16 @@ from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.mass_solver import mass_solver, row_mobilities
+from flexmbd.multibody.plan.mass_solver import DENSE_UP_TO, mass_solver, row_mobilities
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_slopes,
     constraint_values,
     coordinate_sizes,
+    mass_factor,
     row_sizes,
 )
 from flexmbd.multibody.start.design_position import assemble_from_design
@@ -242,6 +245,11 @@ def match_motion(
     return velocity, a, multipliers
 
 
+def is_dense_tree(scene: CompiledScene) -> bool:
+    """Whether accelerations of a start come from a dense mass matrix by one kernel."""
+    return len(scene.plan.rows) == 0 and scene.nv <= DENSE_UP_TO
+
+
 def accelerations(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -251,6 +259,12 @@ def accelerations(
     """
     plan, free = scene.plan, scene.plan.free
     m = len(plan.rows)
+    if is_dense_tree(scene):
+        a, dense = np.zeros(scene.nv), new_dense_work(plan)
+        if tree_accelerations(plan, without_forces(plan), work, dense, x, v, a):
+            return a, np.zeros(0)
+        scene.refuse_failed(work)
+        mass_factor(scene, work, x)  # says which motion moves no mass
     a = np.zeros(scene.nv)
     drive(plan, work, x, v, a)
     force = np.zeros(scene.nv)

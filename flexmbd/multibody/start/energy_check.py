@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.frame_law import STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.table import are_of
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -18,6 +18,11 @@ FloatArray = NDArray[np.float64]
 _STEP = 6e-6  # of the machine's extent, and of 1 rad: the cube root of round-off
 _FALSE = 1e-3  # of the wrench; what differences of a law with kinks miss is far less
 _ROUND_OFF = 1e-9  # of the energy over these sizes
+
+
+def gives_energies(plan: Plan) -> bool:
+    """Whether laws between frames give energies, which ``refuse_false_energies`` compares."""
+    return bool(are_of(plan, STORING_FRAME_LAW).any())
 
 
 def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> None:

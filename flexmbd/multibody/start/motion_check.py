@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection, motion_name
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -29,8 +28,7 @@ def refuse_false_rates(scene: CompiledScene, t_start: float, t_end: float) -> No
         SceneError: a rate or an acceleration of a prescribed motion is another than that of its values.
     """
     names = {motion_name(c) for c in _connections(scene) if c.motion is not None}
-    written = (kinds.TIME_COMPILED, kinds.TIME_PYTHON)
-    rows = [k for k, row in enumerate(scene.time_rows) if row.kind in written and scene.time_names[k] in names]
+    rows = [k for k, row in enumerate(scene.time_rows) if row.is_users and scene.time_names[k] in names]
     if not rows:
         return
     plan = scene.plan.replace(times=np.ascontiguousarray(scene.plan.times[rows]))

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.algebra.so3 import compose, load3, load9, rotate_back, scale3, store3, store9, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 # Columns of ArticulatedWork.link, one row a body of the tree.
 PARENT = 0  # row of the parent, -1 the ground
@@ -68,8 +69,7 @@ I_A, I_B, I_M, I_TORQUE, I_FORCE, I_ANGULAR, I_LINEAR, I_SCALE, N_INTERFACE = (
 )  # fmt: skip
 
 
-_IDENTITY = np.eye(3)
-_UPPER = np.triu_indices(3)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of a tensor's entries among six
 
 
@@ -130,8 +130,9 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     rows: Any = plan.tree.tolist()
     apart = {tree[at.PARENT] for i, tree in enumerate(rows) if tree[at.PARENT] != i - 1}
     multi_dof = 0
-    _place_bodies(plan, constants, axes)
-    level = (axes[:, X_R : X_R + 9].reshape(-1, 3, 3) == _IDENTITY).all(axis=(1, 2)).tolist()
+    pose = np.zeros((count, N_POSE))
+    _place_bodies(plan, links, constants, axes, pose)
+    level = (axes[:, X_R : X_R + 9] == _IDENTITY).all(axis=1).tolist()
     for i, tree in enumerate(rows):
         adds, size = tree[at.JOINT_ADDS], tree[at.JOINT_SIZE]
         slot = slot_of.get(tree[at.FRAME_PARENT], -1)
@@ -162,7 +163,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         constant=constants,
         axes=axes,
         row=zeros((count, N_ROW)),
-        pose=_resting_poses(constants),
+        pose=pose,
         gathered=zeros((count, N_GATHERED)),
         subspace=_ball_subspaces(links, multi_dof),
         force=zeros((multi_dof, 6)),
@@ -194,13 +195,6 @@ def _ball_subspaces(links: IntArray, count: int) -> FloatArray:
         for k in range(link[ADDS], link[FREEDOMS]):
             subspace[link[SUBSPACE], 0, k - link[ADDS], k] = 1.0
     return subspace
-
-
-def _resting_poses(constants: FloatArray) -> FloatArray:
-    """ArticulatedWork.pose with the places of hinges, which ``parallel_hinges`` leaves as they are."""
-    pose = np.zeros((len(constants), N_POSE))
-    pose[:, P_P : P_P + 3] = constants[:, C_P : C_P + 3]
-    return pose
 
 
 def _is_planar(links: IntArray, constants: FloatArray) -> bool:
@@ -240,56 +234,100 @@ def _frame_moments(plan: Plan, flex: IntArray, frames: list[int]) -> tuple[Float
     return coupled, mobility
 
 
-def _place_bodies(plan: Plan, constants: FloatArray, axes: FloatArray) -> None:
-    """Fill the constants of all bodies: F in the parent's frame of reference, mass integrals, G in the body."""
-    parents, flexible = plan.tree[:, at.PARENT], plan.tree[:, at.FLEX] >= 0
-    p, R = _frames(plan, plan.tree[:, at.FRAME_PARENT])
-    own_p, own_R = _frames(plan, plan.tree[:, at.FRAME_CHILD])
-    carried = np.flatnonzero((parents >= 0) & ~flexible[parents])
-    carriers = parents[carried]
-    back = own_R[carriers].transpose(0, 2, 1)
-    p[carried] = _turned(back, p[carried] - own_p[carriers])
-    turned = back @ R[carried]
-    turned[np.abs(turned - _IDENTITY).max(axis=(1, 2), initial=0.0) < 1e-15] = _IDENTITY  # it is, but for rounding
-    R[carried] = turned
-    mass, first, tensor = _about_joints(plan.rigid[: len(plan.tree)], own_p, own_R, ~flexible)
-    constants[:, :3], constants[:, 3], constants[:, 4:7] = p, mass, first
-    constants[:, 7:C_TURN] = tensor[:, _UPPER[0], _UPPER[1]]
-    axes[:, :9], axes[:, 9:12], axes[:, 12:] = R.reshape(-1, 9), own_p, own_R.reshape(-1, 9)
+def refit(plan: Plan, aw: ArticulatedWork) -> bool:
+    """Bring the constants up to date with other masses and places of frames in ``plan``.
+
+    False where the recursion then takes other ways through the joints, so that it needs new arrays; nothing else of the
+    plan may have changed.
+    """
+    return int(_place_bodies(plan, aw.link, aw.constant, aw.axes, aw.pose)) == 0
+
+
+@kernel
+def _transposed(m):
+    return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
+
+
+@kernel
+def _is_identity(m, tolerance):
+    largest = max(abs(m[0] - 1.0), abs(m[4] - 1.0), abs(m[8] - 1.0))
+    for k in (1, 2, 3, 5, 6, 7):
+        largest = max(largest, abs(m[k]))
+    return largest <= tolerance
+
+
+@kernel
+def _write_body(plan, i, constant, axes):
+    """Rows of ``constant`` and ``axes`` of body i; whether F lies along the axes of what carries it."""
+    tree = plan.tree[i]
+    frame = plan.frames[tree[at.FRAME_CHILD]]
+    own_p, own_R = load3(frame, at.FRAME_P), load9(frame, at.FRAME_R)
+    store3(axes, X_OWN_P, own_p)
+    store9(axes, X_OWN_R, own_R)
+    if tree[at.FLEX] < 0:
+        _write_inertia(plan.rigid[i], own_p, own_R, constant)
+    else:
+        _write_inertia(plan.rigid[i], (0.0, 0.0, 0.0), _IDENTITY, constant)
+    frame = plan.frames[tree[at.FRAME_PARENT]]
+    p, R = load3(frame, at.FRAME_P), load9(frame, at.FRAME_R)
+    parent = tree[at.PARENT]
+    if parent >= 0 and plan.tree[parent, at.FLEX] < 0:
+        carrier = plan.frames[plan.tree[parent, at.FRAME_CHILD]]
+        carrier_R = load9(carrier, at.FRAME_R)
+        p = rotate_back(carrier_R, sub3(p, load3(carrier, at.FRAME_P)))
+        R = compose(_transposed(carrier_R), R)
+        if _is_identity(R, 1e-15):  # it is, but for rounding
+            R = _IDENTITY
+    store3(constant, C_P, p)
+    store9(axes, X_R, R)
+    return _is_identity(R, 0.0)
+
+
+@kernel
+def _write_inertia(rigid, p, R, constant):
+    """Mass, first moment and inertia tensor of a row of Plan.rigid about p, in axes R."""
+    mass = rigid[at.MASS]
+    first = load3(rigid, at.FIRST_MOMENT)
+    x, y, z = p
+    u, v, w = first
+    # second moments about p, by Steiner's theorem
+    xx = rigid[at.SECOND_MOMENT] - 2.0 * u * x + mass * x * x
+    xy = rigid[at.SECOND_MOMENT + 1] - u * y - v * x + mass * x * y
+    xz = rigid[at.SECOND_MOMENT + 2] - u * z - w * x + mass * x * z
+    yy = rigid[at.SECOND_MOMENT + 3] - 2.0 * v * y + mass * y * y
+    yz = rigid[at.SECOND_MOMENT + 4] - v * z - w * y + mass * y * z
+    zz = rigid[at.SECOND_MOMENT + 5] - 2.0 * w * z + mass * z * z
+    second = compose(_transposed(R), compose((xx, xy, xz, xy, yy, yz, xz, yz, zz), R))
+    trace = second[0] + second[4] + second[8]
+    constant[C_MASS] = mass
+    store3(constant, C_FIRST, rotate_back(R, sub3(first, scale3(mass, p))))
+    store3(constant, C_INERTIA, (trace - second[0], -second[1], -second[2]))
+    store3(constant, C_INERTIA + 3, (trace - second[4], -second[5], trace - second[8]))
+
+
+@entry_kernel
+def _place_bodies(plan, link, constant, axes, pose):
+    """Write the constants of all bodies: F in the parent's frame of reference, mass integrals, G in the body.
+
+    ``pose`` gets the places of hinges, which ``parallel_hinges`` leaves as they are.  Returns how many joints of one
+    coordinate are not along, or are, the axes of a rigid parent as their forms in ``link`` say.
+    """
+    others = 0
+    for i in range(plan.tree.shape[0]):
+        level = _write_body(plan, i, constant[i], axes[i])
+        store3(pose[i], P_P, load3(constant[i], C_P))
+        if link[i, FORM] != MULTI_DOF and link[i, INTERFACE] < 0 and level != (link[i, FORM] <= ALIGNED):
+            others += 1
+    return others
+
+
+@entry_kernel
+def _place_body(plan, i, constant, axes):
+    _write_body(plan, i, constant, axes)
 
 
 def body_about_joint(plan: Plan, i: int) -> tuple[float, FloatArray, FloatArray]:
     """Mass, first moment (3,) and inertia tensor (3, 3) of rigid body i about its inboard joint's G, in G's axes."""
-    p, R = _frames(plan, plan.tree[i : i + 1, at.FRAME_CHILD])
-    mass, first, tensor = _about_joints(plan.rigid[i : i + 1], p, R, np.ones(1, bool))
-    return float(mass[0]), first[0], tensor[0]
-
-
-def _about_joints(
-    rigid: FloatArray, p: FloatArray, R: FloatArray, moved: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Masses (k,), first moments (k, 3) and inertia tensors (k, 3, 3) of rows of Plan.rigid.
-
-    Where ``moved`` they are about G, at p (k, 3) with axes R (k, 3, 3) in the body, and in its axes; else as given.
-    """
-    mass, first = rigid[:, at.MASS], rigid[:, at.FIRST_MOMENT : at.SECOND_MOMENT]
-    second = rigid[:, at.SECOND_MOMENT :][:, _SYMMETRIC]
-    arm = np.where(moved[:, None], p, 0.0)
-    turn = np.where(moved[:, None, None], R, _IDENTITY)
-    back = turn.transpose(0, 2, 1)
-    cross = first[:, :, None] * arm[:, None, :]
-    second = second - cross - cross.transpose(0, 2, 1) + mass[:, None, None] * (arm[:, :, None] * arm[:, None, :])
-    second = back @ second @ turn
-    traces = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2]
-    return mass, _turned(back, first - mass[:, None] * arm), traces[:, None, None] * _IDENTITY - second
-
-
-def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Vectors (k, 3) turned by R (k, 3, 3)."""
-    return (R @ vectors[:, :, None])[:, :, 0]
-
-
-def _frames(plan: Plan, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (k, 3) and axes (k, 3, 3) of frames in their undeformed bodies."""
-    found = plan.frames[rows]
-    return found[:, :3].copy(), found[:, 3:].reshape(-1, 3, 3).copy()
+    constant, axes = np.zeros(N_CONSTANT), np.zeros(N_AXES)
+    _place_body(plan, i, constant, axes)
+    return float(constant[C_MASS]), constant[C_FIRST:C_INERTIA], constant[C_INERTIA:C_TURN][_SYMMETRIC]
