@@ -82,7 +82,7 @@ def test_the_suite_passes_it_and_says_so():
     """With the lines of the other checks; the form without it is skipped."""
     sheet = check_form(FILE, comm=MPI.COMM_SELF)
     assert sheet.passed, sheet.text()
-    (line,) = (one for one in sheet.results if one.name == "dissipation")
+    (line,) = (one for one in sheet.results if one.name == "viscous forces")
     assert line.verdict.value == "PASS"
 
 

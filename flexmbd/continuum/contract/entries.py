@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
@@ -27,6 +28,12 @@ KEYWORDS = {
 }
 """What a form that has the first name hands to the others, by keyword."""
 
+STEP = "dt"
+"""By this keyword the functions below take the length of the step, s, where stress depends on rates."""
+
+STEP_TAKERS = ("residual", "update", "stress", "local_residual")
+"""All of these that a form has, or none."""
+
 Entry: TypeAlias = Callable[..., Any] | None
 
 
@@ -45,7 +52,9 @@ class OptionalEntries:
         dissipation: (v, p) Rayleigh's function as terms: half the power, W per unit of the body's measure, that
             viscosity takes where it is quadratic; its derivative by the rates v of the unknown is the viscous force.
             Convex, and zero for rigid motions.
-        state: (p) with `update`: the history at a quadrature point at rest, (n,).
+        state: (p) with `update`: the history at a quadrature point at rest, (n,). Where the stress depends on rates
+            residual, update, stress and local_residual take the length of the step as the keyword `dt`, s, at least
+            0: at 0 no time passes, and nothing flows or relaxes.
         update: (u, state, p) the history after a step, (n,).
         local_unknowns: (p) with `local_residual`: what is solved for at a quadrature point, its initial values; None:
             these parameters have none. residual, update and stress then take the stored solution as `z`, and one
@@ -77,6 +86,19 @@ class OptionalEntries:
 
 OPTIONAL: dict[str, int] = {item.name: item.metadata["arguments"] for item in fields(OptionalEntries)}
 """The same by name, and how many positional arguments each takes."""
+
+
+def is_rate_dependent(form: Any) -> bool:
+    """Whether a form takes the length of the step; not collective."""
+    return any(takes_step(getattr(form, name, None)) for name in STEP_TAKERS)
+
+
+def takes_step(function: Entry) -> bool:
+    """Whether a function names the length of the step among its arguments."""
+    try:
+        return function is not None and STEP in inspect.signature(function).parameters
+    except (TypeError, ValueError):  # no function, or one of C without a signature
+        return False
 
 
 def optional_entries(form: Any) -> OptionalEntries:

@@ -24,7 +24,7 @@ from dolfinx import fem
 
 import flexmbd.forms
 from flexmbd.continuum.contract.entries import optional_entries
-from flexmbd.continuum.contract.results import solved
+from flexmbd.continuum.contract.results import keywords
 from flexmbd.continuum.contract.violations import import_violations, orders_by_cell, violations
 from flexmbd.errors import FormulationError
 
@@ -139,7 +139,7 @@ def orders(form: Formulation, cell: str) -> dict[int, int]:
 def internal_work(
     form: Formulation, u: ufl.core.expr.Expr, v: ufl.core.expr.Expr, *, p: Any
 ) -> list[IntegralTerm]:
-    """Virtual work of the internal forces at u, without history, on v: terms linear in v.
+    """Virtual work of the internal forces at u, without history and time, on v: terms linear in v.
 
     Args:
         form: with `strain_energy`, whose derivative it then is, or with `residual`.
@@ -150,7 +150,7 @@ def internal_work(
     optional = optional_entries(form)
     if optional.residual is not None:
         at_rest = None if optional.state is None else ufl.as_ufl(optional.state(p))
-        return list(optional.residual(u, v, at_rest, p, **solved(form, p)))
+        return list(optional.residual(u, v, at_rest, p, **keywords(form, p, dt=0.0)))
     return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
 

@@ -12,7 +12,7 @@ import ufl
 
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dissipation import dissipation_faults
-from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.entries import STEP, is_rate_dependent, optional_entries
 from flexmbd.continuum.contract.terms import term_faults
 from flexmbd.continuum.contract.trial_symbols import GDIM, POINT, TrialSymbols, rest_faults, slope_at_rest, symbols_of
 from flexmbd.errors import FormulationError
@@ -90,7 +90,8 @@ def _dissipation(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 
 def _residual(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     p = unknown.parameters
-    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p, **solved(module, p))
+    given = keywords(module, p, dt=unknown.dt)
+    terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p, **given)
 
     def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
         try:
@@ -119,7 +120,7 @@ def _rigid_motion(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 
 def _stress(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     p = unknown.parameters
-    stress = module.stress(unknown.u, _initial_state(module, unknown), p, **solved(module, p))
+    stress = module.stress(unknown.u, _initial_state(module, unknown), p, **keywords(module, p, dt=unknown.dt))
     yield from _expression_faults(stress, None, "")
 
 
@@ -158,7 +159,7 @@ def _update(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     if len(state.ufl_shape) != 1:
         yield f"needs a state(p) that is a vector, of shape (n,), got {state.ufl_shape}"
         return
-    new = module.update(unknown.u, state, unknown.parameters, **solved(module, unknown.parameters))
+    new = module.update(unknown.u, state, unknown.parameters, **keywords(module, unknown.parameters, dt=unknown.dt))
     yield from _expression_faults(new, state.ufl_shape, "the shape of state(p)")
 
 
@@ -168,7 +169,8 @@ def _local_residual(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     if begin is None:
         return
     z = ufl.as_ufl(begin)
-    result = module.local_residual(z, unknown.u, _initial_state(module, unknown), p)
+    step = step_keyword(module, unknown.dt)
+    result = module.local_residual(z, unknown.u, _initial_state(module, unknown), p, **step)
     yield from _expression_faults(result, z.ufl_shape, "the shape of local_unknowns(p)")
 
 
@@ -200,6 +202,16 @@ def _scaled_yield(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 def _shapes(parameters: Any, unknown: TrialSymbols) -> list[tuple[int, ...]]:
     """Of the symbols that parameters become."""
     return [value.shape for value in symbols_of(parameters, unknown.domain)[1].values()]
+
+
+def keywords(module: Any, p: Any, *, dt: Any) -> dict[str, Any]:
+    """The arguments `z` and `dt` of a form's functions, where it has them: where z begins, and the step's length."""
+    return {**solved(module, p), **step_keyword(module, dt)}
+
+
+def step_keyword(module: Any, dt: Any) -> dict[str, Any]:
+    """The argument `dt` of a form's functions; none where stress depends on no rates."""
+    return {STEP: ufl.as_ufl(dt)} if is_rate_dependent(module) else {}
 
 
 def solved(module: Any, p: Any) -> dict[str, Any]:

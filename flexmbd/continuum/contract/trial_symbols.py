@@ -78,6 +78,8 @@ class TrialSymbols:
             module.reference().parameters if parameters is None else parameters, self.domain
         )
         self.geometry.update({symbol: _constant(value) for symbol, value in values.items()})
+        self.dt = _Symbol(self.domain)
+        self.geometry[self.dt] = _constant(np.array(0.0))
 
     def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
         """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""

@@ -18,8 +18,12 @@ from flexmbd.continuum.contract.entries import (
     OF_HISTORY,
     OPTIONAL,
     REQUIRED,
+    STEP,
+    STEP_TAKERS,
     TOGETHER,
+    is_rate_dependent,
     optional_entries,
+    takes_step,
 )
 from flexmbd.continuum.contract.results import result_faults
 from flexmbd.errors import FormulationError
@@ -28,6 +32,10 @@ CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 """Names of the cells a formulation may support; those of less than three dimensions lie in space."""
 
 _IMPORTS = ("__future__", "ufl", "basix.ufl", "dataclasses", "typing", "flexmbd.forms")
+
+_BY_KEYWORD = {STEP, *(keyword for keyword, _ in KEYWORDS.values())}
+
+_VISCOSITY = "without a history a stress that depends on rates is the derivative of dissipation(v, p)"
 
 # Two spellings are of one word from this share of letters in the same order on (difflib's ratio): one slip in a word
 # of seven letters, where "stretch" is no "stress" and "energy" is not "energies".
@@ -178,6 +186,12 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
 
 def _history_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
     optional = optional_entries(module)
+    if is_rate_dependent(module):
+        if optional.state is None:
+            yield "residual", f"{STEP}, the length of the step, goes with state, which is missing: {_VISCOSITY}"
+        for name in STEP_TAKERS:
+            if callable(vars(module).get(name)) and not takes_step(vars(module)[name]):
+                yield name, f"{name} must take {STEP!r}, the length of the step, as a keyword argument, as others do"
     for name in OF_HISTORY:
         if name in vars(module) and optional.state is None:
             yield name, f"{name} goes with state, which is missing: it speaks of a history"
@@ -195,7 +209,9 @@ def _signature_fault(module: ModuleType, name: str, arguments: int) -> Iterator[
 
 def _takes(function: Callable[..., Any], arguments: int) -> bool:
     try:
-        inspect.signature(function).bind(*range(arguments))
+        found = inspect.signature(function)
+        # those that are handed over by keyword may have no default
+        found.bind(*range(arguments), **{name: None for name in _BY_KEYWORD if name in found.parameters})
     except (TypeError, ValueError):  # ValueError: a function of C without a signature
         return False
     return True
@@ -225,6 +241,13 @@ def _reference_faults(module: ModuleType) -> Iterator[str]:
         return
     if not isinstance(getattr(reference, "parameters", None), module.Parameters):
         yield "reference().parameters must be an instance of Parameters"
+    if is_rate_dependent(module):
+        length = getattr(reference, STEP, None)
+        if not isinstance(length, float) or not 0.0 < length < float("inf"):
+            yield (
+                f"reference().{STEP} must be a positive float: the length, s, of the steps in which strains of a "
+                f"percent are tried, got {length!r}"
+            )
     for name in ("displacement", "body_force"):
         function = getattr(reference, name, None)
         if not callable(function) or not _takes(function, 1):

@@ -168,7 +168,7 @@ def residual(trial: Trial) -> Outcome:
     return [*figures, Figure("kinetic energy off v M v / 2 by", ratio(kinetic, largest(halves)), 1e-8)]
 
 
-def dissipation(trial: Trial) -> Outcome:
+def viscous_forces(trial: Trial) -> Outcome:
     """Viscous forces are differences of Rayleigh's function, none of a rigid motion, and take power in any motion."""
     if not trial.has_dissipation:
         return Remark(Verdict.SKIP, "the form has no dissipation")
@@ -303,8 +303,8 @@ CHECKS = (
         "make it an unknown; or body_force is not that of the displacement in reference()",
     ),
     Check(
-        "dissipation",
-        dissipation,
+        "viscous forces",
+        viscous_forces,
         "dissipation(v, p) must be a convex function of rates of strain, smooth, and zero where nothing moves",
     ),
     Check(

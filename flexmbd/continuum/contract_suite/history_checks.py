@@ -31,7 +31,7 @@ def kept(trial: HistoryTrial) -> Outcome:
     for gradient in (2 * FIRST, 4 * FIRST, 2 * SECOND, FIRST - 3 * SECOND):
         trial.go(strain * gradient, noise=strain / 4)
         never &= (trial.history == before).all(axis=0)
-    values = trial.force(), trial.body.tangent(np.zeros(trial.x.size)).norm(), trial.history, trial.stress
+    values = trial.force(), trial.body.tangent(np.zeros(trial.x.size), dt=0.0).norm(), trial.history, trial.stress
     if not all(np.isfinite(value).all() for value in values):
         return Remark(Verdict.FAIL, "not finite without an increment, after yielding")
     if trial.strain is None and not never.any():
@@ -41,12 +41,12 @@ def kept(trial: HistoryTrial) -> Outcome:
 
 
 def repeated(trial: HistoryTrial) -> Outcome:
-    """A step to where the body stands changes nothing."""
+    """A step to where the body stands, in no time, changes nothing."""
     trial.restart()
     begin = trial.history
     trial.go(3 * _strain(trial) * FIRST, noise=_strain(trial) / 4)
     history, force = trial.history, trial.force()
-    trial.body.commit(np.zeros(trial.x.size))
+    trial.body.commit(np.zeros(trial.x.size), dt=0.0)
     sizes = abs(history - begin).max(axis=0)
     sizes[sizes == 0.0] = 1.0
     return [
@@ -56,10 +56,10 @@ def repeated(trial: HistoryTrial) -> Outcome:
 
 
 def elastic(trial: HistoryTrial) -> Outcome:
-    """A closed path below yield takes no work, and leaves nothing."""
+    """A closed path below yield, in no time, takes no work, and leaves nothing."""
     trial.restart()
     a, b = _strain(trial) / 4 * FIRST, _strain(trial) / 4 * SECOND
-    works = np.cumsum([_go(trial, goal) for goal in (a, (a + b) / 2, b, 0 * a)])
+    works = np.cumsum([_go(trial, goal, dt=0.0) for goal in (a, (a + b) / 2, b, 0 * a)])
     left = largest(trial.force())
     figures = [
         Figure("work of a closed path, over what was stored,", ratio(abs(works[-1]), works.max()), _SUMMED),
@@ -76,7 +76,7 @@ def dissipation(trial: HistoryTrial) -> Outcome:
     random = np.random.default_rng(5)
     rows, works = [trial.body.energies()], []
     for _ in range(5):
-        works.append(_go(trial, 2.5 * _strain(trial) * random.uniform(-1, 1, (3, 3))))
+        works.append(_go(trial, 2.5 * _strain(trial) * random.uniform(-1, 1, (3, 3)), dt=trial.dt))
         rows.append(trial.body.energies())
     stored = np.diff([row["elastic"] for row in rows])
     lost = np.array(works) - stored
@@ -92,8 +92,8 @@ def indifference(trial: HistoryTrial) -> Outcome:
     """A finite rotation within a step that yields turns stress and forces, then and in the step after it."""
     strain = _strain(trial)
     trial.restart()
-    small = trial.body.force(trial.to(strain / 8 * FIRST))
-    if largest(trial.body.force(2 * trial.to(strain / 8 * FIRST)) - 2 * small) < 1e-9 * largest(small):
+    small = trial.body.force(trial.to(strain / 8 * FIRST), dt=0.0)
+    if largest(trial.body.force(2 * trial.to(strain / 8 * FIRST), dt=0.0) - 2 * small) < 1e-9 * largest(small):
         return Remark(Verdict.SKIP, "the form is linear below yield: it takes rotations to be small")
     begin, noise = 2 * strain * FIRST, strain / 4
     goals = (begin + 2 * strain * SECOND, 4 * strain * SECOND)
@@ -121,11 +121,11 @@ def tangent(trial: HistoryTrial) -> Outcome:
     trial.go(3 * strain * FIRST, noise=strain / 4)
     at = trial.to(6 * strain * FIRST, noise=strain / 2)
     way = strain / 10 * np.random.default_rng(6).uniform(-1, 1, at.shape)
-    matrix = trial.body.tangent(at)
+    matrix = trial.body.tangent(at, dt=trial.dt)
     x, change = matrix.createVecs()
     x.array[:] = way
     matrix.mult(x, change)
-    slopes = difference(trial.body.force, at, way)
+    slopes = difference(lambda u: trial.body.force(u, dt=trial.dt), at, way)
     return [Figure("off by", ratio(largest(change.array - slopes), largest(slopes)), 1e-6)]
 
 
@@ -144,7 +144,7 @@ def unloading(trial: HistoryTrial) -> Outcome:
     x.array[:] = way
     matrix.mult(x, change)
     # on the one side alone, for on the other it flows
-    begin, half, end = (trial.body.force(share * way) for share in (0.0, 0.5, 1.0))
+    begin, half, end = (trial.body.force(share * way, dt=0.0) for share in (0.0, 0.5, 1.0))
     slopes = 4 * half - end - 3 * begin
     return [Figure("off by", ratio(largest(change.array - slopes), largest(slopes)), 1e-6)]
 
@@ -159,11 +159,11 @@ def _strain(trial: HistoryTrial) -> float:
     return trial.strain
 
 
-def _go(trial: HistoryTrial, goal: FloatArray) -> float:
-    """Work, J, of the forces on the straight way to a map of the undeformed cell."""
+def _go(trial: HistoryTrial, goal: FloatArray, *, dt: float) -> float:
+    """Work, J, of the forces on the straight way to a map of the undeformed cell, which takes dt (s)."""
     whole, work, force = trial.to(goal) / _STEPS, 0.0, trial.force()
     for _ in range(_STEPS):
-        trial.body.commit(whole)
+        trial.body.commit(whole, dt=dt / _STEPS)
         before, force = force, trial.force()
         work += float(whole @ (before + force)) / 2
     return work

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.entries import is_rate_dependent, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
@@ -30,11 +30,12 @@ class HistoryTrial:
         parameters: that leave a history at strains of one percent.
         body: at rest between checks, on this rank alone.
         x: (nodes, 3) m, its nodes.
+        dt: s, length of a step; 0 where the stress depends on no rates.
     """
 
     def __init__(self, form: Formulation, cell: str, degree: int, *, parameters: Any) -> None:
         """Not collective; compiles."""
-        self.form, self.parameters = form, parameters
+        self.form, self.parameters, self.dt = form, parameters, trial_step(form)
         mesh = distorted_mesh(cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1)
         self.body = NonlinearModel(tagged(mesh), form, parameters, degree=degree)  # type: ignore[arg-type]
         self.x: FloatArray = self.body.layout.node_x.copy()
@@ -54,11 +55,11 @@ class HistoryTrial:
 
     def go(self, gradient: FloatArray, **more: Any) -> None:
         """One accepted step."""
-        self.body.commit(self.to(gradient, **more))
+        self.body.commit(self.to(gradient, **more), dt=self.dt)
 
     def force(self) -> FloatArray:
-        """Internal forces where the body stands, N."""
-        return self.body.force(np.zeros(self.x.size))
+        """Internal forces where the body stands, N, before any time passes."""
+        return self.body.force(np.zeros(self.x.size), dt=0.0)
 
     @property
     def history(self) -> FloatArray:
@@ -74,7 +75,7 @@ class HistoryTrial:
         """Largest force of such a strain from rest, N, were it elastic."""
         self.restart()
         small = 1e-3 * _SMALLEST
-        return float(abs(self.body.force(self.to(small * FIRST))).max() * strain / small)
+        return float(abs(self.body.force(self.to(small * FIRST), dt=0.0)).max() * strain / small)
 
     @cached_property
     def strain(self) -> float | None:
@@ -89,6 +90,11 @@ class HistoryTrial:
                 return strain
             strain *= 2.0
         return None
+
+
+def trial_step(form: Formulation) -> float:
+    """`reference().dt`, s; 0 where the stress depends on no rates."""
+    return float(cast(Any, form.reference()).dt) if is_rate_dependent(form) else 0.0
 
 
 def keeps_strains(form: Formulation) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
-from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, yielding_parameters
+from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, trial_step, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
 from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
@@ -56,8 +56,8 @@ def _spectra_and_forces(form: Formulation, cell: str, degree: int, *, comm: MPI.
     source, parameters = cast(ModuleType, form), yielding_parameters(form)[0]
     body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
     x = body.layout.node_x
-    body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel())
-    forces = body.force(np.zeros(body.layout.n_local)).reshape(-1, 3)
+    body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel(), dt=trial_step(form))
+    forces = body.force(np.zeros(body.layout.n_local), dt=0.0).reshape(-1, 3)
     rows = parallel.gather_rows(comm, np.hstack([x[: len(forces)], forces]))
 
     def in_order() -> FloatArray:
@@ -91,7 +91,7 @@ def _matrices(
         model = ContinuumModel(mesh, source, parameters, degree=degree)
         return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))
     body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
-    stiffness, layout = body.tangent(np.zeros(body.layout.n_local)), body.layout
+    stiffness, layout = body.tangent(np.zeros(body.layout.n_local), dt=0.0), body.layout
     rigid = layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
     return _rows(stiffness), _rows(body.mass()), rigid
 

@@ -48,6 +48,8 @@ class BodyMemory:
             if self._comm.allreduce(history.size, op=MPI.MAX):
                 rows = history.reshape(self._all_cells, -1)[: self._cells]
                 arrays[f"history {k}"] = self._gather(self._cell[: self._cells], rows, self._cell_count)
+        if self._body.has_dissipation:
+            arrays["viscous work"] = np.array(snapshot.viscous_work)
         return arrays
 
     def scatter(self, arrays: dict[str, FloatArray]) -> HistorySnapshot:
@@ -57,7 +59,8 @@ class BodyMemory:
             if f"history {k}" in arrays:
                 now.reshape(self._all_cells, -1)[:] = arrays[f"history {k}"][self._cell]
             histories.append(now)
-        return HistorySnapshot(self.scatter_nodes(arrays["displacement"]).reshape(-1), tuple(histories))
+        displacement = self.scatter_nodes(arrays["displacement"]).reshape(-1)
+        return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)))
 
     def _gather(self, places: NDArray[np.int64], rows: FloatArray, count: int) -> FloatArray:
         whole = np.empty((count, *rows.shape[1:]))

@@ -70,10 +70,11 @@ class CellForms:
 
 @dataclass(frozen=True, eq=False)
 class _Code:
-    """A kernel: its address, what is kept alive for it, its constants, and the functions it reads, in order."""
+    """A kernel: its address, what is kept alive for it, its constants and their values, and what it reads, in order."""
 
     address: int
     module: Any
+    symbols: list[fem.Constant]
     constants: FloatArray
     reads: list[fem.Function]
 
@@ -127,6 +128,12 @@ class CellPass:
                 f"{self._group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
                 f"(last change {change:.1e}); take a smaller step"
             )
+
+    def renew_constants(self) -> None:
+        """Take the values that the forms' constants have now; not collective."""
+        for code in self._codes:
+            if code is not None:
+                code.constants[:] = _values(code.symbols)
 
     def average(self) -> None:
         """Evaluate the means alone for the trial displacement; not collective."""
@@ -187,10 +194,10 @@ class CellPass:
         metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
         form = density * ufl.dx(domain=self._domain, metadata=metadata)
         address, positions, module = compat.cell_kernel(self._domain.comm, form)
-        numbers = [np.asarray(constant.value, dtype=float).ravel() for constant in form.constants()]
+        symbols = list(form.constants())
         coefficients = form.coefficients()
         reads = [coefficients[position] for position in positions]
-        return _Code(address, module, np.concatenate([np.zeros(0), *numbers]), reads)
+        return _Code(address, module, symbols, _values(symbols), reads)
 
     def _tables(self, weights: FloatArray) -> Kernels:
         known, count = self._unknowns, len(self._codes)
@@ -211,3 +218,7 @@ class CellPass:
                 starts[i, last] = starts[i, last] if joined else begins[k]
                 lengths[i, last] += self._sizes[k]
         return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))
+
+
+def _values(symbols: list[fem.Constant]) -> FloatArray:
+    return np.concatenate([np.zeros(0), *(np.asarray(symbol.value, dtype=float).ravel() for symbol in symbols)])

@@ -52,18 +52,26 @@ class _Coupling:
 class MeanTangent:
     """The tangent as forms and a matrix that is filled again and again. Constructing one is collective."""
 
-    def __init__(self, histories: Sequence[History], u: fem.Function, groups: Sequence[CellGroup]) -> None:
+    def __init__(
+        self,
+        histories: Sequence[History],
+        u: fem.Function,
+        groups: Sequence[CellGroup],
+        *,
+        further: Sequence[fem.Form] = (),
+    ) -> None:
         """Compile.
 
         Args:
             histories: of the body's groups.
             u: trial displacement.
             groups: the groups, for the matrix' pattern.
+            further: bilinear forms that are added to the derivatives of the histories' terms.
         """
         self._space = u.function_space
         v = ufl.TestFunction(self._space)
         terms = [term for history in histories for term in history.terms]
-        self._forms = assembly.derivatives(terms, u)
+        self._forms = [*assembly.derivatives(terms, u), *further]
         self._blocks = assembly.empty_matrix(self._forms, groups, self._space)
         self._couplings = [_coupling(history, u, v) for history in histories if history.mean is not None]
         self._petsc = assembly.PetscCopy(self._space.mesh.comm, self._blocks)

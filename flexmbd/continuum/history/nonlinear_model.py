@@ -26,9 +26,10 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.cell_group import Pairs, Source, refuse_dissipation
+from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody, discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -37,10 +38,14 @@ from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
 from flexmbd.continuum.history.trial_errors import (
     check_references,
+    find_inverted_cell,
+    find_large_increment,
     refuse_infinite_force,
     refuse_inverted_cell,
     refuse_large_increment,
+    refuse_without_limit,
 )
+from flexmbd.continuum.history.viscous_forces import ViscousForces
 from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -53,10 +58,12 @@ class HistorySnapshot:
     Attributes:
         displacement: (local dofs including ghosts,) m, from the undeformed mesh.
         history: of each group, flat.
+        viscous_work: J, what the formulations' dissipation has taken; of the whole body.
     """
 
     displacement: FloatArray
     history: tuple[FloatArray, ...]
+    viscous_work: float = 0.0
 
 
 class NonlinearModel(DiscretisedBody):
@@ -68,6 +75,7 @@ class NonlinearModel(DiscretisedBody):
         forms: the formulations on the mesh, and the interfaces.
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed
             mesh. Not to be changed by hand.
+        viscous_forces: of the formulations' dissipation; None where there is none.
     """
 
     def __init__(
@@ -102,12 +110,15 @@ class NonlinearModel(DiscretisedBody):
         """
         forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True)
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
-        refuse_dissipation(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)
         means = degree == 1 if cell_means is None else cell_means
         self._histories = [History(group, self._u, v, means=means) for group in self.groups]
+        self.viscous_forces = None
+        if any(group.optional.dissipation is not None for group in self.groups):
+            self.viscous_forces = ViscousForces(self.groups, self.space)
+        self._viscous_work = 0.0
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
@@ -117,6 +128,21 @@ class NonlinearModel(DiscretisedBody):
     def is_updated(self) -> bool:
         """Whether the formulations refer to the updated configuration."""
         return self.groups[0].formulation.REFERENCE == "UPDATED"
+
+    @property
+    def is_rate_dependent(self) -> bool:
+        """Whether the stress of a formulation depends on the length of the step."""
+        return any(is_rate_dependent(group.formulation) for group in self.groups)
+
+    @property
+    def has_dissipation(self) -> bool:
+        """Whether a formulation has a dissipation."""
+        return self.viscous_forces is not None
+
+    @property
+    def needs_step(self) -> bool:
+        """Whether forces depend on the length of the step."""
+        return self.is_rate_dependent or self.has_dissipation
 
     @property
     def node_x(self) -> FloatArray:
@@ -149,43 +175,48 @@ class NonlinearModel(DiscretisedBody):
         """2-norm of values at owned dofs, or at some of them, over all ranks. Collective."""
         return float(np.sqrt(self.comm.allreduce(values @ values)))
 
-    def force(self, increment: FloatArray) -> FloatArray:
+    def force(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
         """Internal forces at a trial displacement. Collective.
 
         Args:
             increment: (local dofs including ghosts,) m, since the last accepted step; the ghosts' are
                 their owners'.
+            dt: s, length of the step; at 0 no time passes: nothing flows or relaxes, and there are no viscous
+                forces. None: of no matter, as where `needs_step` is false.
 
         Returns:
             (owned dofs,) N: what holds the body in that shape.
 
         Raises:
+            FormulationError: `needs_step`, and dt is None.
             ConvergenceError: on all ranks: a cell is turned inside out (`InvertedCellError`, which
                 names one), or the equations at a point have no solution.
         """
-        self._set_trial(increment)
+        self._set_trial(increment, self._length(dt))
         with self.present_mesh():
-            self._run()
+            self._run(increment)
         force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
             refuse_infinite_force(self.forms, force)
         return force
 
-    def tangent(self, increment: FloatArray) -> PETSc.Mat:
+    def tangent(self, increment: FloatArray, *, dt: float | None = None) -> PETSc.Mat:
         """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
 
         Compiles at the first call. The matrix is the body's own and is filled anew at each call.
 
         Args:
             increment: as for `force`.
+            dt: as for `force`.
 
         Raises:
             ConvergenceError: as `force`.
+            FormulationError: as `force`.
         """
-        self._set_trial(increment)
+        self._set_trial(increment, self._length(dt))
         with self.present_mesh():
-            self._run()
+            self._run(increment)
             return self._tangent.assemble()
 
     def unloading_tangent(self) -> PETSc.Mat:
@@ -198,18 +229,12 @@ class NonlinearModel(DiscretisedBody):
             FormulationError: on all ranks: a formulation keeps a history and does not say what its yield limit is.
         """
         limited = [group for group in self.groups if group.optional.state is not None]
-        for group in limited:
-            if group.optional.scaled_yield is None:
-                raise FormulationError(
-                    f"{group.form_name} keeps a history and does not give its yield limit, without which there is no "
-                    "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "
-                    "factor times as high, or p itself where nothing ever yields"
-                )
+        refuse_without_limit(limited)
         try:
             for group in limited:
                 form: Any = group.formulation
                 set_symbols(group.symbols, form.scaled_yield(group.parameters, 2.0))
-            return self.tangent(np.zeros(self.layout.n_local))
+            return self.tangent(np.zeros(self.layout.n_local), dt=0.0)
         finally:
             for group in limited:
                 set_symbols(group.symbols, group.parameters)
@@ -224,41 +249,45 @@ class NonlinearModel(DiscretisedBody):
         forms = {"mass": assembly.derivatives_at_rest(momentum, zero)}
         return assembly.assemble(forms, self.groups, self.space)[0]
 
-    def commit(self, increment: FloatArray) -> None:
+    def commit(self, increment: FloatArray, *, dt: float | None = None) -> None:
         """Accept a displacement: history and configuration become those at its end. Collective.
 
         Args:
             increment: as for `force`, which was called with it before.
+            dt: as for `force`.
 
         Raises:
+            FormulationError: as `force`.
             ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
         """
-        self._set_trial(increment)
+        self._set_trial(increment, self._length(dt))
         with self.present_mesh():
-            self._run()
+            self._run(increment)
         finite = all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
             self.revert()
             raise ConvergenceError("the history at the step's end is not finite; take a smaller step")
         self._accept(increment)
 
-    def step(self, increment: FloatArray) -> FloatArray:
+    def step(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
         """Internal forces at a displacement that is accepted at once, as explicit steps do. Collective.
 
         The same as `force` and `commit`, in one pass.
 
         Args:
             increment: as for `force`.
+            dt: as for `force`.
 
         Returns:
             (owned dofs,) N.
 
         Raises:
+            FormulationError: as `force`.
             ConvergenceError: as `force` and `commit`; nothing is accepted.
         """
-        self._set_trial(increment)
+        self._set_trial(increment, self._length(dt))
         with self.present_mesh():
-            self._run()
+            self._run(increment)
         force = self._summed()
         finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
@@ -276,34 +305,36 @@ class NonlinearModel(DiscretisedBody):
     def snapshot(self) -> HistorySnapshot:
         """Copy what the body remembers."""
         return HistorySnapshot(
-            self.displacement.copy(), tuple(history.snapshot() for history in self._histories)
+            self.displacement.copy(), tuple(history.snapshot() for history in self._histories), self._viscous_work
         )
 
     def restore(self, snapshot: HistorySnapshot) -> None:
         """Go back to a snapshot of this body."""
         self.displacement[:] = snapshot.displacement
+        self._viscous_work = snapshot.viscous_work
         for history, kept in zip(self._histories, snapshot.history, strict=True):
             history.restore(kept)
 
     def energies(self) -> dict[str, float]:
-        """Energies, J, of the last accepted step by name: "elastic", "plastic". Collective.
+        """Energies, J, of the last accepted step by name: "elastic", "plastic", "viscous". Collective.
 
-        The sums of what the formulations compute; the same on every rank.
+        The sums of what the formulations compute, and what their dissipation has taken; the same on every rank.
         """
-        self._set_trial(np.zeros(self.layout.n_local))
+        self._set_trial(np.zeros(self.layout.n_local), 0.0)
         totals: dict[str, float] = {}
         with self.present_mesh():
             for history in self._histories:
                 history.average()
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
-        return {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
+        energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
+        return {**energies, "viscous": self._viscous_work} if self.has_dissipation else energies
 
     def stress(self) -> list[FloatArray]:
         """Cauchy stress, Pa, of the last accepted step in body axes: for each group (cells, points, 3, 3)."""
-        self._set_trial(np.zeros(self.layout.n_local))
+        self._set_trial(np.zeros(self.layout.n_local), 0.0)
         with self.present_mesh():
-            self._run()
+            self._run(np.zeros(self.layout.n_local))
             return [history.stress() for history in self._histories]
 
     def history(self) -> list[FloatArray]:
@@ -327,13 +358,8 @@ class NonlinearModel(DiscretisedBody):
         """
         if self.has_rotations:  # a beam's sections, not its cells, have an outside
             return
-        inverted: int | None = None
-        stretch = ufl.det(ufl.Identity(3) + ufl.grad(self._u))
         with self.present_mesh():
-            for history in self._histories:
-                values = history.evaluate(stretch)
-                if values.size and not values.min() > 0.0:
-                    inverted = int(history.group.cells[values.min(axis=1).argmin()])
+            inverted = find_inverted_cell(self._histories, self._u)
         refuse_inverted_cell(self.mesh, inverted)
 
     def check_increment(self, increment: FloatArray) -> None:
@@ -345,17 +371,20 @@ class NonlinearModel(DiscretisedBody):
         Raises:
             LargeIncrementError: on all ranks: names the cell by its place in the mesh file and its centre.
         """
-        self._set_trial(increment)
-        largest, where = 1.0, None
+        self._set_trial(increment, 0.0)
         with self.present_mesh():
-            for history in self._histories:
-                values = history.increment_size()
-                if values.size and not values.max() <= largest:
-                    largest = float(values.max())
-                    where = int(history.group.cells[values.max(axis=1).argmax()])
-        refuse_large_increment(self.mesh, where, ratio=largest)
+            ratio, where = find_large_increment(self._histories)
+        refuse_large_increment(self.mesh, where, ratio=ratio)
 
-    def _run(self) -> None:
+    def _length(self, dt: float | None) -> float:
+        """The length of a step, s, where it is of some matter."""
+        if dt is None and self.needs_step:
+            raise FormulationError(
+                f"the forces of {self.form_name} depend on rates, and the length of the step is not given; say dt (s)"
+            )
+        return 0.0 if dt is None else dt
+
+    def _run(self, increment: FloatArray) -> None:
         """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
 
         Raises:
@@ -370,6 +399,8 @@ class NonlinearModel(DiscretisedBody):
             error = caught
         if any(group.has_local_unknowns for group in self.groups):
             parallel.raise_collectively(self.comm, error)
+        if self.viscous_forces is not None:
+            self.viscous_forces.add(self._sum.array, increment, dt=self._dt)
 
     def _summed(self) -> FloatArray:
         """(owned dofs,) N, the forces of all ranks. Collective."""
@@ -381,15 +412,21 @@ class NonlinearModel(DiscretisedBody):
         """Make history and configuration those at the step's end."""
         for history in self._histories:
             history.commit()
+        if self.viscous_forces is not None:
+            self._viscous_work += float(self.comm.allreduce(self.viscous_forces.work(increment)))
         self.displacement += increment
-        self._set_trial(np.zeros_like(increment))
+        self._set_trial(np.zeros_like(increment), 0.0)
 
-    def _set_trial(self, increment: FloatArray) -> None:
+    def _set_trial(self, increment: FloatArray, dt: float) -> None:
+        self._dt = dt
+        for history in self._histories:
+            history.set_step(dt)
         self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
 
     @cached_property
     def _tangent(self) -> MeanTangent:
-        return MeanTangent(self._histories, self._u, self.groups)
+        further = [] if self.viscous_forces is None else self.viscous_forces.tangent_forms()
+        return MeanTangent(self._histories, self._u, self.groups, further=further)
 
     def present_mesh(self) -> AbstractContextManager[None]:
         """The mesh in the configuration that the formulations refer to, within a `with` block."""

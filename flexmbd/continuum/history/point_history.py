@@ -17,8 +17,9 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from flexmbd.continuum.contract.entries import STEP, is_rate_dependent
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
-from flexmbd.continuum.contract.results import solved
+from flexmbd.continuum.contract.results import keywords, solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_pass import CellForms, CellPass, Unknowns
@@ -60,6 +61,8 @@ class History:
             self._rule.degree,
             rule=basix.quadrature.string_to_type(self._rule.scheme),
         )
+        self._dt = fem.Constant(self._mesh, 0.0)
+        self._is_rate_dependent = is_rate_dependent(form)
         self._state: Any = None
         if self._has_state:
             self._state = self._function(int(form.state(p).ufl_shape[0]))
@@ -116,6 +119,12 @@ class History:
             ConvergenceError: at a point Newton's method does not end.
         """
         self._pass.run(forces)
+
+    def set_step(self, dt: float) -> None:
+        """Make the trial a step of that length, s; not collective."""
+        if self._is_rate_dependent and float(self._dt.value) != dt:
+            self._dt.value = dt
+            self._pass.renew_constants()
 
     def average(self) -> None:
         """The means alone, for the trial displacement; not collective."""
@@ -178,6 +187,8 @@ class History:
 
     def _given(self, z: Any) -> dict[str, Any]:
         given = {} if z is None else {"z": z}
+        if self._is_rate_dependent:
+            given[STEP] = self._dt
         return given if self.mean is None else {**given, "mean": self.mean}
 
     def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, Any]:
@@ -226,7 +237,7 @@ def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -
     if group.optional.state is None:
         terms: list[IntegralTerm] = list(form.strain_energy(u, p))
         return terms[0][1]
-    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **solved(form, p)))
+    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **keywords(form, p, dt=0.0)))
     rules = {(rule.degree, rule.scheme) for _, rule in terms}
     if len(rules) > 1:
         raise FormulationError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from flexmbd.continuum.history.displacement_newton import (
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
-from flexmbd.errors import ConvergenceError, MeshError
+from flexmbd.errors import ConvergenceError, FormulationError, MeshError
 
 FloatArray = NDArray[np.float64]
 LoadPath = Callable[[float], FloatArray]
@@ -114,6 +115,7 @@ def follow(
     smallest: float = 1e-4,
     accepted: Callable[[float], None] | None = None,
     reached: float = 0.0,
+    seconds: float | None = None,
 ) -> StaticPath:
     """Load a body slowly. Collective; it starts from the last accepted step.
 
@@ -128,11 +130,15 @@ def follow(
         smallest: the smallest part of a step between two of `times` that is tried.
         accepted: is called after each of `times`.
         reached: load parameter at which the body stands, as one that `load_body` has brought back.
+        seconds: s, that the load parameter takes to grow by one; needed where forces depend on rates, and of no matter
+            elsewhere.
 
     Raises:
+        FormulationError: on all ranks: forces depend on rates, and `seconds` is not given; it is not positive.
         PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
             it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
+    pace = _pace(body, seconds)
     newton, path = Newton(body, prescribed, solver=solver, convergence=convergence), StaticPath()
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
@@ -146,10 +152,17 @@ def follow(
             try:
                 start = guess * ((t - reached) / before) if before else guess
                 solution = _equilibrium(
-                    body, newton, t, start, displacement=displacement, load=load, prescribed=prescribed
+                    body,
+                    newton,
+                    t,
+                    start,
+                    dt=pace * (t - reached),
+                    displacement=displacement,
+                    load=load,
+                    prescribed=prescribed,
                 )
                 body.check_increment(solution.increment)
-                body.commit(solution.increment)
+                body.commit(solution.increment, dt=pace * (t - reached))
             except ConvergenceError as reason:
                 body.revert()
                 newton.discard_factor()
@@ -178,22 +191,35 @@ def follow(
     return path
 
 
+def _pace(body: NonlinearModel, seconds: float | None) -> float:
+    """Seconds that the load parameter takes to grow by one; 0 where time is of no matter."""
+    if seconds is None and body.needs_step:
+        raise FormulationError(
+            f"the forces of {body.form_name} depend on rates, and a loading has no time of its own; give follow "
+            "seconds=, the time (s) in which the load parameter grows by one: 1.0 where times are seconds"
+        )
+    if seconds is not None and not 0.0 < seconds < float("inf"):
+        raise FormulationError(f"seconds must be positive and finite, got {seconds!r}")
+    return 0.0 if seconds is None else float(seconds)
+
+
 def _equilibrium(
     body: NonlinearModel,
     newton: Newton,
     t: float,
     start: FloatArray,
     *,
+    dt: float,
     displacement: LoadPath | None,
     load: LoadPath | None,
     prescribed: NDArray[np.int32],
 ) -> Solution:
-    """Newton's solution of one step."""
+    """Newton's solution of one step, which takes dt (s)."""
     external = np.zeros(body.n_owned) if load is None else load(t)
     goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
 
     def forces(increment: FloatArray) -> Balance:
-        internal = body.force(increment)
+        internal = body.force(increment, dt=dt)
         if body.is_updated:
             # a cell that is inside out may have finite forces
             body.check_cells()
@@ -202,4 +228,4 @@ def _equilibrium(
         size = max(body.norm(external), body.norm(residual[prescribed]))
         return Balance(residual, size if size > 0.0 else body.norm(internal))
 
-    return newton.solve(start, goal - body.displacement[prescribed], forces, body.tangent)
+    return newton.solve(start, goal - body.displacement[prescribed], forces, partial(body.tangent, dt=dt))

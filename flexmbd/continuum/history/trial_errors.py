@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.continuum.history.point_history import History
 from flexmbd.errors import ConvergenceError, FormulationError
 
 
@@ -42,6 +48,43 @@ def check_references(forms: DiscreteForms, *, has_rotations: bool) -> None:
         raise FormulationError(
             f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
         )
+
+
+def refuse_without_limit(groups: Sequence[CellGroup]) -> None:
+    """Refuse groups with history that do not say where they yield; the same on every rank.
+
+    Raises:
+        FormulationError: names the formulation.
+    """
+    for group in groups:
+        if group.optional.scaled_yield is None:
+            raise FormulationError(
+                f"{group.form_name} keeps a history and does not give its yield limit, without which there is no "
+                "tangent of unloading; give it scaled_yield(p, factor), parameters with yield limits that are "
+                "factor times as high, or p itself where nothing ever yields"
+            )
+
+
+def find_inverted_cell(histories: Sequence[History], u: fem.Function) -> int | None:
+    """A cell of this rank that the displacement u turns inside out, if there is one; not collective."""
+    inverted: int | None = None
+    stretch = ufl.det(ufl.Identity(3) + ufl.grad(u))
+    for history in histories:
+        values = history.evaluate(stretch)
+        if values.size and not values.min() > 0.0:
+            inverted = int(history.group.cells[values.min(axis=1).argmin()])
+    return inverted
+
+
+def find_large_increment(histories: Sequence[History]) -> tuple[float, int | None]:
+    """The largest `increment_size` beyond 1, and its cell of this rank; else 1 and None. Not collective."""
+    largest, where = 1.0, None
+    for history in histories:
+        values = history.increment_size()
+        if values.size and not values.max() <= largest:
+            largest = float(values.max())
+            where = int(history.group.cells[values.max(axis=1).argmax()])
+    return largest, where
 
 
 def refuse_inverted_cell(mesh: TaggedMesh, cell: int | None) -> None:

@@ -59,11 +59,12 @@ class CarriedMesh:
         self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
         return self.p + self.X @ self.R.T
 
-    def pull(self, x: FloatArray) -> FloatArray:
+    def pull(self, x: FloatArray, *, dt: float) -> FloatArray:
         """Move to the nodes' places and accept what that does. Collective.
 
         Args:
             x: (owned nodes, 3) m, in inertial axes.
+            dt: s, that the way there has taken.
 
         Returns:
             (owned nodes, 3) N: what the deformed body exerts on its nodes, in inertial axes.
@@ -72,14 +73,14 @@ class CarriedMesh:
             ConvergenceError: on all ranks: a cell is turned inside out, or the material has no answer.
         """
         if self.body.is_updated:
-            return -self._step((x - self.p) @ self.R - self.X) @ self.R.T
+            return -self._step((x - self.p) @ self.R - self.X, dt) @ self.R.T
         centre = np.asarray(self.sum(self.masses @ x) / self._mass, dtype=float)
         left, s, right = np.linalg.svd(self.sum((self.masses[:, None] * (x - centre)).T @ self._arms))
         proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
         self.R = left @ proper @ right
         self.p = centre - self.R @ self._centre
         y = (x - centre) @ self.R
-        force = self._step(y - self._arms)
+        force = self._step(y - self._arms, dt)
         stretch = right.T @ (proper * s) @ right
         moment = self.sum(np.cross(y, force).sum(axis=0))
         turn = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, moment)
@@ -93,9 +94,9 @@ class CarriedMesh:
         """Sum over the ranks, in their order, so that it is the same on all. Collective."""
         return np.asarray(sum(self.body.comm.allgather(np.asarray(part, dtype=float))))
 
-    def _step(self, u: FloatArray) -> FloatArray:
+    def _step(self, u: FloatArray, dt: float) -> FloatArray:
         """Forces (owned nodes, 3) in body axes that hold the body at the whole displacement u."""
         owned = self.body.n_owned
         self._increment.array[:owned] = u.ravel() - self.body.displacement[:owned]
         self._increment.scatter_forward()
-        return self.body.step(self._increment.array).reshape(-1, 3)
+        return self.body.step(self._increment.array, dt=dt).reshape(-1, 3)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from petsc4py import PETSc
 
@@ -63,10 +64,11 @@ class _NodalState:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A step's end that was solved for."""
+    """A step's end that was solved for; dt: s, the time that passes for the material, none on the way to rest."""
 
     motion: _NodalState
     increment: FloatArray
+    dt: float
 
 
 class ImplicitContinuum:
@@ -132,7 +134,7 @@ class ImplicitContinuum:
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
-        now, internal = self._current_state(), self.body.force(np.zeros(self.body.layout.n_local))
+        now, internal = self._current_state(), self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
@@ -141,23 +143,24 @@ class ImplicitContinuum:
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
         self._check_rigid_interface()
+        self._check_settles()
         body, bonds = self.body, self._bonds
         pose, still = bonds.pose(motion), np.zeros_like(self._current_state().x)
         weight = self._in_body(self._inertia(still), pose[1])
 
         def forces(increment: FloatArray) -> Balance:
-            internal = body.force(increment)
+            internal = body.force(increment, dt=0.0)
             if body.is_updated:
                 body.check_cells()
             return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._smallest_force))
 
         guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
-        solution = self._solve(guess, motion, forces, body.tangent)
+        solution = self._solve(guess, motion, forces, partial(body.tangent, dt=0.0))
         x: FloatArray = self._positions(solution.increment, pose)
         v = still + motion.v[0]
-        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment)
+        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment, 0.0)
         response = self._frames.condense(
-            lambda: body.tangent(solution.increment),
+            lambda: body.tangent(solution.increment, dt=0.0),
             self._in_inertial(solution.balance.residual, pose[1]),
             motion,
             x=x,
@@ -169,8 +172,9 @@ class ImplicitContinuum:
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
         self._check_rigid_interface()
+        self._check_settles()
         body, now = self.body, self._current_state()
-        internal = body.force(np.zeros(body.layout.n_local))
+        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
         found = linear_equations(
             self._frames,
@@ -203,12 +207,12 @@ class ImplicitContinuum:
             return _NodalState(t_end, x, now.v, a, auxiliary, h)
 
         def forces(increment: FloatArray) -> Balance:
-            internal = body.force(increment)
+            internal = body.force(increment, dt=h)
             inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
             return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._smallest_force))
 
         def tangent(increment: FloatArray) -> PETSc.Mat:
-            matrix = body.tangent(increment)
+            matrix = body.tangent(increment, dt=h)
             matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             return matrix
 
@@ -225,7 +229,7 @@ class ImplicitContinuum:
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
-        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment)
+        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment, h)
         response = self._frames.condense(
             lambda: tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
@@ -240,7 +244,7 @@ class ImplicitContinuum:
         """See `ImplicitInterior.commit`. Collective."""
         if self._trial is None:
             raise SceneError("a continuum body is to accept a step that was not tried")
-        self.body.commit(self._trial.increment)
+        self.body.commit(self._trial.increment, dt=self._trial.dt)
         before, self._state = self._current_state(), self._trial.motion
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = None
@@ -287,6 +291,13 @@ class ImplicitContinuum:
             raise SceneError(
                 "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
                 "found only where one interface is rigid (Coupling.RIGID)"
+            )
+
+    def _check_settles(self) -> None:
+        if self.body.is_rate_dependent:
+            raise SceneError(
+                f"{self.body.form_name} has a stress that depends on rates: where it comes to rest, and how it answers "
+                "to small motions, depends on the time that this takes. Let it come to rest in a simulation"
             )
 
     def _current_state(self) -> _NodalState:
@@ -347,7 +358,7 @@ class ImplicitContinuum:
 
     def _round_off(self) -> float:
         """N, round-off of the internal forces. Collective."""
-        matrix = self.body.tangent(np.zeros(self.body.layout.n_local))
+        matrix = self.body.tangent(np.zeros(self.body.layout.n_local), dt=0.0)
         largest = abs(self.body.layout.node_x).max(initial=0.0)
         extent = float(max(self.body.comm.allgather(largest)))
         return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)

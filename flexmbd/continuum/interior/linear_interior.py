@@ -69,10 +69,23 @@ def linear_equations(
     stiffness_matrix[:k, k:] = inner(comm, static_modes, forces)
     stiffness_matrix[:k, k:] -= _averaged_moments(frames, response, fixed_modes.shapes, R)
     stiffness_matrix[k:, k:] = inner(comm, fixed_modes.shapes, forces)
+    damping = _damping_matrix(frames, fields)
     unbalanced = inner(comm, fixed_modes.shapes, (residual.reshape(-1, 3) @ R).reshape(-1, 1))[:, 0]
     stiffness.destroy()
     residual_load = np.concatenate([-response.wrenches.reshape(-1), unbalanced])
-    return LinearInterior(0.5 * (mass + mass.T), np.zeros_like(stiffness_matrix), stiffness_matrix, residual_load)
+    return LinearInterior(0.5 * (mass + mass.T), damping, stiffness_matrix, residual_load)
+
+
+def _damping_matrix(frames: Condensation, fields: FloatArray) -> FloatArray:
+    """Of the formulations' dissipation, at the state, in the coordinates of the fields. Collective."""
+    body = frames.body
+    if body.viscous_forces is None:
+        return np.zeros((fields.shape[1], fields.shape[1]))
+    with body.present_mesh():
+        matrix = body.viscous_forces.matrix()
+    damping = inner(body.comm, fields, multiply(matrix, fields))
+    matrix.destroy()
+    return np.asarray(0.5 * (damping + damping.T))
 
 
 def _fixed_interface_modes(

@@ -192,7 +192,7 @@ class NodalMotion:
             move[self.bonded] = bonded - self.x[self.bonded]
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
-        self.force = self.mesh.pull(self.x)
+        self.force = self.mesh.pull(self.x, dt=h)
         middle = self.v + h / 2 * self.a
         self._h = h
         self._accelerate(middle, h, h**2, answer=1.0 / (1.0 + self._damping * h / 2))
@@ -205,7 +205,7 @@ class NodalMotion:
         """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
 
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
-        impacts), "friction" and "damping" (lost), "gravitational".
+        impacts), "friction" and "damping" (lost), "gravitational"; "viscous" (lost) where formulations dissipate.
         """
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
@@ -220,6 +220,7 @@ class NodalMotion:
             "friction": float(sums[3]),
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
+            **{name: value for name, value in body_energies.items() if name == "viscous"},
         }
 
     def internal_work(self) -> float:

@@ -4,7 +4,9 @@ At rest it is 2 / omega with the largest angular frequency omega of lumped masse
 derivatives along Lanczos' vectors are taken by differences.  Later the stiffness changes with the shape of the
 cells.  That change is seen on the operator of grad u : grad v, which knows of nothing but shapes: the step goes with
 the inverse root of its largest eigenvalue.  Between two such estimates it goes with the least size of a cell, the
-inverse norm of the inverse Jacobian.  Plastic flow only softens a body, and is left out on purpose.
+inverse norm of the inverse Jacobian.  Viscous forces, which act by the rates of the step before, shorten it: with the
+largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Plastic flow only
+softens a body, and is left out on purpose.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
+from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
 
@@ -53,24 +56,25 @@ class StableStep:
         self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
         self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
         self._first, self._size = self._of_shapes(), self._smallest()
+        self._damping = self._damping_rate()
         squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned, begin=self._begin)
         body.revert()
-        self._at_rest = self._found = 2.0 / float(np.sqrt(squared))
+        self._elastic = self._found = 2.0 / float(np.sqrt(squared))
 
     @property
     def at_rest(self) -> float:
         """Stable step, s, of the undeformed body."""
-        return self._at_rest
+        return self._with_viscosity(self._elastic)
 
     def present(self) -> float:
         """Stable step, s, of the body as it is. Collective."""
         if not self._body.is_updated:
-            return self._at_rest
+            return self.at_rest
         size = self._smallest()
         if abs(size / self._size - 1.0) > _CHANGE:
             self._size = size
-            self._found = self._at_rest * float(np.sqrt(self._first / self._of_shapes()))
-        return self._found * min(1.0, size / self._size)
+            self._found = self._elastic * float(np.sqrt(self._first / self._of_shapes()))
+        return self._with_viscosity(self._found * min(1.0, size / self._size))
 
     @property
     def memory(self) -> tuple[float, float]:
@@ -80,6 +84,39 @@ class StableStep:
     @memory.setter
     def memory(self, values: tuple[float, float]) -> None:
         self._size, self._found = values
+
+    def _with_viscosity(self, h: float) -> float:
+        """The longest stable step, s, where it is h without viscosity: cells that shrink are damped more, too."""
+        if self._damping == 0.0:
+            return h
+        k, c = 4.0 / h**2, self._damping * (self._elastic / h) ** 2
+        return float((np.sqrt(c**2 + 4.0 * k) - c) / k)
+
+    def _damping_rate(self) -> float:
+        """1/s, the largest eigenvalue of the dissipation's matrix by mass. Collective.
+
+        Raises:
+            FormulationError: viscous forces that are not linear in the rates have no such bound.
+        """
+        body = self._body
+        if body.viscous_forces is None:
+            return 0.0
+        if not body.viscous_forces.are_linear:
+            raise FormulationError(
+                f"the dissipation of {body.form_name} is not quadratic in the rates, and explicit steps have no stable "
+                "length; take ImplicitContinuum"
+            )
+        matrix = body.viscous_forces.matrix()
+        x, y = matrix.createVecs()
+
+        def by_rates(w: FloatArray) -> FloatArray:
+            x.array[:] = w / self._root
+            matrix.mult(x, y)
+            return np.asarray(y.array / self._root)
+
+        found = largest_eigenvalue(body.comm, by_rates, body.n_owned, begin=self._begin)
+        matrix.destroy()
+        return float(found)
 
     def _smallest(self) -> float:
         """Size of the smallest cell, in some unit. Collective."""
@@ -108,5 +145,5 @@ class StableStep:
         u.scatter_forward()
         size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
         u.array[:] *= size
-        image: FloatArray = body.force(u.array) / (size * self._root)
+        image: FloatArray = body.force(u.array, dt=0.0) / (size * self._root)
         return image
