@@ -211,7 +211,8 @@ def _takes(function: Callable[..., Any], arguments: int) -> bool:
     try:
         found = inspect.signature(function)
         # those that are handed over by keyword may have no default
-        found.bind(*range(arguments), **{name: None for name in _BY_KEYWORD if name in found.parameters})
+        given = [name for name, item in found.parameters.items() if item.kind is item.KEYWORD_ONLY]
+        found.bind(*range(arguments), **dict.fromkeys(_BY_KEYWORD.intersection(given)))
     except (TypeError, ValueError):  # ValueError: a function of C without a signature
         return False
     return True
