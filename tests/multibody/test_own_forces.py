@@ -184,6 +184,43 @@ def test_an_energy_that_is_not_the_wrench_s_own_is_refused():
 
 
 @fm.compiled
+def wall(data, d, R, rate, spin, out):
+    """The energy data[0] s^n, n = data[1], of how far s d[0] lies behind data[2], before it if data[4].
+
+    Its force is 1 + data[3] of its own.
+    """
+    n, s = data[1], d[0] - data[2]
+    if s < 0.0 and data[4] == 0.0:
+        return 0.0
+    out[0] = -(1.0 + data[3]) * data[0] * n * s ** (n - 1.0)
+    return data[0] * s**n
+
+
+def at_wall(power, *, behind, size, falsely=0.0, pulls=False):
+    """A body of this size (m) so far behind the wall, as a share of it, and as stiff whatever the size."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(mass=1.0, inertia=(size**2,) * 3), name="body")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame((0.0, size, 0.0)))
+    free.position = (size, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    numbers = (50.0 * size ** (2.0 - power), power, (1.0 - behind) * size, falsely, float(pulls))
+    scene.add_force(OwnLaw(scene.ground.frame(), body.frame((0.0, size, 0.0)), wall, numbers))
+    return scene
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e5])
+def test_energies_of_laws_that_bend_or_jump_at_the_start_are_their_own(size):
+    """Differences are known to their truncation and rounding: a force false by 1e-4 is told where it is smooth."""
+    for power in (1.0, 1.5, 2.0, 3.0, 4.0):
+        for behind in (-1e-3, -1e-5, -3e-6, 0.0, 1e-7, 3e-6, 1e-5, 1e-3, 0.3):
+            at_wall(power, behind=behind, size=size).start()
+    at_wall(3.0, behind=0.0, size=size, pulls=True).start()  # slopes on both sides are alike, and not that between
+    for power in (1.0, 1.5, 2.0, 3.0):
+        for falsely in (-1e-4, 1e-4):
+            with pytest.raises(SceneError, match="is not that of the energy"):
+                at_wall(power, behind=0.3, size=size, falsely=falsely).start()
+
+
+@fm.compiled
 def of_time(t):
     return t
 

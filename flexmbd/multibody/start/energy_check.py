@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.elements.differences import STEP
 from flexmbd.multibody.kernels.elements.frame_law import STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.table import are_of
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -15,9 +16,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 6e-6  # of the machine's extent, and of 1 rad: the cube root of round-off
-_FALSE = 1e-3  # of the wrench; what differences of a law with kinks miss is far less
-_ROUND_OFF = 1e-9  # of the energy over these sizes
+_ROUNDINGS = 32.0  # in a law's energy: it is some tens of operations
 
 
 def gives_energies(plan: Plan) -> bool:
@@ -28,6 +27,11 @@ def gives_energies(plan: Plan) -> bool:
 def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> None:
     """Compare wrenches at rest with their energies' slopes at a start (nx,).
 
+    A law is refused where its wrench lies farther from the central difference than that can be wrong.  It differs from
+    that over twice the step by as much as it misses where the slope is smooth or bends (a missed term of order p is
+    2^p - 1 of the difference); from the slopes on either side where these jump; and by the rounding of energies and of
+    where the frames are.
+
     Raises:
         SceneError: they differ; the message names the law.
     """
@@ -36,16 +40,20 @@ def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> No
         return
     still = np.zeros(scene.nv)
     residual(scene.plan, work, x, still, still, np.zeros(len(scene.plan.rows)), np.zeros(scene.nv))
-    step = _STEP * np.array([scene.extent, 1.0])
     for k in laws:
-        found = np.zeros((3, 6))
-        energy_slopes(scene.plan, work, int(k), step, found)
+        found = np.zeros((2, 4, 6))
+        for twice in range(2):
+            step = (1.0 + twice) * STEP * np.array([scene.extent, 1.0])
+            energy_slopes(scene.plan, work, int(k), step, found[twice])
         scene.refuse_failed(work)
         for name, unit, part, size in (("force", "N", slice(3), scene.extent), ("torque", "N m", slice(3, 6), 1.0)):
-            wrench, slope = found[0, part], -found[1, part]
-            allowed = _FALSE * np.linalg.norm(wrench) + _ROUND_OFF * abs(found[2, 0]) / size
-            if np.linalg.norm(wrench - slope) > allowed:
+            wrench, before, behind = found[0, :3, part]
+            slope, wider = 0.5 * (before + behind), 0.5 * (found[1, 1, part] + found[1, 2, part])
+            known = np.linalg.norm(behind - before) + np.linalg.norm(wider - slope)
+            of_values = abs(found[0, 3, 0]) / size + np.linalg.norm(slope)
+            known += _ROUNDINGS * np.finfo(float).eps / (2.0 * STEP) * of_values
+            if np.linalg.norm(wrench + slope) > known:
                 raise SceneError(
                     f"{scene.element_names[k]}: at the start its {name} at rest, {wrench} {unit}, is not that of the "
-                    f"energy it returns, {slope} {unit}; mend one of them, or return nothing"
+                    f"energy it returns, {-slope} {unit}; mend one of them, or return nothing"
                 )

@@ -16,22 +16,22 @@ _ZERO = (0.0, 0.0, 0.0)
 def energy_slopes(plan, work, i, step, out):
     """Of element i, between frames, at rest where ``work`` has its frames: out[0, :6] its wrench on G, in F's axes.
 
-    out[1, :6]: the energy's slopes by d (N) and by turns of G (N m), by central differences of ``step`` (m; rad).
-    out[2, 0]: the energy (J).
+    out[1, :6], out[2, :6]: the energy's slopes by d (N) and by turns of G (N m), from ``step`` (m; rad) before to here,
+    and from here to as far behind.  out[3, 0]: the energy (J).
     """
     row = plan.elements[i]
     d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
     force, torque = element_wrench(plan, work, row, d, R, _ZERO, _ZERO)
-    out[2, 0] = frame_energy(plan, work, row, d, R, _ZERO, _ZERO)
+    here = frame_energy(plan, work, row, d, R, _ZERO, _ZERO)
+    out[3, 0] = here
     for k in range(3):
         out[0, k] = force[k]
         out[0, 3 + k] = torque[k]
-        out[1, k] = 0.0
-        out[1, 3 + k] = 0.0
-        for sign in (-1.0, 1.0):
+        for side in range(2):
+            sign = 2.0 * side - 1.0
             moved = scale3(sign * step[0], unit(k))
             turn = exp_rotation(scale3(sign * step[1], unit(k)))
             there = frame_energy(plan, work, row, add3(d, moved), R, _ZERO, _ZERO)
             turned = frame_energy(plan, work, row, d, compose(turn, R), _ZERO, _ZERO)
-            out[1, k] += sign * there / (2.0 * step[0])
-            out[1, 3 + k] += sign * turned / (2.0 * step[1])
+            out[1 + side, k] = sign * (there - here) / step[0]
+            out[1 + side, 3 + k] = sign * (turned - here) / step[1]
