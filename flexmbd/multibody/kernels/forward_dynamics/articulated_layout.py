@@ -78,7 +78,7 @@ class ArticulatedWork(ArrayStruct):
     """Constants and scratch of the articulated-body recursion of one plan.
 
     link, constant, axes: the tree re-expressed, one row a body.  row, pose, gathered: scratch of each.
-    subspace (k, 3, 6, 6), force (k, 6): S, U, D of joints of several coordinates, and u.
+    subspace (k, 2, 6, 6), force (k, 2, 6): S and U of joints of several coordinates, a row each; u and 1/D.
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
     table (f, 15, n): moments of the deformed bodies, see ``physics.modal_moments``.
     bias, modal_acceleration (f, n): modal bias forces; accelerations of the modes without interface wrenches.
@@ -166,7 +166,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         pose=pose,
         gathered=zeros((count, N_GATHERED)),
         subspace=_ball_subspaces(links, multi_dof),
-        force=zeros((multi_dof, 6)),
+        force=zeros((multi_dof, 2, 6)),
         flex=flex,
         body=zeros((len(flex), N_BODY)),
         interface=zeros((len(interface_frames), N_INTERFACE)),
@@ -189,11 +189,11 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
 
 
 def _ball_subspaces(links: IntArray, count: int) -> FloatArray:
-    """ArticulatedWork.subspace with the columns of S that turn a ball, which are constant."""
-    subspace = np.zeros((count, 3, 6, 6))
+    """ArticulatedWork.subspace with the rows of S that turn a ball, which are constant."""
+    subspace = np.zeros((count, 2, 6, 6))
     for link in links[links[:, SUBSPACE] >= 0]:
         for k in range(link[ADDS], link[FREEDOMS]):
-            subspace[link[SUBSPACE], 0, k - link[ADDS], k] = 1.0
+            subspace[link[SUBSPACE], 0, k, k - link[ADDS]] = 1.0
     return subspace
 
 

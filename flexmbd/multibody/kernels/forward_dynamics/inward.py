@@ -18,7 +18,6 @@ from flexmbd.multibody.kernels.algebra.spatial import (
     shift_symmetric,
     shift_torque,
     skew,
-    subtract_outer,
     symmetric_times,
     transpose,
     turn,
@@ -36,6 +35,7 @@ from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import (
     eliminate_joint_forces,
     eliminate_multi_dof_joint,
 )
+from flexmbd.multibody.kernels.physics.joint_elimination import eliminate_force, eliminate_inertia, screw_column
 
 _ZERO3 = (0.0, 0.0, 0.0)
 _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -135,7 +135,7 @@ def _add_load(work, aw, i, torque, force):
 
 
 @kernel
-def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one step
+def _eliminate_joint(plan, aw, i, a, b, m, torque, force):
     """The inward step for any form: inertia and bias force for the parent, about its origin or deforming frame."""
     link = aw.link
     row = aw.row
@@ -153,33 +153,10 @@ def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one
         aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
     if link[i, to.FORM] == to.MULTI_DOF:
         a, b, m, torque, force = eliminate_multi_dof_joint(aw, link[i], a, b, m, torque, force)
-        if link[i, to.PARENT] < 0:
-            return a, b, m, torque, force
-    else:
-        spin = aw.constant[i, to.C_TURN]
-        slide = aw.constant[i, to.C_SHIFT]
-        u = (
-            spin * a[2] + slide * b[2],
-            spin * a[4] + slide * b[5],
-            spin * a[5] + slide * b[8],
-            spin * b[6] + slide * m[2],
-            spin * b[7] + slide * m[4],
-            spin * b[8] + slide * m[5],
-        )
-        over = 0.0  # a prescribed coordinate, which is not eliminated
-        joint_force = 0.0
-        if link[i, to.FREEDOMS] > 0:
-            over = 1.0 / (spin * u[2] + slide * u[5])
-            joint_force = -aw.required[link[i, to.JOINT_V]] - spin * torque[2] - slide * force[2]
-        put6(row, i, to.R_U, u)
-        row[i, to.R_D] = over
-        row[i, to.R_FORCE] = joint_force
-        if link[i, to.PARENT] < 0:
-            return a, b, m, torque, force
-        e = (over * u[0], over * u[1], over * u[2], over * u[3], over * u[4], over * u[5])
-        a, b, m = subtract_outer(a, b, m, u, e)
-        torque = add3(torque, scale3(joint_force, (e[0], e[1], e[2])))
-        force = add3(force, scale3(joint_force, (e[3], e[4], e[5])))
+    elif link[i, to.FREEDOMS] > 0:
+        a, b, m, torque, force = _eliminate_coordinate(aw, i, a, b, m, torque, force)
+    if link[i, to.PARENT] < 0:
+        return a, b, m, torque, force
     angular = row3(aw.pose, i, to.P_BIAS)
     linear = row3(row, i, to.R_BIAS)
     torque = add3(torque, add3(symmetric_times(a, angular), rotate(b, linear)))
@@ -201,6 +178,21 @@ def _eliminate_joint(plan, aw, i, a, b, m, torque, force):  # noqa: PLR0915  one
         force = rotate(R_AG, force)
     shifted = shift_block(r, b, m)
     return shift_symmetric(r, a, b, shifted), shifted, m, shift_torque(r, torque, force), force
+
+
+@kernel
+def _eliminate_coordinate(aw, i, a, b, m, torque, force):
+    """Eliminate a joint of one coordinate, which turns and slides along z."""
+    turn, slide = aw.constant[i, to.C_TURN], aw.constant[i, to.C_SHIFT]
+    u = screw_column(a, b, m, turn, slide)
+    over = 1.0 / (turn * u[2] + slide * u[5])
+    joint_force = -aw.required[aw.link[i, to.JOINT_V]] - turn * torque[2] - slide * force[2]
+    put6(aw.row, i, to.R_U, u)
+    aw.row[i, to.R_D] = over
+    aw.row[i, to.R_FORCE] = joint_force
+    a, b, m = eliminate_inertia(a, b, m, u, over)
+    torque, force = eliminate_force(torque, force, u, over * joint_force)
+    return a, b, m, torque, force
 
 
 @deferred_kernel(INERTIA_AND_WRENCH)
@@ -256,9 +248,7 @@ def propagate_forces(plan, aw, i, rhs):
             u = rhs[link[i, to.JOINT_V]]
             u -= aw.constant[i, to.C_TURN] * torque[2] + aw.constant[i, to.C_SHIFT] * force[2]
             row[i, to.R_FORCE] = u
-            u *= row[i, to.R_D]
-            torque = add3(torque, scale3(u, row3(row, i, to.R_U)))
-            force = add3(force, scale3(u, row3(row, i, to.R_U + 3)))
+            torque, force = eliminate_force(torque, force, row6(row, i, to.R_U), row[i, to.R_D] * u)
     parent = link[i, to.PARENT]
     if parent >= 0:
         r = row3(aw.constant, i, to.C_P)

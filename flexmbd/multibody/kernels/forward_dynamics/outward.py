@@ -11,6 +11,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes, deform_interface, prepare_body
 from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import accelerate_multi_dof_joint, set_motion_subspace
+from flexmbd.multibody.kernels.physics.joint_elimination import coordinate_acceleration
 from flexmbd.multibody.kernels.physics.joints import joint_motion, joint_pose
 
 
@@ -135,9 +136,7 @@ def propagate_accelerations(plan, aw, start, v, share, out):
             rate = share * v[o]
             acc = add3(acc, scale3(share, row3(row, i, to.R_BIAS)))
             dw = (dw[0] + row[i, to.R_SPIN + 1] * rate, dw[1] - row[i, to.R_SPIN] * rate, dw[2])
-            u = row6(row, i, to.R_U)
-            t = row[i, to.R_FORCE] - u[0] * dw[0] - u[1] * dw[1] - u[2] * dw[2]
-            t = row[i, to.R_D] * (t - u[3] * acc[0] - u[4] * acc[1] - u[5] * acc[2])
+            t = coordinate_acceleration(row6(row, i, to.R_U), row[i, to.R_D], row[i, to.R_FORCE], dw, acc)
             out[o] = t
             dw = (dw[0], dw[1], dw[2] + t)
         else:
@@ -170,9 +169,7 @@ def _propagate_acceleration(plan, aw, i, dw, acc, share, out):
         if link[i, to.FORM] == to.MULTI_DOF:
             dw, acc = accelerate_multi_dof_joint(aw, link[i], dw, acc, out)
         else:
-            u = row6(row, i, to.R_U)
-            t = row[i, to.R_FORCE] - u[0] * dw[0] - u[1] * dw[1] - u[2] * dw[2]
-            t = row[i, to.R_D] * (t - u[3] * acc[0] - u[4] * acc[1] - u[5] * acc[2])
+            t = coordinate_acceleration(row6(row, i, to.R_U), row[i, to.R_D], row[i, to.R_FORCE], dw, acc)
             out[o] = t
             dw = (dw[0], dw[1], dw[2] + aw.constant[i, to.C_TURN] * t)
             acc = (acc[0], acc[1], acc[2] + aw.constant[i, to.C_SHIFT] * t)

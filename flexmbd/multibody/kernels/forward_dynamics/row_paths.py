@@ -30,6 +30,7 @@ from flexmbd.multibody.kernels.base.row_blocks import (
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
+from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import FORCE, OVER
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, load_relative, relative_pose
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
@@ -192,10 +193,10 @@ def _propagate_row(plan, aw, paths, i):
         propagate_forces(plan, aw, b, paths.jacobian[i])
         o = aw.link[b, to.JOINT_V]
         if aw.link[b, to.FORM] == to.MULTI_DOF:
-            left = aw.force[aw.link[b, to.SUBSPACE]]
+            own = aw.force[aw.link[b, to.SUBSPACE]]
             for k in range(aw.link[b, to.FREEDOMS]):
-                paths.joint_force[i, o + k] = left[k]
-                paths.joint_acceleration[i, o + k] = left[k]
+                paths.joint_force[i, o + k] = own[FORCE, k]
+                paths.joint_acceleration[i, o + k] = own[FORCE, k] * own[OVER, k]
         elif aw.link[b, to.FREEDOMS] > 0:
             paths.joint_force[i, o] = aw.row[b, to.R_FORCE]
             paths.joint_acceleration[i, o] = aw.row[b, to.R_FORCE] * aw.row[b, to.R_D]

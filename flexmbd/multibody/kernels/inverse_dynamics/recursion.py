@@ -115,13 +115,14 @@ def frame_motion(plan, work, f):
 def forward_kinematics(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
     for f in range(plan.frames.shape[0]):
-        if plan.frame_of[f, at.FRAME_MODES] >= 0:
-            deform_frame(plan, work, f, x, v, a)
-            continue
         fixed = plan.frames[f]
         row = work.frame[f]
         store3(row, at.F_P, load3(fixed, at.FRAME_P))
         store9(row, at.F_R, load9(fixed, at.FRAME_R))
+    if plan.flex.shape[0] > 0:  # a loop of its own, for one that calls through an address is compiled worse
+        for f in range(plan.frames.shape[0]):
+            if plan.frame_of[f, at.FRAME_MODES] >= 0:
+                deform_frame(plan, work, f, x, v, a)
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
