@@ -146,7 +146,7 @@ def propose_step(rule, knots, state, groups):
     number[st.RATE] = rate
     fixed = count[st.FIXED_STEP] == 1
     if not fixed:
-        number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING])
+        number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
     h = number[st.STEP]

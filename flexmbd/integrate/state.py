@@ -37,7 +37,8 @@ LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING = range(15, 19)
 # machine begins anew.
 RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 19, 20, 21
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
-LARGEST_PIVOT, N_NUMBER = 22, 23
+# The longest step (s) that an explicit method knows to be stable.
+LARGEST_PIVOT, STABLE_STEP, N_NUMBER = 22, 23, 24
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)

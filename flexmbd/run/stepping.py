@@ -247,6 +247,7 @@ class Integration:
         count[st.AT_BREAK] = 0
         count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
+        number[st.STABLE_STEP] = np.inf
         number[st.STEP_BEFORE] = 0.0
         for part in arrays_of(self._stepper.memory).values():
             part[...] = 0
@@ -348,6 +349,7 @@ def new_snapshot(
     number[st.TIME], number[st.TIME_END] = t_start, t_end
     number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
+    number[st.STABLE_STEP] = np.inf
     number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf

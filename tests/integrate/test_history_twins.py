@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import InteriorFrame
 
-EXPLICIT, IMPLICIT = fm.CentralDifference(), fm.GeneralizedAlpha()
+EXPLICIT, IMPLICIT = fm.CentralDifference(corrected=False), fm.GeneralizedAlpha()
 BOTH = [(ExplicitSprings, EXPLICIT), (ImplicitSprings, IMPLICIT)]
 
 

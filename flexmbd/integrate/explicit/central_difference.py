@@ -24,6 +24,7 @@ from flexmbd.integrate.explicit.central_step import (
     advance,
 )
 from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
+from flexmbd.integrate.explicit.fastest_vibration import new_vibration_memory
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, new_loops, set_row_scales
 from flexmbd.integrate.interior_support import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
@@ -44,20 +45,23 @@ class CentralDifference:
 
     Attributes:
         subcycle: let bodies with history take several steps within one of the machine's, where h is too long for them.
+        corrected: in machines of rigid bodies, evaluate forces a second time with the velocity at the step's end.
 
     Raises:
-        SceneError: ``subcycle`` is neither True nor False.
+        SceneError: one of them is neither True nor False.
     """
 
     subcycle: bool = False
+    corrected: bool = True
 
     def __post_init__(self) -> None:
-        refuse_no_truth(subcycle=self.subcycle)
+        refuse_no_truth(subcycle=self.subcycle, corrected=self.corrected)
 
     @property
     def name(self) -> str:
         """How ``explain`` calls the method."""
-        return f"explicit central differences, order {ORDER}{', bodies subcycled' if self.subcycle else ''}"
+        ways = f"{', bodies subcycled' if self.subcycle else ''}{'' if self.corrected else ', one evaluation a step'}"
+        return f"explicit central differences, order {ORDER}{ways}"
 
     @property
     def order(self) -> int:
@@ -72,12 +76,15 @@ class CentralDifference:
         """See ``integrate.protocol.Integrator``."""
         plan, zeros, nv = scene.plan, np.zeros, scene.nv
         motion = (zeros(scene.nx), zeros(nv), zeros(nv), zeros(nv), zeros(len(plan.rows)))
+        elastic = len(plan.flex) > 0
+        errors = (zeros(nv), zeros(nv), zeros(nv), zeros(nv), zeros((1, nv)), np.array([float(elastic)]))
         missed = (zeros(len(plan.rows)), new_data_loads(plan, nv))
-        memory = CentralDifferenceMemory(new_loop_memory(plan), zeros(nv))
-        scratch = CentralDifferenceWorkspace(*motion, zeros(nv), zeros(nv), *missed, memory)
+        memory = CentralDifferenceMemory(new_loop_memory(plan), new_vibration_memory(nv), *zeros((2, nv)))
+        scratch = CentralDifferenceWorkspace(*motion, *errors, *missed, memory)
         loops = new_loops(plan, memory.loops, nv)
         parts = (plan, work, new_articulated_work(plan), loops, *coordinate_slots(plan))
-        method = CentralDifferenceMethod(*parts, scratch)
+        corrected = self.corrected and not elastic and scene.interiors is None
+        method = CentralDifferenceMethod(*parts, corrected, scratch)
         drive = make_advance(advance, method, RULE, state, groups)
         interiors = None
         if scene.interiors is not None:

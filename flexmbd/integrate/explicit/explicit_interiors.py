@@ -29,12 +29,12 @@ _RENEWAL = 10
 
 
 @entry_kernel
-def predict_frames(plan, work, plain, quaternions, rows, state, scratch, h, start, end):
+def predict_frames(plan, work, plain, quaternions, corrected, rows, state, scratch, h, start, end):
     """Motions (k, N_MOTION) of the frames in ``rows`` at the step's start and, as far as predicted, at its end."""
     store_motions(plan, work, rows, state.x, state.v, state.a, start)
     for k in range(scratch.a.shape[0]):
         scratch.a[k] = state.a[k]
-    predict(plan, work, plain, quaternions, state, scratch, h)
+    predict(plan, work, plain, quaternions, corrected, state, scratch, h)
     store_motions(plan, work, rows, scratch.x, scratch.v, scratch.a, end)
 
 
@@ -140,7 +140,7 @@ class ExplicitInteriors:
         method = self._method
         before = interiors.applied_wrenches(plan)
         h = float(propose_step(self._rule, knots, state, groups))
-        slots = method.plain, method.quaternions, self._rows
+        slots = method.plain, method.quaternions, method.corrected, self._rows
         first, last = self._motions
         predict_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)

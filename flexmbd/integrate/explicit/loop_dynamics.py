@@ -38,7 +38,6 @@ _NEARLY_SINGULAR = 1e-2
 # alone, and projection makes up for it.
 NO_REACTION = 1e-10
 
-_MAX_ITERATIONS = 8
 _CLOSED = 1e-13  # a correction below this share of the scales is not worth another
 _ACCEPTED = 1e-9  # where round-off stops the iteration, this share still counts as closed
 
@@ -267,33 +266,42 @@ def project(plan, work, aw, plain, quaternions, state, groups, loops, rate, x, v
 
     Newton's iteration with those factors; it ends where corrections vanish or round-off stops them.
     """
-    on_positions = True
-    closed = True
     before = np.inf
-    for _ in range(2 * _MAX_ITERATIONS):
-        forward_kinematics(plan, work, x, v, v)
-        constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-        minimum_norm_motion(plan, work, aw, loops, loops.rank, loops.phi if on_positions else loops.rate, loops.move)
-        size = 0.0
-        for k in range(v.shape[0]):
-            g = groups.of[k]
-            scale = groups.position[g] if on_positions else st.group_speed(groups, g, rate)
-            part = abs(loops.move[k]) / scale
-            loops.move[k] = -loops.move[k]
-            if not part <= size:
-                size = part
-                state.counts[st.WORST] = k
+    while True:
+        size = _correction(plan, work, aw, state, groups, loops, rate, x, v, True)
         if size <= _CLOSED or not size < 0.5 * before:
-            closed = size <= _ACCEPTED
-            if not closed or not on_positions:
-                break
-            on_positions = False
-            before = np.inf
-        elif on_positions:
-            before = size
-            from_local_coordinates(plain, quaternions, EXPONENTIAL, x, loops.move, x)
-        else:
-            before = size
-            for k in range(v.shape[0]):
-                v[k] += loops.move[k]
-    return closed and not on_positions
+            break
+        before = size
+        from_local_coordinates(plain, quaternions, EXPONENTIAL, x, loops.move, x)
+    return size <= _ACCEPTED and project_velocities(plan, work, aw, state, groups, loops, rate, x, v)
+
+
+@kernel
+def project_velocities(plan, work, aw, state, groups, loops, rate, x, v):
+    """Move v onto C v = 0 at x, as `project`; whether it succeeded."""
+    before = np.inf
+    while True:
+        size = _correction(plan, work, aw, state, groups, loops, rate, x, v, False)
+        if size <= _CLOSED or not size < 0.5 * before:
+            return size <= _ACCEPTED
+        before = size
+        for k in range(v.shape[0]):
+            v[k] += loops.move[k]
+
+
+@kernel
+def _correction(plan, work, aw, state, groups, loops, rate, x, v, on_positions):
+    """Write the correction of x or of v into ``loops.move``; its largest part over the coordinates' scales."""
+    forward_kinematics(plan, work, x, v, v)
+    constraints(plan, work, loops.phi, loops.rate, loops.rate2)
+    minimum_norm_motion(plan, work, aw, loops, loops.rank, loops.phi if on_positions else loops.rate, loops.move)
+    size = 0.0
+    for k in range(v.shape[0]):
+        g = groups.of[k]
+        scale = groups.position[g] if on_positions else st.group_speed(groups, g, rate)
+        part = abs(loops.move[k]) / scale
+        loops.move[k] = -loops.move[k]
+        if not part <= size:
+            size = part
+            state.counts[st.WORST] = k
+    return size

@@ -147,7 +147,7 @@ def test_runs_are_those_of_the_steps(name, method, loop):
     ends = []
     for made in ((Step(pair),), steps):
         scene, (*_, tool), joints = machine(made, loop=loop)
-        run = scene.simulate(0.1, rtol=1e-5, integrator=method)
+        run = scene.simulate(0.1, rtol=1e-6, integrator=method)
         ends.append([run.position(tool.frame())[-1], *(run.beta(j)[-1] for j in joints), run.stats.steps])
     assert_same(ends[0], ends[1], 1e-8)
 
