@@ -21,7 +21,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     project_velocities,
     update_row_scales,
 )
-from flexmbd.integrate.filtered_error import filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -181,7 +181,7 @@ def _error(plan, work, aw, loops, state, groups, scratch, h, rate):
         scratch.own_rate[k] = vibration_rate(groups, k, scratch.curve[k])
         scratch.error_x[j] = scratch.error_x[k]
         scratch.error_v[j] = scratch.error_v[k]
-    ratio = _ratio(plan, state, groups, scratch, h, rate, scratch.elastic[0])
+    ratio = _ratio(plan, state, groups, scratch, h, rate, _lasting(state, scratch))
     if 0.0 < ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ratio)
     forget_passing(plan, state, groups, scratch.own_rate)
@@ -189,10 +189,16 @@ def _error(plan, work, aw, loops, state, groups, scratch, h, rate):
 
 
 @kernel
-def _ratio(plan, state, groups, scratch, h, rate, leniency):
+def _lasting(state, scratch):
+    """Shares of own rates that are a vibration's, of modes and of joints: none without elastic bodies."""
+    return scratch.elastic[0], scratch.elastic[0] * state.numbers[st.STEP_LASTING]
+
+
+@kernel
+def _ratio(plan, state, groups, scratch, h, rate, lasting):
     own, before = scratch.own_rate, scratch.memory.own_rate
     errors = scratch.error_x, scratch.error_v
-    return filtered_ratio(plan, state, groups, *errors, own, before, h, rate, st.ROUND_OFF, leniency)
+    return filtered_ratio(plan, state, groups, *errors, own, before, h, rate, st.ROUND_OFF, lasting)
 
 
 @kernel
@@ -201,7 +207,7 @@ def _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ra
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
     if found == STRAIGHT:
         return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, 0.0) <= 1.0:
+    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, DRIFTING) <= 1.0:
         for k in range(scratch.own_rate.shape[0]):
             scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
         return ratio
@@ -213,9 +219,9 @@ def _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ra
         k = plan.free[j]
         scratch.load[0, j] = scratch.data.a[k] - scratch.a[k]
     without_loads(plan, groups, scratch.own_rate, scratch.load, h)
-    seen = _ratio(plan, state, groups, scratch, h, rate, scratch.elastic[0])
+    seen = _ratio(plan, state, groups, scratch, h, rate, _lasting(state, scratch))
     missed_impulse(plan, scratch.load, h, scratch.error_x, scratch.error_v)
-    return max(seen, _ratio(plan, state, groups, scratch, h, rate, 0.0))
+    return max(seen, _ratio(plan, state, groups, scratch, h, rate, DRIFTING))
 
 
 @kernel
