@@ -13,10 +13,12 @@ from types import NoneType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.ensemble.batch import BatchRuns
 from flexmbd.ensemble.executing import run_ensemble
 from flexmbd.ensemble.results import Ensemble
+from flexmbd.ensemble.sampled import Sampled
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import meaning, program_stamp
 from flexmbd.ensemble.variants import Study, VariantOutput
@@ -48,6 +50,8 @@ from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
 from flexmbd.run.trajectory import Trajectory
+
+FloatArray = NDArray[np.float64]
 
 _STARTING = "the start"  # what kernels are compiled for before any integrator's
 
@@ -259,7 +263,7 @@ class CompiledMachine:
             return None
         trajectory = None
         if workspace.take(scene):
-            workspace.x[:], workspace.v[:], *_ = given_start(scene, self.connections, self.bodies)
+            workspace.x[:], workspace.v[:] = self._given(scene)
             if workspace.begin():
                 rows = workspace.step()
                 if rows is None:
@@ -279,6 +283,22 @@ class CompiledMachine:
         except FlexmbdError:
             return None
         return made if made.is_of_use else None
+
+    def _batch_runs(self, settings: RunSettings, outputs: Mapping[str, Sampled]) -> BatchRuns | None:
+        """How variants are run in workspaces and outputs sampled there; None where that cannot be."""
+        if not settings.is_stepping_alone or not can_be_prepared(self.scene, settings):
+            return None
+        key = settings.stepping
+        self._workspaces.are_for(key)
+        new = partial(self._new_workspace, settings)
+        return BatchRuns(
+            self.scene, self.parameters, self.variant, self._given, self._workspaces, key, new, outputs
+        )
+
+    def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray]:
+        """x (nx,) and v (nv,) that joints and bodies are given in a variant."""
+        x, v, *_ = given_start(scene, self.connections, self.bodies)
+        return x, v
 
     def ensemble(
         self,
@@ -306,7 +326,7 @@ class CompiledMachine:
         Args:
             samples: the parameters' values, arrays (n, ...) by their names, or a list of n mappings.
             outputs: by name functions of a variant's trajectory that give a number, or an array of the same shape for
-                all variants.
+                all variants; or ``flexmbd.ensemble.Sampled`` series, for which no trajectory need be made.
             t_end: end time (s).
             rtol: as of ``System.simulate``, as all arguments up to ``max_seconds``.
             h: fixed step (s).
@@ -354,11 +374,16 @@ class CompiledMachine:
         self._refuse_unknown(values.names)
         method = integrator if isinstance(integrator, str) else integrator.name
         options = (t_end, rtol, h, t_start, method, max_step, max_steps)
-        asked = [f"{name} {fingerprint(ask)}" for name, ask in outputs.items()]
+        sampled = {name: ask for name, ask in outputs.items() if isinstance(ask, Sampled)}
+        for ask in sampled.values():
+            ask.check(self.scene, t_start, t_end)
+        told_of = {name: one.meaning(self.scene) for name, one in sampled.items()}
+        asked = [f"{name} {told_of.get(name) or fingerprint(ask)}" for name, ask in outputs.items()]
         named = [(name, [meaning(one, self.scene) for one in of]) for name, of in self.parameters.items()]
         told_apart = (program_stamp(), self.scene.digest(), values.digest(), options, asked, named)
         digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
-        study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared)
+        batch = self._batch_runs(settings, sampled) if len(sampled) == len(outputs) else None
+        study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared, batch=batch)
         return run_ensemble(
             study, values, digest, executor=executor, workers=workers, file=file, progress=progress
         )

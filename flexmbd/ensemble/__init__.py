@@ -5,4 +5,5 @@ Users enter by `CompiledMachine.ensemble`.
 
 from flexmbd.ensemble.results import Ensemble as Ensemble
 from flexmbd.ensemble.results import Failure as Failure
+from flexmbd.ensemble.sampled import Sampled as Sampled
 from flexmbd.ensemble.variants import VariantOutput as VariantOutput

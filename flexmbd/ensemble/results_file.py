@@ -8,6 +8,7 @@ which is written after it.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import sys
 import time
@@ -30,6 +31,7 @@ FloatArray = NDArray[np.float64]
 WAITING, DONE, FAILED = range(3)
 
 _VERSION = 1
+_unnamed = itertools.count()
 _TEXT = 400  # bytes of a failure's message
 _HEADERS = 1 << 16  # bytes of all else in the file
 _EVERY = 0.2  # s after which what came is written: what a killed process loses
@@ -129,7 +131,8 @@ def new_file(
     import h5py
 
     if path is None:
-        file = h5py.File("ensemble", "w", driver="core", backing_store=False)
+        # no two open files of a process can have one name
+        file = h5py.File(f"ensemble {next(_unnamed)}", "w", driver="core", backing_store=False)
         _lay_out(file, count, shapes, samples, digest)
         return ResultsFile(file)
     part = path.with_name(f"{path.name}.part")

@@ -8,11 +8,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.ensemble.batch import BatchRuns
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.kernels.base.compiling import pickled_function
 from flexmbd.run.trajectory import Trajectory
@@ -51,11 +53,13 @@ class Study:
         simulate: from the values of parameters to a trajectory.
         outputs: what is asked of it, by name.
         shared: whether threads may run it side by side; else they take turns.
+        batch: runs variants without trajectories; None where outputs or machine need these.
     """
 
     simulate: Callable[..., Trajectory]
     outputs: Mapping[str, VariantOutput]
     shared: bool
+    batch: BatchRuns | None = None
 
     def run(
         self, rows: NumberedVariants, turn: AbstractContextManager[Any], goes_on: Callable[[], bool] = lambda: True
@@ -63,11 +67,13 @@ class Study:
         """Run variants one after the other, each in its ``turn``, while ``goes_on``."""
         began = time.perf_counter()
         found: list[VariantOutcome] = []
+        sampled = self.batch.run([values for _, values in rows]) if self.batch is not None else repeat(None)
         for k, values in rows:
             if not goes_on():
                 break
             with turn:
-                found.append(self._outcome(k, values))
+                outputs = next(sampled)
+                found.append(self._outcome(k, values) if outputs is None else (k, outputs, ""))
         return TaskOutcome(found, time.perf_counter() - began)
 
     def _outcome(self, k: int, values: Mapping[str, Any]) -> VariantOutcome:

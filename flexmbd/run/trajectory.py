@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from flexmbd.visual import Drawn, StressModel
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,12 +275,7 @@ class Trajectory:
         if len(self.t) == 1:
             x, v, a = (np.repeat(part, n, axis=0) for part in (self.x, self.v, self.a))
             return x, v, a
-        x, v, a = np.zeros((n, self.scene.nx)), np.zeros((n, self.scene.nv)), np.zeros((n, self.scene.nv))
-        at, x_at, v_at, a_at = self._with_departures()
-        interval = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, len(at) - 2)
-        coordinates = interpolated_coordinates(self.scene.plan)
-        interpolate_series(*coordinates, at, x_at, v_at, a_at, interval, wanted, x, v, a)
-        return x, v, a
+        return motion_at(interpolated_coordinates(self.scene.plan), self._with_departures(), wanted)
 
     def _with_departures(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """t, x, v, a with a second row at each break: just after it."""
@@ -387,3 +383,24 @@ class Trajectory:
 
 def _single(values: FloatArray) -> FloatArray:
     return values[:, 0] if values.shape[1] == 1 else values
+
+
+def motion_at(
+    coordinates: tuple[IntArray, IntArray, FloatArray, FloatArray],
+    series: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    wanted: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Configurations (k, nx), velocities and accelerations (k, nv) at times ``wanted`` (k,), s.
+
+    Args:
+        coordinates: by ``interpolated_coordinates``.
+        series: t (nt,), x (nt, nx), v, a (nt, nv) of at least two rows.
+        wanted: within t.
+    """
+    at, x, v, a = series
+    n = len(wanted)
+    found = np.zeros((n, x.shape[1])), np.zeros((n, v.shape[1])), np.zeros((n, v.shape[1]))
+    # numpy's clip takes as long as the rest of a short series
+    interval = np.minimum(np.maximum(np.searchsorted(at, wanted, side="right") - 1, 0), len(at) - 2)
+    interpolate_series(*coordinates, at, x, v, a, interval, wanted, *found)
+    return found

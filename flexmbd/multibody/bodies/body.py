@@ -103,6 +103,19 @@ class Ground:
         return None
 
 
+def moments_about_frame(mass: ArrayLike, com: FloatArray, tensor: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First (..., 3) and second moments (..., 3, 3) about a body's frame, by its inertia (..., 3, 3) about its centre.
+
+    Args:
+        mass: (...,) kg.
+        com: (..., 3) m, its centre of mass.
+        tensor: (3, 3) kg m^2.
+    """
+    m = np.asarray(mass)
+    about_centre = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    return m[..., None] * com, about_centre + m[..., None, None] * (com[..., :, None] * com[..., None, :])
+
+
 @dataclass(eq=False)
 class RigidBody:
     """A rigid body.
@@ -125,9 +138,9 @@ class RigidBody:
     name: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
-        self._inertias()
+        self.inertias()
 
-    def _inertias(self) -> tuple[FloatArray, FloatArray]:
+    def inertias(self) -> tuple[FloatArray, FloatArray]:
         """Centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, as they are now.
 
         Raises:
@@ -167,7 +180,7 @@ class RigidBody:
 
     def principal_axes(self) -> tuple[FloatArray, FloatArray]:
         """Principal inertias (3,), kg m^2, ascending, and R_BP (3, 3) from their axes to the body's."""
-        return principal_axes(self._inertias()[1])
+        return principal_axes(self.inertias()[1])
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in body axes."""
@@ -175,9 +188,7 @@ class RigidBody:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass about the body frame."""
-        com, tensor = self._inertias()
-        second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-        return self.mass * com, second + self.mass * np.outer(com, com)
+        return moments_about_frame(np.float64(self.mass), *self.inertias())
 
     def reduced(self) -> None:
         """A rigid body has no modes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
@@ -42,9 +42,20 @@ class Marker:
 
 def rigid_row(body: Body) -> list[float]:
     """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2)."""
-    first, second = body.moments()
-    (xx, xy, xz), (_, yy, yz), (*_, zz) = (map(float, row) for row in second)
-    return [body.mass, *map(float, first), xx, xy, xz, yy, yz, zz]
+    found: list[float] = rigid_rows(np.float64(body.mass), *body.moments()).tolist()
+    return found
+
+
+def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatArray:
+    """(..., N_RIGID) of masses (...,), first (..., 3) and second moments (..., 3, 3)."""
+    rows = np.empty((*np.shape(mass), at.N_RIGID))
+    rows[..., at.MASS] = mass
+    rows[..., at.FIRST_MOMENT : at.SECOND_MOMENT] = first
+    rows[..., at.SECOND_MOMENT :] = second.reshape(*second.shape[:-2], 9)[..., _UPPER]
+    return rows
+
+
+_UPPER = [0, 1, 2, 4, 5, 8]  # xx xy xz yy yz zz among nine
 
 
 def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:

@@ -56,6 +56,12 @@ class Sources:
         known = [far for thing, far in moved.items() if thing in self._reaching]
         return max([*still, *known], default=0.0) or 1.0
 
+    def extents_with(self, moved: IdentityMap[object, list[float]], count: int) -> list[float]:
+        """As ``extent_with`` of ``count`` variants."""
+        still = max((far for thing, far in self.reach if thing not in moved), default=0.0)
+        known = [far for thing, far in moved.items() if thing in self._reaching]
+        return [max(still, *far) or 1.0 for far in zip(*known, strict=True)] if known else [still or 1.0] * count
+
     @cached_property
     def _reaching(self) -> IdentityMap[Body | Frame, None]:
         """What the extent is asked of: frames of forces alone are not."""
@@ -68,7 +74,12 @@ class Sources:
 
 def frame_reach(frame: Frame) -> float:
     """How far (m) a frame lies from its body's origin."""
-    return hypot(*map(float, frame.p_BF_B))
+    return place_reach(frame.p_BF_B)
+
+
+def place_reach(p: FloatArray) -> float:
+    """How far (m) a place (3,) lies from a body's origin."""
+    return hypot(*map(float, p))
 
 
 def row_reach(rigid: Sequence[float]) -> float:

@@ -88,7 +88,7 @@ class _Variation:
                 self._write_motion(thing)
         full, floor = self._scene.group_full, self._scene.group_floor
         if self._extent != self._scene.extent or records:
-            full, floor = self._scales()
+            full, floor = group_sizes(replace(self._scene, index=self._index), self._extent)
         callbacks = self._scene.callbacks.beside()
         return replace(
             self._scene,
@@ -188,19 +188,6 @@ class _Variation:
             numbers = scaled.numbers(self._extent)
             self._array("data")[scaled.place : scaled.place + numbers.size] = numbers
 
-    def _scales(self) -> tuple[FloatArray, FloatArray]:
-        """Full sizes and floors of the error norm's groups."""
-        scene = self._scene
-        lengths = scene.group_kind == kinds.GROUP_LENGTH
-        full, floor = scene.group_full.copy(), scene.group_floor.copy()
-        full[lengths] = floor[lengths] = self._extent
-        for body, slots in self._index.modes.items():
-            record = self._index.now(body).reduced()
-            if record is not None and record.n_modes:
-                group = scene.group_of[slots.v.start]
-                full[group], floor[group] = modal_sizes(self._extent, record)
-        return full, floor
-
     def _write_force(self, force: Force) -> None:
         """Let a force element enter its rows anew, in their former places."""
         span, rows = self._scene.sources.forces[force], self._scene.index.forces[force]
@@ -241,6 +228,19 @@ class _Variation:
         offset = int(self._plan.times[k, at.TIME_OFFSET])
         data = data_with_integrals(row)
         self._array("time_data")[offset : offset + data.size] = data
+
+
+def group_sizes(scene: CompiledScene, extent: float) -> tuple[FloatArray, FloatArray]:
+    """Full sizes and floors of the error norm's groups in a scene of this extent (m)."""
+    lengths = scene.group_kind == kinds.GROUP_LENGTH
+    full, floor = scene.group_full.copy(), scene.group_floor.copy()
+    full[lengths] = floor[lengths] = extent
+    for body, slots in scene.index.modes.items():
+        record = scene.index.now(body).reduced()
+        if record is not None and record.n_modes:
+            group = scene.group_of[slots.v.start]
+            full[group], floor[group] = modal_sizes(extent, record)
+    return full, floor
 
 
 def _hangs_on(force: object, body: FlexibleBody) -> bool:

@@ -147,6 +147,12 @@ def membrane_stretches(plan: Plan) -> Iterator[MembraneStretch]:
         yield MembraneStretch(place.x, place.v, stored[:, :n].copy(), second)
 
 
+def move_frames(extended: Plan, plan: Plan, p: FloatArray, R: FloatArray) -> None:
+    """Bring the frames of ``with_frame(plan, ...)`` up to date with those of ``plan``, its last at p (3,), R (3, 3)."""
+    extended.frames[:-1] = plan.frames
+    extended.frames[-1] = np.concatenate([p, R.ravel()])
+
+
 def with_frame(plan: Plan, row: int, p: FloatArray, R: FloatArray, modes: FloatArray | None = None) -> Plan:
     """``plan`` with one more frame, its last.
 
