@@ -42,8 +42,7 @@ class Marker:
 
 def rigid_row(body: Body) -> list[float]:
     """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2)."""
-    found: list[float] = rigid_rows(np.float64(body.mass), *body.moments()).tolist()
-    return found
+    return [*map(float, rigid_rows(np.float64(body.mass), *body.moments()))]
 
 
 def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatArray:
