@@ -46,6 +46,7 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
+from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
@@ -178,6 +179,7 @@ class CompiledMachine:
         max_steps: int | None = None,
         max_rows: int | None = None,
         max_seconds: float | None = None,
+        recording: Recording | None = None,
         **values: Any,
     ) -> Trajectory:
         """Run the machine with these values of its parameters; those not given stay as compiled.
@@ -202,6 +204,7 @@ class CompiledMachine:
             max_steps: steps after which the run is broken off.
             max_rows: rows after which it is.
             max_seconds: s of the wall's clock after which it is.
+            recording: as there.
             values: of the parameters, by their names.
 
         Raises:
@@ -224,6 +227,7 @@ class CompiledMachine:
             max_steps=max_steps,
             max_rows=max_rows,
             max_seconds=max_seconds,
+            recording=recording,
         )
         return self.run(settings, **values)
 

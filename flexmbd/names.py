@@ -61,8 +61,12 @@ from flexmbd.multibody.functions.time_function import Motion as Motion
 from flexmbd.multibody.functions.time_function import Piecewise as Piecewise
 from flexmbd.multibody.functions.time_function import Sine as Sine
 from flexmbd.multibody.functions.time_function import TimeFunction as TimeFunction
+from flexmbd.multibody.interiors.observed import InteriorFields as InteriorFields
+from flexmbd.multibody.interiors.observed import InteriorMesh as InteriorMesh
+from flexmbd.multibody.interiors.observed import ObservedInterior as ObservedInterior
 from flexmbd.multibody.interiors.steady import InteriorModes as InteriorModes
 from flexmbd.multibody.interiors.steady import LinearInterior as LinearInterior
+from flexmbd.multibody.interiors.time_factor import TimeFactor as TimeFactor
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian as AugmentedLagrangian
 from flexmbd.multibody.joint.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.joint.enforcement import Penalty as Penalty
@@ -91,6 +95,9 @@ from flexmbd.run.event import Direction as Direction
 from flexmbd.run.event import Event as Event
 from flexmbd.run.event import Moment as Moment
 from flexmbd.run.event import Occurrence as Occurrence
+from flexmbd.run.recording import BodyRecording as BodyRecording
+from flexmbd.run.recording import Recording as Recording
+from flexmbd.run.recording import load_recording as load_recording
 from flexmbd.run.settings import RunSettings as RunSettings
 from flexmbd.run.stats import Stats as Stats
 from flexmbd.run.stopped import SimulationError as SimulationError

@@ -38,6 +38,7 @@ from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
+from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings, refuse_no_integrator
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
@@ -242,6 +243,7 @@ class System(MachineAssembly):
         max_steps: int | None = None,
         max_rows: int | None = None,
         max_seconds: float | None = None,
+        recording: Recording | None = None,
     ) -> Trajectory:
         """Run the machine from ``t_start`` to ``t_end`` (s).
 
@@ -268,8 +270,11 @@ class System(MachineAssembly):
             max_steps: accepted steps of this run after which it is broken off, with what was computed up to then.
             max_rows: rows of its trajectory after which it is broken off.
             max_seconds: s of the wall's clock after which it is broken off.
+            recording: a file that the fields of bodies with history go to at a rate of one's own, for the trajectory's
+                ``recorded``, its films and stresses.
 
         Raises:
+            RecordError: the recording cannot be written.
             SceneError, AssemblyError: as ``start``; or a bad argument.
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
                 faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
@@ -291,6 +296,7 @@ class System(MachineAssembly):
             max_steps=max_steps,
             max_rows=max_rows,
             max_seconds=max_seconds,
+            recording=recording,
         )
         return self.compile().run(settings)
 

@@ -86,6 +86,11 @@ def state(p: Parameters) -> Expr:
     return ufl.as_vector([0.0] * 9)
 
 
+def state_names(p: Parameters) -> dict[str, int]:
+    """Parts of the history by name: see above; the accumulated plastic strain is alpha."""
+    return {"elastic_left_cauchy_green": 6, "plastic_strain": 1, "log_mean_dilatation": 1, "dilatation": 1}
+
+
 def local_residual(z: Expr, u: Expr, state: Expr, p: Parameters, *, mean: Expr | None = None) -> Expr:
     """What the increment z of the accumulated plastic strain makes zero; dimensionless."""
     size = j2_plasticity.von_mises(_trial(u, state, p)[1], p)

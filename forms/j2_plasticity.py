@@ -138,6 +138,11 @@ def state(p: Parameters) -> Expr:
     return ufl.as_vector([0.0] * 7)
 
 
+def state_names(p: Parameters) -> dict[str, int]:
+    """Parts of the history by name: plastic strain, and the accumulated one."""
+    return {"plastic_strain_tensor": 6, "plastic_strain": 1}
+
+
 def local_unknowns(p: Parameters) -> float | None:
     """The increment of the accumulated plastic strain to begin with; None where it is closed."""
     return None if isinstance(p.hardening, LinearHardening) else 0.0

@@ -82,6 +82,11 @@ def state(p: Parameters) -> Expr:
     return ufl.as_vector([0.0] * 7)
 
 
+def state_names(p: Parameters) -> dict[str, int]:
+    """Parts of the history by name: Cauchy stress, and accumulated plastic strain."""
+    return {"cauchy_stress": 6, "plastic_strain": 1}
+
+
 def linear_strain(u: Expr) -> Expr:
     """e, the part of the strain increment that is linear in u (eq. 14)."""
     return ufl.sym(ufl.grad(u))

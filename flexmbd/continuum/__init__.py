@@ -39,6 +39,12 @@ from flexmbd.continuum.grid.mesh_division import PieceSummary as PieceSummary
 from flexmbd.continuum.grid.mesh_division import Region as Region
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
 from flexmbd.continuum.history.displacement_newton import Convergence as Convergence
+from flexmbd.continuum.history.loads import BodyAcceleration as BodyAcceleration
+from flexmbd.continuum.history.loads import BodyLoad as BodyLoad
+from flexmbd.continuum.history.loads import CentrifugalLoad as CentrifugalLoad
+from flexmbd.continuum.history.loads import ForceAtNodes as ForceAtNodes
+from flexmbd.continuum.history.loads import PressureOnFacets as PressureOnFacets
+from flexmbd.continuum.history.loads import TractionOnFacets as TractionOnFacets
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot as HistorySnapshot
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel as NonlinearModel
 from flexmbd.continuum.history.static_path import Equilibrium as Equilibrium

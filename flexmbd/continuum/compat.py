@@ -69,16 +69,23 @@ def collapse(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[n
     return own, np.asarray(dofs, dtype=np.int32).reshape(-1)
 
 
+def coordinate_map(domain: mesh.Mesh) -> Any:
+    """The map from the reference cell, which has `pull_back`; not collective.
+
+    Up to 0.10 there is one `cmap`; later ones deprecate it for `cmaps`, one by cell type.
+    """
+    maps = getattr(domain.geometry, "cmaps", None)
+    if maps is None:
+        return domain.geometry.cmap
+    return maps(0) if callable(maps) else maps[0]
+
+
 def geometry_degree(domain: mesh.Mesh) -> int:
     """Degree of the map from the reference cell; not collective.
 
     Up to 0.10 there is one `cmap`; later ones deprecate it for `cmaps`, one by cell type.
     """
-    geometry = domain.geometry
-    maps = getattr(geometry, "cmaps", None)
-    if maps is None:
-        return geometry.cmap.degree
-    return (maps(0) if callable(maps) else maps[0]).degree
+    return int(coordinate_map(domain).degree)
 
 
 def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:

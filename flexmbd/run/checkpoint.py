@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Snapshot
 
-_VERSION = 6
+_VERSION = 7
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.limits import Limits
+from flexmbd.run.recording import Recording
 
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
@@ -45,6 +46,7 @@ class RunSettings:
         max_steps: steps after which the run is broken off.
         max_rows: rows after which it is.
         max_seconds: s of the wall's clock after which it is.
+        recording: fields of bodies with history that are to be kept in a file.
 
     Raises:
         SceneError: a setting is not of its kind, or two do not go together; the message names it.
@@ -66,6 +68,7 @@ class RunSettings:
     max_steps: int | None = None
     max_rows: int | None = None
     max_seconds: float | None = None
+    recording: Recording | None = None
 
     def __post_init__(self) -> None:
         refuse_other(self.events, Sequence, "events", wanted="a list of events, [event]")
@@ -74,6 +77,8 @@ class RunSettings:
         refuse_other(self.about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         wanted = "a checkpoint, as fm.Checkpoint.load(path) gives it"
         refuse_other(self.restart, (Checkpoint, NoneType), "restart", wanted=wanted)
+        wanted = 'fm.Recording("file.h5", every=1e-3)'
+        refuse_other(self.recording, (Recording, NoneType), "recording", wanted=wanted)
         self._refuse_times()
         if self.max_step is not None and not (self.h is None and is_number(self.max_step) and self.max_step > 0.0):
             raise SceneError(
@@ -119,7 +124,7 @@ class RunSettings:
         """Whether a run is stepped from its own start to the end, and nothing is to be done or looked at on the way."""
         asked = (
             self.about, self.events or None, self.checkpoints or None, self.checkpoint_file, self.restart,
-            self.max_steps, self.max_rows, self.max_seconds,
+            self.max_steps, self.max_rows, self.max_seconds, self.recording,
         )  # fmt: skip
         return not self.progress and all(one is None for one in asked)
 

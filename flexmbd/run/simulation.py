@@ -27,10 +27,10 @@ from flexmbd.multibody.start.loop_closing import CLOSED
 from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
-from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
+from flexmbd.run.recording_file import Recorder, open_recorder
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
 from flexmbd.run.stats import NOTHING_SPENT, Stats
 from flexmbd.run.stepping import Integration, Snapshot
@@ -73,11 +73,12 @@ def run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
-    with _progress_bar(settings.progress and team.is_root, t_end - integration.t) as bar:
+    shown = settings.progress and team.is_root
+    with open_recorder(settings, integration, team) as recorder, _progress_bar(shown, t_end - integration.t) as bar:
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
-                code = _advance(integration, search, stops[0])
+                code = _advance(integration, search, stops[0], recorder)
             except (FlexmbdError, KeyboardInterrupt) as reason:  # of an event's function or action, or Ctrl-C
                 error = reason
                 break
@@ -94,8 +95,12 @@ def run(
                     saves.write(checkpoint, team)
     times = time.perf_counter() - began, compiled - set_out
     mark_compiled(purpose)
-    occurred = () if search is None else tuple(search.occurred)
-    trajectory = _finish(start, bodies, team, integration, times=times, events=occurred, checkpoints=tuple(kept))
+    trajectory = replace(
+        _finish(start, bodies, team, integration, times=times),
+        events=() if search is None else tuple(search.occurred),
+        checkpoints=tuple(kept),
+        recordings=() if recorder is None else recorder.recordings,
+    )
     _refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)
@@ -134,14 +139,18 @@ class _Budget:
             )
 
 
-def _advance(integration: Integration, search: EventSearch | None, stop: float) -> int:
+def _advance(integration: Integration, search: EventSearch | None, stop: float, recorder: Recorder | None) -> int:
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
-    if search is not None:
-        return search.advance(stop)
     try:
-        return integration.advance(stop)
-    finally:  # what comes before a break that cannot be left is kept
-        integration.keep_rows()
+        if search is not None:
+            return search.advance(stop)
+        try:
+            return integration.advance(stop)
+        finally:  # what comes before a break that cannot be left is kept
+            integration.keep_rows()
+    finally:
+        if recorder is not None:
+            recorder.write()
 
 
 def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
@@ -208,8 +217,6 @@ def _finish(
     integration: Integration,
     *,
     times: tuple[float, float],
-    events: tuple[Occurrence, ...],
-    checkpoints: tuple[Checkpoint, ...],
 ) -> Trajectory:
     """The trajectory of an integration; ``times``: s of its stepping, and until its first steps."""
     t, x, v, a, multipliers = integration.series()
@@ -225,7 +232,7 @@ def _finish(
     beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
     return Trajectory(
-        scene, t, x, v, a, multipliers, stats, bodies, team, events, checkpoints, beside, departures, kept
+        scene, t, x, v, a, multipliers, stats, bodies, team, interior_rows=beside, departures=departures, kept_rows=kept
     )
 
 

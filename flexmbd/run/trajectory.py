@@ -33,6 +33,7 @@ from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_no
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.departure import Departure
+from flexmbd.run.recording import BodyRecording
 from flexmbd.run.stats import Stats
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class Trajectory:
         interior_rows: records of bodies with history at each instant; empty without any.
         departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
             just before.
+        recordings: fields of bodies with history, where the simulation was given a recording.
         kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
     """
 
@@ -83,6 +85,7 @@ class Trajectory:
     interior_rows: tuple[InteriorRecord, ...] = ()
     departures: tuple[Departure, ...] = ()
     kept_rows: tuple[int, ...] | None = None
+    recordings: tuple[BodyRecording, ...] = ()
 
     def __repr__(self) -> str:
         """What ran, how long and in how many steps; arrays are asked for by name."""
@@ -199,11 +202,56 @@ class Trajectory:
         Raises:
             SceneError: the body is not in this trajectory.
         """
+        k = self._interior(body)
+        told = [row.energies[k] for row in self.interior_rows]
+        return {name: np.array([energies[name] for energies in told]) for name in told[0]}
+
+    def outer_forces(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Forces (N) of contact planes and loads on a body with history by name, each (nt, 3), in inertial axes.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+        """
+        k = self._interior(body)
+        told = [row.outer_forces[k] for row in self.interior_rows]
+        return {name: np.array([forces[name] for forces in told]) for name in told[0]}
+
+    def interior_wrench(self, body: ContinuumBody, interface: str) -> FloatArray:
+        """(nt, 6) force (N) and moment (N m) that a body with history exerts on the frame of one of its interfaces.
+
+        In inertial axes, about the frame's origin.  What its joints pass on to the frame tells ``reaction``.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+            InterfaceError: it has no such interface.
+        """
+        k = self._interior(body)
+        body.frame(interface)
+        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
+        first = sum(len(other.interior.frames) for other in bodies[:k])
+        row = first + [frame.name for frame in body.interior.frames].index(interface)
+        return np.array([one.wrenches[row] for one in self.interior_rows])
+
+    def recorded(self, body: ContinuumBody) -> BodyRecording:
+        """The fields of a body with history over time: nodes' motion, stress, what its form remembers.
+
+        Raises:
+            SceneError: the body is not in this trajectory, or the simulation had no recording.
+        """
+        self._interior(body)
+        for one in self.recordings:
+            if one.body is body:
+                return one
+        raise SceneError(
+            f"the fields of body {body.name!r} were not kept; simulate with recording=fm.Recording(path, every=...)"
+        )
+
+    def _interior(self, body: ContinuumBody) -> int:
+        """Which of the interiors is the body's."""
         bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
         for k, other in enumerate(bodies):
             if other is body:
-                told = [row.energies[k] for row in self.interior_rows]
-                return {name: np.array([energies[name] for energies in told]) for name in told[0]}
+                return k
         raise SceneError(f"body {body.name!r} has no interior in this trajectory")
 
     def drive(self, connection: Connection) -> FloatArray:
@@ -336,14 +384,22 @@ class Trajectory:
             progress=progress,
         )
 
-    def stress(self, body: FlexibleBody, model: StressModel, *, t: float) -> StressField:
-        """Stress of a flexible body on its mesh at time ``t`` (s).
+    def stress(
+        self, body: FlexibleBody | ContinuumBody, model: StressModel | None = None, *, t: float
+    ) -> StressField:
+        """Stress of a body on its mesh at time ``t`` (s).
 
-        Collective over the model's communicator.
+        Of a flexible body with the model that it was reduced from; collective over the model's communicator.  Of a
+        body with history at the recorded instant nearest to ``t``.
 
         Raises:
+            SceneError: a flexible body without a model, or a body with history that was not recorded.
             RecordError: the record holds no nodal modes: reduce the body with ``keep=Keep(modes=True)``.
         """
+        if isinstance(body, ContinuumBody):
+            return self.recorded(body).stress(t)
+        if model is None:
+            raise SceneError(f"the stress of body {body.name!r} needs the model that it was reduced from")
         return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))
 
     def _stretches(self) -> Iterator[slice]:

@@ -19,7 +19,7 @@ ENERGIES = ("strain_energy", "residual")
 TOGETHER = (("motion", "section_inertia"), ("state", "update"), ("local_unknowns", "local_residual"))
 """Of each group all or none."""
 
-OF_HISTORY = ("scaled_yield", "increment_size")
+OF_HISTORY = ("scaled_yield", "increment_size", "state_names")
 """Those that only forms with a history have."""
 
 KEYWORDS = {
@@ -67,6 +67,8 @@ class OptionalEntries:
             different; a history that never yields gives p. Asked for where a body that has yielded is linearised.
         increment_size: (u, state, p) a scalar: the size of the step from the accepted history to u over the largest
             that the update is accurate for. Beyond 1 slow loading and implicit steps take smaller ones.
+        state_names: (p) dictionary of the number of components of each part of the history by its name, in their
+            order, as {"plastic_strain_tensor": 6, "plastic_strain": 1}: what series and pictures ask for.
     """
 
     strain_energy: Entry = field(default=None, metadata={"arguments": 2})
@@ -82,6 +84,7 @@ class OptionalEntries:
     energies: Entry = field(default=None, metadata={"arguments": 3})
     scaled_yield: Entry = field(default=None, metadata={"arguments": 2})
     increment_size: Entry = field(default=None, metadata={"arguments": 3})
+    state_names: Entry = field(default=None, metadata={"arguments": 1})
 
 
 OPTIONAL: dict[str, int] = {item.name: item.metadata["arguments"] for item in fields(OptionalEntries)}

@@ -199,6 +199,15 @@ def _scaled_yield(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
             yield "must return the same parameters with other numbers, and nothing else"
 
 
+def _state_names(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    names, (n,) = module.state_names(unknown.parameters), _initial_state(module, unknown).ufl_shape
+    counts = list(names.values())
+    if not all(isinstance(name, str) and name for name in names) or not all(type(k) is int and k > 0 for k in counts):
+        yield f"must give the number of components of each part of the history by its name, got {names!r}"
+    elif sum(counts) != n:
+        yield f"names {sum(counts)} components of a history of {n}"
+
+
 def _shapes(parameters: Any, unknown: TrialSymbols) -> list[tuple[int, ...]]:
     """Of the symbols that parameters become."""
     return [value.shape for value in symbols_of(parameters, unknown.domain)[1].values()]
@@ -237,6 +246,7 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "energies": _energies,
     "scaled_yield": _scaled_yield,
     "increment_size": _increment_size,
+    "state_names": _state_names,
 }
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse
 import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
-from flexmbd.continuum.finite_elements.nodes import boundary_triangles, node_numbers, sorted_triangles
+from flexmbd.continuum.finite_elements.gathered_nodes import GatheredNodes, von_mises
 from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes
 from flexmbd.errors import FormulationError, RecordError
 from flexmbd.record.reduced_body import ReducedBody
@@ -43,7 +42,7 @@ class StressRecovery:
         self._sigma = [
             (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
         ]
-        self._nodes = _WholeMesh(model)
+        self._nodes = GatheredNodes(model, model.node_x)
         self._last: tuple[ReducedBody, FloatArray] | None = None
 
     def field(self, body: ReducedBody, q: ArrayLike) -> StressField:
@@ -67,7 +66,7 @@ class StressRecovery:
         displacement = self._modes_of(body) @ modal
         self._u.x.array[:] = displacement + self._rest
         sigma = self._stresses()
-        largest, at_largest = nodes.largest(_von_mises(sigma))
+        largest, at_largest = nodes.largest(von_mises(sigma))
         u = displacement[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
         p, R = body.p_MB_M, body.R_MB
@@ -78,7 +77,7 @@ class StressRecovery:
             triangle=nodes.triangle,
             displacement=averaged[:, :3] @ R,
             stress=stress,
-            von_mises=_von_mises(stress.reshape(-1, 9)),
+            von_mises=von_mises(stress.reshape(-1, 9)),
             max=largest,
             max_x=(nodes.x[at_largest] - p) @ R,
         )
@@ -127,65 +126,3 @@ def _tensor(group: CellGroup, u: fem.Function) -> ufl.core.expr.Expr:
             f"{group.form_name}: its stress has the shape {sigma.ufl_shape}, and a picture needs a tensor (3, 3)"
         )
     return sigma
-
-
-def _von_mises(sigma: FloatArray) -> FloatArray:
-    """(k,) von Mises stresses of tensors (k, 9)."""
-    deviator = sigma - sigma[:, [0, 4, 8]].mean(axis=1, keepdims=True) * np.eye(3).ravel()
-    return np.sqrt(1.5) * np.linalg.norm(deviator, axis=1)
-
-
-class _WholeMesh:
-    """The displacement nodes of all ranks, by `node_numbers`. Constructing one is collective.
-
-    Attributes:
-        n_cells: cells that this rank owns.
-        per_cell: nodes of a cell.
-        places: (n_cells * nodes of a cell,) local node of each node of these cells.
-        number: (k,) node numbers, ascending; this and the rest the same on every rank.
-        x: (k, 3) m, in the mesh's axes.
-        triangle: (t, 3) the boundary as rows of `x`.
-    """
-
-    def __init__(self, model: ReductionModel) -> None:
-        self._comm = model.comm
-        topology = model.mesh.mesh.topology
-        self.n_cells = topology.index_map(topology.dim).size_local
-        cells = model.layout.node_space.dofmap.list[: self.n_cells]
-        self.per_cell = cells.shape[1]
-        self.places = cells.ravel()
-        numbers = node_numbers(model)
-        self.number = self._union(np.unique(numbers))
-        self._row = np.searchsorted(self.number, numbers[self.places])
-        ones, columns = np.ones(len(self._row)), np.arange(len(self._row))
-        shape = (len(self.number), len(self._row))
-        self._sum = scipy.sparse.csr_array((ones, (self._row, columns)), shape=shape)
-        self._count = self._total(self._sum.sum(axis=1))
-        self.x = self.average(model.node_x[self.places])
-        self.triangle = self._boundary(numbers[boundary_triangles(model)])
-
-    def average(self, values: FloatArray) -> FloatArray:
-        """Average over the cells at each node, (k, m), of values (len(places), m). Collective."""
-        return self._total(self._sum @ values) / self._count[:, None]
-
-    def largest(self, values: FloatArray) -> tuple[float, int]:
-        """The largest of values (len(places),) and the row of its node. Collective."""
-        k = int(values.argmax()) if len(values) else -1
-        mine = (float(values[k]), -int(self._row[k])) if len(values) else (-np.inf, 0)
-        value, row = max(self._comm.allgather(mine))
-        return value, -row
-
-    def _total(self, values: FloatArray) -> FloatArray:
-        """Sum over the ranks, made by one of them so that it is the same on all."""
-        if self._comm.size == 1:
-            return values
-        total = self._comm.reduce(values, root=0)
-        return np.asarray(self._comm.bcast(total, root=0))
-
-    def _union(self, numbers: IntArray) -> IntArray:
-        return np.unique(np.concatenate(self._comm.allgather(numbers)))
-
-    def _boundary(self, triangles: IntArray) -> IntArray:
-        """The boundary of all ranks, from this rank's triangles of node numbers."""
-        gathered = np.concatenate(self._comm.allgather(triangles))
-        return np.searchsorted(self.number, sorted_triangles(gathered))

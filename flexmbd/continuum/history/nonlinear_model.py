@@ -341,6 +341,10 @@ class NonlinearModel(DiscretisedBody):
         """For each group the accepted history, (points of all cells of this rank, components)."""
         return [history.accepted for history in self._histories]
 
+    def points(self) -> list[FloatArray]:
+        """For each group the quadrature points of its cells, (points, 3) in reference coordinates."""
+        return [history.points for history in self._histories]
+
     def volumes(self) -> FloatArray:
         """(cells of this rank, points) measure of the cells' map at the points, of the last accepted step.
 

@@ -36,6 +36,7 @@ class History:
         accepted: (points, components) on all cells of this rank; empty without history.
         terms: the internal forces' virtual work as forms, linear in the test function.
         mean: the function of cell means, or None.
+        points: (points, 3) of the rule, in reference coordinates.
     """
 
     def __init__(self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool) -> None:
@@ -56,7 +57,7 @@ class History:
         p = group.symbols
         self._has_state = group.optional.state is not None
         self._rule = _rule_of_history(group, u, v)
-        self._points, self._weights = basix.make_quadrature(
+        self.points, self._weights = basix.make_quadrature(
             basix.CellType[self._mesh.topology.cell_name()],
             self._rule.degree,
             rule=basix.quadrature.string_to_type(self._rule.scheme),
@@ -166,9 +167,9 @@ class History:
     def evaluate(self, expression: ufl.core.expr.Expr) -> FloatArray:
         """Values of an expression at the points of the group's cells, (cells, points, ...)."""
         if expression not in self._compiled:
-            self._compiled[expression] = fem.Expression(expression, self._points)
+            self._compiled[expression] = fem.Expression(expression, self.points)
         values: FloatArray = self._compiled[expression].eval(self._mesh, self.group.cells)
-        return values.reshape(len(self.group.cells), len(self._points), *expression.ufl_shape)
+        return values.reshape(len(self.group.cells), len(self.points), *expression.ufl_shape)
 
     def increment_size(self) -> FloatArray:
         """(cells, points) the trial step over the largest that the form takes; empty where it knows none."""

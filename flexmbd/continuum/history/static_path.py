@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads
 from flexmbd.continuum.history.displacement_newton import (
     DEFAULT_CONVERGENCE,
     Balance,
@@ -16,6 +18,7 @@ from flexmbd.continuum.history.displacement_newton import (
     Newton,
     Solution,
 )
+from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
@@ -110,6 +113,7 @@ def follow(
     prescribed: NDArray[np.int32],
     displacement: LoadPath | None = None,
     load: LoadPath | None = None,
+    loads: Sequence[BodyLoad] = (),
     solver: LinearSolver = DEFAULT_SOLVER,
     convergence: Convergence = DEFAULT_CONVERGENCE,
     smallest: float = 1e-4,
@@ -125,6 +129,7 @@ def follow(
         prescribed: owned dofs whose displacement is given (`prescribed_dofs`).
         displacement: (prescribed dofs,) m, from the undeformed body, at a load parameter; zero if None.
         load: (owned dofs,) N, dead loads in body axes; none if None.
+        loads: further ones, dead or following the surface; their factors are functions of the load parameter.
         solver: of the linear systems.
         convergence: of Newton's method.
         smallest: the smallest part of a step between two of `times` that is tried.
@@ -135,11 +140,13 @@ def follow(
 
     Raises:
         FormulationError: on all ranks: forces depend on rates, and `seconds` is not given; it is not positive.
+        SceneError, MeshError: on all ranks: as `AppliedLoads`, or a factor is not finite.
         PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
             it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
     pace = _pace(body, seconds)
     newton, path = Newton(body, prescribed, solver=solver, convergence=convergence), StaticPath()
+    applied = AppliedLoads(body, loads)
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
@@ -159,6 +166,7 @@ def follow(
                     dt=pace * (t - reached),
                     displacement=displacement,
                     load=load,
+                    applied=applied,
                     prescribed=prescribed,
                 )
                 body.check_increment(solution.increment)
@@ -212,20 +220,27 @@ def _equilibrium(
     dt: float,
     displacement: LoadPath | None,
     load: LoadPath | None,
+    applied: AppliedLoads,
     prescribed: NDArray[np.int32],
 ) -> Solution:
     """Newton's solution of one step, which takes dt (s)."""
-    external = np.zeros(body.n_owned) if load is None else load(t)
+    dead = np.zeros(body.n_owned) if load is None else load(t)
+    values = applied.values(t)
+    outer = TrialLoads(body, applied, values, dead + applied.dead(values, np.eye(3)).reshape(-1))
     goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
+
+    def tangent(increment: FloatArray) -> PETSc.Mat:
+        return outer.subtract_slopes(body.tangent(increment, dt=dt), increment)
 
     def forces(increment: FloatArray) -> Balance:
         internal = body.force(increment, dt=dt)
         if body.is_updated:
             # a cell that is inside out may have finite forces
             body.check_cells()
+        external = outer.force(increment)
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
         size = max(body.norm(external), body.norm(residual[prescribed]))
         return Balance(residual, size if size > 0.0 else body.norm(internal))
 
-    return newton.solve(start, goal - body.displacement[prescribed], forces, partial(body.tangent, dt=dt))
+    return newton.solve(start, goal - body.displacement[prescribed], forces, tangent)

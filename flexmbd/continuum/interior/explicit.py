@@ -12,15 +12,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.body_observer import BodyObserver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
+from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
+from flexmbd.multibody.interiors.time_factor import TimeFactor
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # Steps after which the stable one is found anew.
 _RENEWAL = 5
@@ -46,6 +51,7 @@ class ExplicitContinuum:
         planes: Sequence[RigidPlane] = (),
         supports: Sequence[Support] = (),
         damping: float = 0.0,
+        loads: Sequence[BodyLoad] = (),
     ) -> None:
         """Collect the frames and find the stable step.
 
@@ -56,25 +62,30 @@ class ExplicitContinuum:
             planes: what the nodes that are not bonded may meet.
             supports: components of nodes that are not bonded held at zero.
             damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
+            loads: on all nodes; what acts on bonded ones acts on their frames.
 
         Raises:
             InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
             FormulationError: the mass cannot be lumped.
+            SceneError, MeshError: as `NodalMotion`, of planes, supports and loads.
         """
         self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
-        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping, bonded=self._nodes)
+        self.motion = NodalMotion(
+            body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes
+        )
         self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
         self._wrenches: FloatArray = np.zeros((len(self.frames), 6))
         self._calls = 0
+        self._observer = BodyObserver(body, self.motion.memory)
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
         nodes = self.motion
-        nodes.begin(*self._bonds.pose(motion), gravity)
+        nodes.begin(*self._bonds.pose(motion), gravity, t=t)
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
         nodes.v[self._nodes] = 0.0
-        self._wrenches[:] = 0.0
+        self._wrenches = self._on_frames(motion, nodes.loads_at(t))
         self._calls = 0
         return self._wrenches.copy()
 
@@ -89,15 +100,42 @@ class ExplicitContinuum:
         self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
         mean = np.zeros_like(self._wrenches)
-        own = self._bonds.own
         for frames in path_of_frames(start, end, h=h, steps=steps):
             before = self._wrenches
-            self.motion.advance(h / steps, self._bonds.positions(frames)[own])
-            forces = np.zeros((len(own), 3))
-            forces[own] = self.motion.force[self._nodes]
-            self._wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
+            self.motion.advance(h / steps, self._bonds.positions(frames)[self._bonds.own])
+            self._wrenches = self._on_frames(frames, self.motion.force + self.motion.load)
             mean += (before + self._wrenches) / (2 * steps)
         return Push(self._wrenches.copy(), mean)
+
+    def _on_frames(self, frames: FrameMotion, nodal: FloatArray) -> FloatArray:
+        """(k, 6) wrenches on the frames of what acts on the bonded among the owned nodes (n, 3) N. Collective."""
+        forces = np.zeros((len(self._bonds.own), 3))
+        forces[self._bonds.own] = nodal[self._nodes]
+        return self._bonds.wrenches(forces, self._bonds.arms(frames))
+
+    @property
+    def load_factors(self) -> tuple[TimeFactor, ...]:
+        """See `LoadedInterior`."""
+        return self.motion.loads.factors
+
+    def outline(self) -> InteriorMesh:
+        """See `ObservedInterior`. Collective."""
+        return self._observer.outline()
+
+    def observe(self, motion: FrameMotion) -> InteriorFields:
+        """See `ObservedInterior`. Collective."""
+        nodes, v, a = self.motion, self.motion.v.copy(), self.motion.a.copy()
+        own = self._bonds.own
+        v[self._nodes], a[self._nodes] = self._bonds.velocities(motion)[own], self._bonds.accelerations(motion)[own]
+        return self._observer.fields(self._bonds.pose(motion), nodes.mesh.R, nodal=(nodes.x, v, a))
+
+    def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
+        """See `ObservedInterior`. Collective."""
+        return self._observer.locate(point)
+
+    def outer_forces(self) -> Mapping[str, FloatArray]:
+        """See `ObservedInterior`. Collective."""
+        return self.motion.outer_forces()
 
     def snapshot(self) -> Memory:
         """See `Interior`. Of the whole body, whatever the ranks. Collective."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
@@ -84,6 +85,7 @@ class ExplicitRun:
         supports: Sequence[Support] = (),
         gravity: ArrayLike = (0.0, 0.0, 0.0),
         damping: float = 0.0,
+        loads: Sequence[BodyLoad] = (),
     ) -> None:
         """Set the body off, undeformed, where the mesh is.
 
@@ -94,13 +96,14 @@ class ExplicitRun:
             supports: components of nodes held at zero.
             gravity: (3,) m/s^2.
             damping: 1/s, force per mass and velocity.
+            loads: on the body, counted in the account.
 
         Raises:
             SceneError: the body begins behind a plane, or the velocity is not of that shape.
-            MeshError: a support is on no facet group of the mesh.
+            MeshError: a support or a load is on facets or nodes that the mesh has not.
             FormulationError: the mass cannot be lumped.
         """
-        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping)
+        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping, loads=loads)
         self.motion.begin(np.zeros(3), np.eye(3), np.asarray(gravity, dtype=float))
         x = self.motion.x
         given = np.asarray(velocity(x) if callable(velocity) else velocity, dtype=float)

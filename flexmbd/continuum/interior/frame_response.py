@@ -87,22 +87,24 @@ class Condensation:
         *,
         x: FloatArray,
         apparent_acceleration: FloatArray,
+        dead_load: FloatArray,
         slopes: tuple[float, float],
     ) -> FrameResponse:
         """Condense. Collective.
 
         Args:
             tangent: of the residual, in body axes; with the nodes' inertia by the scheme.
-            residual: (owned dofs,) N, of internal and inertia forces, in inertial axes.
+            residual: (owned dofs,) N, of internal and inertia forces less loads, in inertial axes.
             motion: of the frames.
             x: (local nodes, 3) m.
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
+            dead_load: (owned dofs,) N, in inertial axes, what of the loads does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
         """
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
-        internal = residual - self.product(apparent_acceleration)
+        internal = residual - self.product(apparent_acceleration) + dead_load
         nodal_forces = self.nodal_forces(residual, apparent_acceleration)
         matrix = tangent()
         full_tangent = matrix.copy()

@@ -8,9 +8,8 @@ a wrench on each frame, and its derivative with all other nodes condensed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 from petsc4py import PETSc
 
@@ -18,10 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
+from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside, is_following
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton, Solution
+from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.interior.body_observer import BodyObserver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
@@ -29,9 +31,12 @@ from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame, Memory, Scheme
+from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
+from flexmbd.multibody.interiors.time_factor import TimeFactor
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Far below the tolerance of a machine's own iteration.
 _CONVERGENCE = Convergence(tolerance=1e-11, round_off=1e-6)
@@ -64,10 +69,17 @@ class _NodalState:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A step's end that was solved for; dt: s, the time that passes for the material, none on the way to rest."""
+    """A step's end that was solved for.
+
+    Attributes:
+        motion, increment: there.
+        load: (owned nodes, 3) N, in inertial axes, that acts there.
+        dt: s, the time that passes for the material, none on the way to rest.
+    """
 
     motion: _NodalState
     increment: FloatArray
+    load: FloatArray
     dt: float
 
 
@@ -85,6 +97,7 @@ class ImplicitContinuum:
         body: NonlinearModel,
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
+        loads: Sequence[BodyLoad] = (),
         solver: LinearSolver = _SOLVER,
     ) -> None:
         """Assemble the mass. Collective.
@@ -93,10 +106,12 @@ class ImplicitContinuum:
             body: undeformed, with interfaces, not used elsewhere.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
+            loads: on all nodes; what acts on bonded ones acts on their frames.
             solver: of the linear systems.
 
         Raises:
             InterfaceError: on all ranks: as `BondedNodes`.
+            SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
         """
         self.body = body
         self._M = body.mass()
@@ -111,9 +126,20 @@ class ImplicitContinuum:
         self._newton = Newton(body, self._prescribed, solver=solver, convergence=_CONVERGENCE)
         self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
         self._memory = BodyMemory(body)
+        self._observer = BodyObserver(body, self._memory)
+        self._loads = AppliedLoads(body, loads)
+        for load in self._loads.loads:
+            if isinstance(load, CentrifugalLoad):
+                raise SceneError(
+                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
+                )
+        self._load_work = 0.0
+        self._load: FloatArray = np.zeros((body.layout.n_owned_nodes, 3))
+        self._R_begun: FloatArray = np.eye(3)
         self._undeformed = body.snapshot()
         # a residual of this size's `round_off` is rounding's, and good
-        self._smallest_force = self._round_off() / _CONVERGENCE.round_off
+        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=0.0)
+        self._smallest_force = self._round_off(stiffness, body.layout.node_x) / _CONVERGENCE.round_off
         self._gravity: FloatArray = np.zeros(3)
         self._state: _NodalState | None = None
         self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
@@ -130,7 +156,9 @@ class ImplicitContinuum:
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = _NodalState(t, x, v, v, v, 0.0)
-        return self._start_accelerations(motion, np.zeros(body.n_owned))
+        self._R_begun, self._load_work = R, 0.0
+        self._load = self._loads_after(t, x, R)
+        return self._start_accelerations(motion, -self._load.reshape(-1))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
@@ -138,7 +166,9 @@ class ImplicitContinuum:
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
-        return self._start_accelerations(motion, self._in_inertial(internal, self._bonds.pose(motion)[1]))
+        R = self._bonds.pose(motion)[1]
+        self._load = self._loads_after(t, now.x, R)
+        return self._start_accelerations(motion, self._in_inertial(internal, R) - self._load.reshape(-1))
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
@@ -147,24 +177,31 @@ class ImplicitContinuum:
         body, bonds = self.body, self._bonds
         pose, still = bonds.pose(motion), np.zeros_like(self._current_state().x)
         weight = self._in_body(self._inertia(still), pose[1])
+        loads = self._loads_at(self._loads.values(t), pose[1])
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment, dt=0.0)
             if body.is_updated:
                 body.check_cells()
-            return Balance(internal + weight, max(body.norm(internal), body.norm(weight), self._smallest_force))
+            outer = weight - loads.force(increment)
+            return Balance(internal + outer, max(body.norm(internal), body.norm(outer), self._smallest_force))
+
+        def tangent(increment: FloatArray) -> PETSc.Mat:
+            return loads.subtract_slopes(body.tangent(increment, dt=0.0), increment)
 
         guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
-        solution = self._solve(guess, motion, forces, partial(body.tangent, dt=0.0))
+        solution = self._solve(guess, motion, forces, tangent)
         x: FloatArray = self._positions(solution.increment, pose)
         v = still + motion.v[0]
-        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment, 0.0)
+        force = self._in_inertial(loads.force(solution.increment), pose[1]).reshape(-1, 3)
+        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
         response = self._frames.condense(
-            lambda: body.tangent(solution.increment, dt=0.0),
+            lambda: tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
             motion,
             x=x,
             apparent_acceleration=still - self._gravity,
+            dead_load=self._in_inertial(loads.dead, pose[1]),
             slopes=_AT_REST,
         )
         return response.wrenches, response.slopes
@@ -174,12 +211,20 @@ class ImplicitContinuum:
         self._check_rigid_interface()
         self._check_settles()
         body, now = self.body, self._current_state()
+        if self._loads.any_follow:
+            raise SceneError(
+                "a load that follows its surface is left out of the linear equations of a body with history; linearise "
+                "without it, or with follows=False"
+            )
         internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
+        R = self._bonds.pose(motion)[1]
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
+        dead_load = self._loads_after(now.t, now.x, R).reshape(-1)
         found = linear_equations(
             self._frames,
             motion,
-            internal=self._in_inertial(internal, self._bonds.pose(motion)[1]),
+            internal=self._in_inertial(internal, R) - dead_load,
+            dead_load=dead_load,
             x=now.x,
             apparent_acceleration=apparent_acceleration,
             modes=modes,
@@ -199,6 +244,9 @@ class ImplicitContinuum:
         pose = bonds.pose(motion)
         a_bonds = bonds.accelerations(motion)[~bonds.averaged]
         per_x, _ = scheme.slopes(h)
+        # accelerations are differences of places over the square of the step
+        smallest = max(self._smallest_force, self._round_off(self._M, now.x) / (per_x * _CONVERGENCE.round_off))
+        loads = self._loads_at(self._loads.values(beside(t_end, -1)), pose[1])
 
         def motion_of(increment: FloatArray) -> _NodalState:
             x = self._positions(increment, pose)
@@ -209,10 +257,12 @@ class ImplicitContinuum:
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment, dt=h)
             inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
-            return Balance(internal + inertia, max(body.norm(internal), body.norm(inertia), self._smallest_force))
+            outer = loads.force(increment)
+            size = max(body.norm(internal), body.norm(inertia), body.norm(outer), smallest)
+            return Balance(internal + inertia - outer, size)
 
         def tangent(increment: FloatArray) -> PETSc.Mat:
-            matrix = body.tangent(increment, dt=h)
+            matrix = loads.subtract_slopes(body.tangent(increment, dt=h), increment)
             matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             return matrix
 
@@ -229,13 +279,15 @@ class ImplicitContinuum:
         end = motion_of(solution.increment)
         _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
         v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
-        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment, h)
+        load = self._in_inertial(loads.force(solution.increment), pose[1]).reshape(-1, 3)
+        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment, load, h)
         response = self._frames.condense(
             lambda: tangent(solution.increment),
             self._in_inertial(solution.balance.residual, pose[1]),
             motion,
             x=end.x,
             apparent_acceleration=end.a - self._gravity,
+            dead_load=self._in_inertial(loads.dead, pose[1]),
             slopes=scheme.slopes(h),
         )
         return response.wrenches, response.slopes
@@ -246,6 +298,11 @@ class ImplicitContinuum:
             raise SceneError("a continuum body is to accept a step that was not tried")
         self.body.commit(self._trial.increment, dt=self._trial.dt)
         before, self._state = self._current_state(), self._trial.motion
+        if self._loads.any:
+            n = self.body.layout.n_owned_nodes
+            work = 0.5 * np.vdot(self._state.x[:n] - before.x[:n], self._load + self._trial.load)
+            self._load_work += float(self._bonds.total(np.array(work)))
+            self._load = self._trial.load
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = None
 
@@ -260,6 +317,8 @@ class ImplicitContinuum:
         now, memory = self._current_state(), self._memory
         arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
+        arrays["load"] = memory.gather_nodes(self._load)
+        numbers |= {"load work": np.array(self._load_work), "begun": self._R_begun.copy()}
         return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
 
     def restore(self, memory: Memory) -> None:
@@ -268,13 +327,15 @@ class ImplicitContinuum:
         self.body.restore(self._memory.scatter(arrays))
         nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
         t, h = (float(value) for value in arrays["times"])
-        self._gravity = arrays["gravity"].copy()
+        self._gravity, self._R_begun = arrays["gravity"].copy(), arrays["begun"].copy()
+        self._load_work = float(arrays["load work"])
+        self._load = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = _NodalState(t=t, h=h, **nodal)
         self._trial = None
         self._newton.discard_factor()
 
     def energies(self) -> Mapping[str, float]:
-        """See `Interior.energies`. Collective."""
+        """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective."""
         now, bonds = self._current_state(), self._bonds
         n = self.body.layout.n_owned_nodes
         mine = bonds.own & ~bonds.averaged
@@ -284,7 +345,47 @@ class ImplicitContinuum:
         weight = self._frames.product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
         potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
         kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
-        return {"kinetic": kinetic, "gravitational": potential, **self.body.energies()}
+        outer = {"loads": -self._load_work} if self._loads.any else {}
+        return {"kinetic": kinetic, "gravitational": potential, **self.body.energies(), **outer}
+
+    @property
+    def load_factors(self) -> tuple[TimeFactor, ...]:
+        """See `LoadedInterior`."""
+        return self._loads.factors
+
+    def outline(self) -> InteriorMesh:
+        """See `ObservedInterior`. Collective."""
+        return self._observer.outline()
+
+    def observe(self, motion: FrameMotion) -> InteriorFields:
+        """See `ObservedInterior`. Collective."""
+        now, pose = self._current_state(), self._bonds.pose(motion)
+        return self._observer.fields(pose, pose[1], nodal=(now.x, now.v, now.a))
+
+    def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
+        """See `ObservedInterior`. Collective."""
+        return self._observer.locate(point)
+
+    def outer_forces(self) -> Mapping[str, FloatArray]:
+        """See `ObservedInterior`: of the loads. Collective where there are some."""
+        if not self._loads.any:
+            return {}
+        now = self._current_state()
+        x = now.x[: self.body.layout.n_owned_nodes] @ self._R_begun
+        found = self._loads.resultants(self._loads.values(beside(now.t, -1)), x, self._R_begun)
+        following = {load.name for load in self._loads.loads if is_following(load)}
+        return {name: self._R_begun @ force if name in following else force for name, force in found.items()}
+
+    def _loads_after(self, t: float, x: FloatArray, R: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective."""
+        values = self._loads.values(beside(t, 1))
+        turned = self._loads.following(values, x[: self.body.layout.n_owned_nodes] @ R)
+        return np.asarray(turned @ R.T + self._loads.dead(values, self._R_begun))
+
+    def _loads_at(self, values: FloatArray, R: FloatArray) -> TrialLoads:
+        """What acts on the body at trial displacements with its axes turned by R. Not collective."""
+        dead = self._in_body(self._loads.dead(values, self._R_begun).reshape(-1), R)
+        return TrialLoads(self.body, self._loads, values, dead)
 
     def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
@@ -356,11 +457,9 @@ class ImplicitContinuum:
     def _in_body(self, forces: FloatArray, R: FloatArray) -> FloatArray:
         return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
 
-    def _round_off(self) -> float:
-        """N, round-off of the internal forces. Collective."""
-        matrix = self.body.tangent(np.zeros(self.body.layout.n_local), dt=0.0)
-        largest = abs(self.body.layout.node_x).max(initial=0.0)
-        extent = float(max(self.body.comm.allgather(largest)))
+    def _round_off(self, matrix: PETSc.Mat, x: FloatArray) -> float:
+        """Round-off of a matrix times places x (local nodes, 3) m. Collective."""
+        extent = float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
         return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:

@@ -32,6 +32,7 @@ def linear_equations(
     internal: FloatArray,
     x: FloatArray,
     apparent_acceleration: FloatArray,
+    dead_load: FloatArray,
     modes: InteriorModes,
     prescribed: NDArray[np.int32],
 ) -> LinearInterior:
@@ -40,9 +41,10 @@ def linear_equations(
     Args:
         frames: the body and its frames.
         motion: of the frames.
-        internal: (owned dofs,) N, internal forces in inertial axes.
+        internal: (owned dofs,) N, internal forces less loads, in inertial axes.
         x: (local nodes, 3) m, of the nodes.
         apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
+        dead_load: (owned dofs,) N, the part of the loads that does not turn with the body, in inertial axes.
         modes: how many vibrations.
         prescribed: owned dofs that move with the frames.
 
@@ -55,7 +57,8 @@ def linear_equations(
     matrix = body.unloading_tangent()
     stiffness = matrix.copy()
     response = frames.condense(
-        lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, slopes=(np.inf, 1.0)
+        lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
+        slopes=(np.inf, 1.0),
     )
     fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
     static_modes: FloatArray = (response.fields @ R).reshape(len(response.fields), -1).T

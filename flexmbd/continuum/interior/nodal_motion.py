@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
@@ -32,10 +34,13 @@ from flexmbd.errors import SceneError
 FloatArray = NDArray[np.float64]
 
 # What is remembered of each node.
-_NODAL = ("x", "v", "a", "force", "_met", "_rubbed", "_damped")
+_NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped")
 
-# Forces whose works are summed up: of the deformation, of contact and friction, of damping.
-_WORKING = ("force", "_met", "_rubbed", "_damped")
+# Forces whose works are summed up: of the deformation, of loads, of contact and friction, of damping.
+_WORKING = ("force", "load", "_met", "_rubbed", "_damped")
+
+# Part of a step by which loads are asked for beside its end: they may jump there.
+_BESIDE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,9 @@ class NodalMotion:
         masses: (owned nodes,) kg.
         x, v, a: (owned nodes, 3) m, m/s, m/s^2, inertial.
         force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
+        load: (owned nodes, 3) N, of the applied loads, those on bonded nodes among them.
+        loads: the applied loads.
+        t: s.
     """
 
     def __init__(
@@ -80,6 +88,7 @@ class NodalMotion:
         supports: Sequence[Support] = (),
         planes: Sequence[RigidPlane] = (),
         damping: float = 0.0,
+        loads: Sequence[BodyLoad] = (),
         bonded: NDArray[np.int32] | None = None,
     ) -> None:
         """Find masses and the stable step.
@@ -89,12 +98,14 @@ class NodalMotion:
             supports: components held at zero.
             planes: what nodes may meet.
             damping: 1/s, force per mass and velocity, against inertial axes.
+            loads: on all nodes.
             bonded: owned nodes that somebody else moves.
 
         Raises:
-            MeshError: a support is on no facet group of the mesh.
+            MeshError: a support or a load is on facets or nodes that the mesh has not.
             FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
-            SceneError: the ranks were given different supports, planes or damping; damping is negative, or no number.
+            SceneError: the ranks were given different supports, planes, loads or damping; damping is negative, or no
+                number; a plane and a load have one name; a load is for slow loading alone.
         """
         body.check_displacement_alone()
         plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
@@ -119,12 +130,26 @@ class NodalMotion:
         self._moves[self.bonded] = 0.0
         self._weights: FloatArray = self.masses.copy()
         self._weights[self.bonded] = 0.0
+        self.loads = AppliedLoads(body, loads, mass=self.masses)
+        for load in self.loads.loads:
+            if isinstance(load, CentrifugalLoad):
+                raise SceneError(
+                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
+                )
+        if self.loads.any:
+            self.surroundings["loads"] = list(self.loads.names)
+        both = {plane.name for plane in planes} & set(self.loads.names)
+        if both:
+            raise SceneError(f"a plane and a load are both called {sorted(both)[0]!r}; give each its own name")
         self.memory = BodyMemory(body)
         self._stable = StableStep(body, masses, self.memory)
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
-        self.x, self.v, self.a, self.force, self._met, self._rubbed, self._damped = np.zeros((7, n, 3))
+        self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
+        self.plane_forces: FloatArray = np.zeros((len(planes), 3))
+        self.t = 0.0
+        self._R_begun: FloatArray = np.eye(3)
         self._g: FloatArray = np.zeros(3)
         self._h = 0.0
         self._works: FloatArray = np.zeros(len(_WORKING))
@@ -149,14 +174,16 @@ class NodalMotion:
         """The longest stable step, s, where it is h without contact."""
         return float(h / np.sqrt(1.0 + max(self._pushes, default=0.0) * h**2 / 4))
 
-    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray) -> None:
-        """Undeformed, at p (m) turned by R, at rest; the velocities are to be set, and `start` called. Collective.
+    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0) -> None:
+        """Undeformed at t (s), at p (m) turned by R, at rest; velocities are to be set, `start` called. Collective.
 
         Raises:
             SceneError: the body begins behind a plane.
         """
         self.x = self.mesh.begin(p, R)
-        self.v, self.a, self.force, self._met, self._rubbed, self._damped = np.zeros((6, *self.x.shape))
+        self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
+        self.plane_forces[:] = 0.0
+        self.t, self._R_begun = t, np.array(R, dtype=float)
         self._g = np.array(gravity, dtype=float)
         self._works[:] = 0.0
         self._h = self._lost = 0.0
@@ -168,9 +195,10 @@ class NodalMotion:
             plane.check_start(max(body_energies), size)
 
     def start(self, h: float) -> None:
-        """Forces at the start, before a first step h (s). Not collective."""
+        """Forces at the start, before a first step h (s). Collective where there are loads."""
         self.v *= self._moves
         self._h = h
+        self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
@@ -187,12 +215,20 @@ class NodalMotion:
         """
         if self._h == 0.0:
             self.start(h)
+        if self.loads.any:  # which may have jumped since the last step's end
+            after = self.loads_at(self.t + _BESIDE * h)
+            jump = (after - self.load) / self.masses[:, None] * self._moves
+            self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
+            self.load = after
         move = h * self.v + h**2 / 2 * self.a
         if bonded is not None:
             move[self.bonded] = bonded - self.x[self.bonded]
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
         self.force = self.mesh.pull(self.x, dt=h)
+        self.t += h
+        if self.loads.any:
+            self.load = self.loads_at(self.t - _BESIDE * h)
         middle = self.v + h / 2 * self.a
         self._h = h
         self._accelerate(middle, h, h**2, answer=1.0 / (1.0 + self._damping * h / 2))
@@ -205,13 +241,15 @@ class NodalMotion:
         """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
 
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
-        impacts), "friction" and "damping" (lost), "gravitational"; "viscous" (lost) where formulations dissipate.
+        impacts), "friction" and "damping" (lost), "gravitational"; "viscous" (lost) where formulations dissipate;
+        "loads" where there are some: minus the work that they have done, on bonded nodes as well.
         """
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
         kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
-        _, contact, friction, damping = self._works
-        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping]))
+        _, loads, contact, friction, damping = self._works
+        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping, -loads]))
+        outer = {"loads": float(sums[5])} if self.loads.any else {}
         return {
             "kinetic": float(sums[0]),
             "elastic": body_energies.get("elastic", 0.0),
@@ -221,11 +259,22 @@ class NodalMotion:
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
             **{name: value for name, value in body_energies.items() if name == "viscous"},
+            **outer,
         }
 
     def internal_work(self) -> float:
         """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""
         return -float(self.mesh.sum(self._works[:1])[0])
+
+    def outer_forces(self) -> dict[str, FloatArray]:
+        """(3,) N by name, of planes (of one name their sum) and loads on the body at a step's end. Collective."""
+        found: dict[str, FloatArray] = {plane.name: np.zeros(3) for plane in self.planes}
+        for plane, force in zip(self.planes, self.mesh.sum(self.plane_forces), strict=True):
+            found[plane.name] = found[plane.name] + force
+        if self.loads.any:
+            values = self.loads.values(self.t)
+            found.update(self.loads.resultants(values, self.x, self._R_begun))
+        return found
 
     def momentum(self, about: FloatArray) -> FloatArray:
         """(6,) linear momentum, N s, and angular momentum about a point (m), N m s. Collective."""
@@ -236,9 +285,10 @@ class NodalMotion:
         """Copies of all that tells how it goes on, of the whole body. Collective."""
         nodal = {name: self.memory.gather_nodes(getattr(self, name)) for name in _NODAL}
         works = self.mesh.sum(np.array([*self._works, self._lost]))
-        own = [self._h, self._limit, *self._stable.memory]
-        axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own])
-        return {**nodal, **self.memory.gather(self.body.snapshot()), "works": works, "axes": axes}
+        own = [self._h, self._limit, *self._stable.memory, self.t]
+        axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own, self._R_begun.ravel()])
+        sums = {"works": works, "axes": axes, "plane forces": self.mesh.sum(self.plane_forces)}
+        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
         """Go back to a snapshot of this body, on any number of ranks. Collective."""
@@ -252,6 +302,19 @@ class NodalMotion:
         self._g = axes[12:15]
         self._h, self._limit = float(axes[15]), float(axes[16])
         self._stable.memory = float(axes[17]), float(axes[18])
+        self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
+        self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
+
+    def loads_at(self, t: float) -> FloatArray:
+        """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
+        if not self.loads.any:
+            return np.zeros_like(self.x)
+        values, force = self.loads.values(t), np.zeros_like(self.x)
+        if self.loads.any_follow:
+            # tractions are given in body axes, and follow from the axes in which the body began
+            turned = self.loads.following(values, self.x @ self._R_begun)
+            force += turned @ self._R_begun.T
+        return np.asarray(force + self.loads.dead(values, self._R_begun))
 
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
@@ -268,14 +331,15 @@ class NodalMotion:
             reach: what an acceleration adds to the places at its end.
             answer: the accelerations that are left of forces per mass, as these add to damping.
         """
-        pull = (self.force / self.masses[:, None] + self._g - self._damping * v) * self._moves
+        pull = ((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v) * self._moves
         free = answer * pull
         m = self._weights[:, None]
         self._met, self._rubbed = np.zeros((2, *self.x.shape))
-        for plane, stiffness in zip(self.planes, self._pushes, strict=True):
+        for k, (plane, stiffness) in enumerate(zip(self.planes, self._pushes, strict=True)):
             met, rubbed = plane.push(self.x, v, pull, h=h, reach=answer * reach, stiffness=stiffness)
             self._met += m * met
             self._rubbed += m * rubbed
+            self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
             pull = pull + (met + rubbed) * self._moves
         self.a = answer * pull
         return free

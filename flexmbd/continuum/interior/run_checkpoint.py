@@ -17,7 +17,7 @@ from flexmbd.errors import RecordError, SceneError
 
 FloatArray = NDArray[np.float64]
 
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
+from flexmbd.multibody.interiors.observed import ObservedInterior
+from flexmbd.multibody.interiors.time_factor import LoadedInterior
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
@@ -52,14 +54,24 @@ class InteriorForce(OffJoints):
         for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):
             what = f"interior of {self.body.name} on {frame.label}"
             table.element(INTERIOR_WRENCH, what, f=table.ground(), g=row, count=first + k)
+        if isinstance(self.body.interior, LoadedInterior):
+            for factor in self.body.interior.load_factors:  # no element reads them, but steps end on their breaks
+                table.time(factor.function, f"{factor.what} of {self.body.name}")
 
 
 @dataclass(frozen=True)
 class InteriorRecord:
-    """The interiors' part of a row of the trajectory: wrenches (k, 6), and the energies (J) of each body."""
+    """The interiors' part of a row of the trajectory.
+
+    Attributes:
+        wrenches: (k, 6) on the frames.
+        energies: J, by name, of each body.
+        outer_forces: (3,) N, by name, of planes and loads on each body; none of one that does not show them.
+    """
 
     wrenches: FloatArray
     energies: tuple[Mapping[str, float], ...]
+    outer_forces: tuple[Mapping[str, FloatArray], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +83,14 @@ class Interiors:
         team: the processes that run the scene; rank 0's wrenches count.
         failure: why stepping stopped, if it did.
         buffer: one record for each row of the integrator's record.
+        watchers: are called after each accepted step, when the machine's state is that at its end.
     """
 
     placed: tuple[PlacedInterior, ...]
     team: Team
     failure: list[SceneError] = field(default_factory=list)
     buffer: list[InteriorRecord] = field(default_factory=list)
+    watchers: list[Callable[[], None]] = field(default_factory=list)
 
     @property
     def bodies(self) -> tuple[ContinuumBody, ...]:
@@ -147,9 +161,18 @@ class Interiors:
         return plan.wrenches.copy()
 
     def row(self, plan: Plan) -> InteriorRecord:
-        """The record at the machine's present state."""
+        """The record at the machine's present state, of which the watchers are told.  Collective."""
         energies = tuple(dict(body.interior.energies()) for body in self.bodies)
-        return InteriorRecord(self.applied_wrenches(plan), energies)
+        forces = tuple({} if one is None else dict(one.outer_forces()) for one in self.observed)
+        for watch in self.watchers:
+            watch()
+        return InteriorRecord(self.applied_wrenches(plan), energies, forces)
+
+    @cached_property
+    def observed(self) -> tuple[ObservedInterior | None, ...]:
+        """The bodies' interiors, None for those that do not show themselves."""
+        found = (body.interior for body in self.bodies)
+        return tuple(one if isinstance(one, ObservedInterior) else None for one in found)
 
     def snapshot(self, plan: Plan) -> InteriorSnapshot:
         """Copies of the interiors' states and wrenches."""

@@ -1,0 +1,304 @@
+"""The loads of one body as nodal forces, with the derivative of those that follow its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import la
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.history.loads import (
+    BodyAcceleration,
+    BodyLoad,
+    CentrifugalLoad,
+    ForceAtNodes,
+    PressureOnFacets,
+    TractionOnFacets,
+    factors_of,
+)
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.surface_patch import SurfacePatch
+from flexmbd.errors import MeshError, SceneError
+from flexmbd.multibody.interiors.time_factor import TimeFactor
+
+FloatArray = NDArray[np.float64]
+
+
+class AppliedLoads:
+    """Nodal forces of loads. Constructing one is collective.
+
+    Vectors are in the axes in which dead loads keep their direction: x = p + R X of body axes.
+
+    Attributes:
+        names: of the loads.
+        factors: their functions of time.
+        any: whether there are loads.
+        any_follow: whether some of them go by the present places of the nodes.
+    """
+
+    def __init__(self, body: NonlinearModel, loads: Sequence[BodyLoad], *, mass: FloatArray | None = None) -> None:
+        """Find facets and nodes.
+
+        Args:
+            body: the body.
+            loads: each of another name.
+            mass: (owned nodes,) kg, what an acceleration acts on; by default the consistent mass of each node.
+
+        Raises:
+            SceneError: on all ranks: something that is no load, two of one name, or the ranks were given others.
+            MeshError: on all ranks: facets or nodes that the mesh has not.
+        """
+        self._body, self._comm = body, body.comm
+        self.loads = _listed(loads)
+        self.names = tuple(load.name for load in self.loads)
+        self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
+        self.any = bool(self.loads)
+        parallel.check_same(body.comm, SceneError, loads=[_told(load) for load in self.loads])
+        self._n = body.layout.n_owned_nodes
+        facets = {load.facets for load in self.loads if isinstance(load, (PressureOnFacets, TractionOnFacets))}
+        self._patches = {name: SurfacePatch(body, name) for name in sorted(facets)}
+        if mass is None and any(isinstance(load, BodyAcceleration) for load in self.loads):
+            mass = _row_sums(body)
+        self._mass: FloatArray = np.zeros(self._n) if mass is None else mass
+        turning = {k: load for k, load in enumerate(self.loads) if isinstance(load, CentrifugalLoad)}
+        self._centrifugal = {k: _mass_times(body, _squared(load)) for k, load in turning.items()}
+        self._units = {k: self._unit(load) for k, load in enumerate(self.loads) if not is_following(load)}
+        self.any_follow = len(self._units) < len(self.loads)
+
+    def values(self, t: float) -> FloatArray:
+        """(loads,) the factors at t (s), rank 0's on all ranks. Collective.
+
+        Raises:
+            SceneError: on all ranks: one failed or is not finite.
+        """
+        found, error = np.zeros(len(self.factors)), None
+        try:
+            found[:] = [factor.at(t) for factor in self.factors]
+        except SceneError as reason:
+            error = reason
+        if self._comm.size > 1:
+            parallel.raise_collectively(self._comm, error)
+            found = self._comm.bcast(found, root=0)
+        elif error is not None:
+            raise error
+        return found
+
+    def dead(self, values: FloatArray, R: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, of loads that keep their direction; R (3, 3) turned the body as it began."""
+        force = np.zeros((self._n, 3))
+        for k, unit in self._units.items():
+            turned = isinstance(self.loads[k], PressureOnFacets)
+            force += values[k] * (unit @ R.T if turned else unit)
+        return force
+
+    def following(self, values: FloatArray, x: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, of loads that go by the nodes' places x (owned nodes, 3) m. Collective.
+
+        Tractions turn with the surface from body axes into the axes of x.
+        """
+        force = np.zeros((self._n, 3))
+        if not self.any_follow:
+            return force
+        places = self._with_ghosts(x)
+        for k, load in enumerate(self.loads):
+            if isinstance(load, CentrifugalLoad):
+                force -= values[k] * _times(self._centrifugal[k], x[: self._n] - np.asarray(load.point))
+            elif k not in self._units:
+                force += values[k] * self._summed(load, places)
+        return force
+
+    def resultants(self, values: FloatArray, x: FloatArray, R: FloatArray) -> dict[str, FloatArray]:
+        """(3,) N by name: the sum of each load over the body; arguments as above. Collective."""
+        found = {}
+        for k, load in enumerate(self.loads):
+            alone = np.where(np.arange(len(values)) == k, values, 0.0)
+            force = self.dead(alone, R) if k in self._units else self.following(alone, x)
+            found[load.name] = np.asarray(sum(self._comm.allgather(force.sum(axis=0))))
+        return found
+
+    def add_slopes(self, matrix: PETSc.Mat, values: FloatArray, x: FloatArray) -> None:
+        """Subtract the derivative of ``following`` by the nodes' places from a matrix. Collective.
+
+        Args:
+            matrix: of the body's tangent, which is changed.
+            values: of the factors.
+            x: (owned nodes, 3) m, in the axes of the matrix' unknowns.
+        """
+        if not self.any_follow:
+            return
+        places, blocks = self._with_ghosts(x), self._body.layout.node_space.dofmap.index_map
+        for k, load in enumerate(self.loads):
+            if k in self._units or values[k] == 0.0:
+                continue
+            if isinstance(load, CentrifugalLoad):
+                matrix.assemble()
+                matrix.axpy(values[k], self._centrifugal[k], PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+                continue
+            patch = self._patches[load.facets]  # type: ignore[union-attr]
+            if isinstance(load, PressureOnFacets):
+                slopes = patch.pressure_slopes(places)
+            else:
+                slopes = patch.traction_slopes(np.asarray(load.traction), places)  # type: ignore[union-attr]
+            size = 3 * patch.nodes.shape[1]
+            numbers = blocks.local_to_global(patch.nodes.reshape(-1)).reshape(patch.nodes.shape)
+            dofs = (3 * numbers[:, :, None] + np.arange(3)).reshape(-1, size).astype(PETSc.IntType)
+            for rows, block in zip(dofs, slopes.reshape(-1, size, size), strict=True):
+                matrix.setValues(rows, rows, -values[k] * block, addv=PETSc.InsertMode.ADD_VALUES)
+        matrix.assemble()
+
+    def _unit(self, load: BodyLoad) -> FloatArray:
+        """(owned nodes, 3) N, a dead load with the factor 1. Collective."""
+        if isinstance(load, BodyAcceleration):
+            return self._mass[:, None] * np.asarray(load.acceleration)
+        if isinstance(load, ForceAtNodes):
+            return self._at_nodes(load)
+        return self._summed(load, self._body.layout.node_x)
+
+    def _at_nodes(self, load: ForceAtNodes) -> FloatArray:
+        numbers = node_numbers(self._body)[: self._n]
+        wanted = np.asarray(load.nodes, dtype=np.int64)
+        mine = np.isin(numbers, wanted)
+        known = np.concatenate(self._comm.allgather(numbers[mine]))
+        missing = np.setdiff1d(wanted, known)
+        if missing.size:
+            raise MeshError(f"load {load.name!r}: the mesh has no node of the numbers {missing[:5].tolist()}")
+        count = np.array([(wanted == number).sum() for number in numbers[mine]], dtype=float)
+        force = np.zeros((self._n, 3))
+        force[mine] = count[:, None] * np.asarray(load.force)
+        return force
+
+    def _summed(self, load: BodyLoad, places: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, a load on facets with the factor 1 at places (local nodes, 3). Collective."""
+        patch = self._patches[load.facets]  # type: ignore[union-attr]
+        if isinstance(load, PressureOnFacets):
+            part = patch.pressure(places)
+        else:
+            traction = np.asarray(load.traction)  # type: ignore[union-attr]
+            part = patch.traction(traction, places if load.follows else None)  # type: ignore[union-attr]
+        total = self._body.vector()
+        total.array[:] = 0.0
+        np.add.at(total.array.reshape(-1, 3), patch.nodes, part)
+        total.scatter_reverse(la.InsertMode.add)
+        return np.asarray(total.array.reshape(-1, 3)[: self._n].copy())
+
+    def _with_ghosts(self, x: FloatArray) -> FloatArray:
+        vector = self._body.vector()
+        vector.array[: 3 * self._n] = x[: self._n].reshape(-1)
+        vector.scatter_forward()
+        return np.asarray(vector.array.reshape(-1, 3).copy())
+
+
+@dataclass(frozen=True, eq=False)
+class TrialLoads:
+    """The loads of a body at trial displacements since its last accepted step, in body axes.
+
+    Attributes:
+        body: the body.
+        loads: on it.
+        values: of their factors.
+        dead: (owned dofs,) N, in body axes.
+    """
+
+    body: NonlinearModel
+    loads: AppliedLoads
+    values: FloatArray
+    dead: FloatArray
+
+    def force(self, increment: FloatArray) -> FloatArray:
+        """(owned dofs,) N, at a displacement (local dofs,) m. Collective."""
+        if not self.loads.any_follow:
+            return self.dead
+        return self.dead + self.loads.following(self.values, self._places(increment)).reshape(-1)
+
+    def subtract_slopes(self, matrix: PETSc.Mat, increment: FloatArray) -> PETSc.Mat:
+        """The matrix less the derivative of ``force`` by the displacement; it is changed. Collective."""
+        self.loads.add_slopes(matrix, self.values, self._places(increment))
+        return matrix
+
+    def _places(self, increment: FloatArray) -> FloatArray:
+        return np.asarray(self.body.node_x + increment.reshape(-1, 3))
+
+
+def beside(t: float, side: int) -> float:
+    """An instant (s) just before (-1) or after (1) t, by a few units of round-off: a load may jump at t."""
+    return t + side * 8.0 * float(np.spacing(abs(t)))
+
+
+def is_following(load: BodyLoad) -> bool:
+    """Whether a load goes by the places of the nodes."""
+    if isinstance(load, (PressureOnFacets, TractionOnFacets)):
+        return load.follows
+    return isinstance(load, CentrifugalLoad)
+
+
+def _squared(load: CentrifugalLoad) -> FloatArray:
+    """(3, 3) the square of the product w x, symmetric: the force per mass is minus it times the arm."""
+    w = np.asarray(load.angular_velocity)
+    return np.asarray(np.outer(w, w) - (w @ w) * np.eye(3))
+
+
+def _times(matrix: PETSc.Mat, nodal: FloatArray) -> FloatArray:
+    """A matrix times a nodal field (owned nodes, 3). Collective."""
+    right, left = matrix.createVecs()
+    right.array[:] = nodal.reshape(-1)
+    matrix.mult(right, left)
+    return np.asarray(left.array.reshape(-1, 3).copy())
+
+
+def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
+    """The consistent mass matrix times a matrix (3, 3) at each node. Collective."""
+    body.check_displacement_alone()
+    mass = body.mass()
+    blocks = PETSc.Mat().createAIJ(mass.getSizes(), nnz=3, comm=body.comm)
+    first, end = blocks.getOwnershipRange()
+    for row in range(first, end, 3):
+        rows = np.arange(row, row + 3, dtype=PETSc.IntType)
+        blocks.setValues(rows, rows, S)
+    blocks.assemble()
+    product = mass.matMult(blocks)
+    mass.destroy()
+    blocks.destroy()
+    return product
+
+
+def _row_sums(body: NonlinearModel) -> FloatArray:
+    """(owned nodes,) kg, what of the mass a unit acceleration makes act on each node. Collective."""
+    body.check_displacement_alone()
+    matrix = body.mass()
+    right, left = matrix.createVecs()
+    right.array.reshape(-1, 3)[:] = [1.0, 0.0, 0.0]
+    matrix.mult(right, left)
+    matrix.destroy()
+    return np.asarray(left.array.reshape(-1, 3)[:, 0].copy())
+
+
+def _listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
+    if isinstance(loads, BodyLoad) or not isinstance(loads, Sequence):
+        raise SceneError(f"loads must be a list, as loads=[PressureOnFacets(...)], got {loads!r:.80}")
+    for load in loads:
+        if not isinstance(load, BodyLoad):
+            raise SceneError(
+                f"a load on a body with history is a PressureOnFacets, TractionOnFacets, ForceAtNodes, "
+                f"BodyAcceleration or CentrifugalLoad, got {load!r:.80}"
+            )
+    names = [load.name for load in loads]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"two loads are called {name!r}; give each its own name")
+    return tuple(loads)
+
+
+def _told(load: BodyLoad) -> str:
+    """A load by its kind, place and size; of its factor the kind alone, which is rank 0's anyway."""
+    parts = [type(load).__name__, load.name]
+    if isinstance(load, (PressureOnFacets, TractionOnFacets)):
+        parts += [load.facets, str(load.follows)]
+    if isinstance(load, ForceAtNodes):
+        parts += [str(list(load.nodes)), str(np.asarray(load.force).tolist())]
+    return " ".join([*parts, type(load.factor).__name__])

@@ -1,0 +1,76 @@
+"""Functions of time that an interior evaluates by itself, as those of its loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.continuum_body import Interior
+from flexmbd.multibody.functions.compiled_function import Compiled
+from flexmbd.multibody.functions.spline_table import Table, spline
+from flexmbd.multibody.functions.time_function import Motion, Piecewise, Sine, TimeFunction, as_row, checked
+
+
+class TimeFactor:
+    """A function of time by its value: a number, data, a compiled function or a Python callable.
+
+    Attributes:
+        function: as it was given.
+        what: what it is for, in messages.
+    """
+
+    def __init__(self, function: TimeFunction, what: str) -> None:
+        """Check it.
+
+        Raises:
+            SceneError: it is no function of time, or not finite.
+        """
+        as_row(function, what, motion=False)
+        self.function, self.what = function, what
+        self._call = _callable(function, what)
+
+    def at(self, t: float) -> float:
+        """Its value at t (s).
+
+        Raises:
+            SceneError: it failed, or gives no finite number; the message names it and the time.
+        """
+        try:
+            return float(checked(self._call(t), ()))
+        except Exception as reason:
+            raise SceneError(f"{self.what}: at t = {t:g} s: {reason}") from reason
+
+
+def _callable(function: Any, what: str) -> Callable[[float], Any]:
+    while isinstance(function, Piecewise):
+        function = function.function
+    if isinstance(function, Table):
+        function = spline(function, what)
+    if isinstance(function, Sine):
+        sine = function
+        return lambda t: sine.offset + sine.amplitude * np.sin(sine.omega * t + sine.phase)
+    if isinstance(function, Motion):
+        function = function.value
+    if isinstance(function, Compiled):
+        call: Callable[[float], Any] = function.source
+        return call
+    if isinstance(function, PPoly):
+        return lambda t: function(t).item()
+    if callable(function):
+        given: Callable[[float], Any] = function
+        return given
+    value = float(function)
+    return lambda t: value
+
+
+@runtime_checkable
+class LoadedInterior(Interior, Protocol):
+    """An interior with loads of its own, whose functions of time the machine is to know: steps end on their breaks."""
+
+    @property
+    def load_factors(self) -> tuple[TimeFactor, ...]:
+        """One of each load."""

@@ -1,0 +1,234 @@
+"""Writing a recording: which instants of a run are kept, and the file that they go to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import RecordError, SceneError
+from flexmbd.multibody.bodies.continuum_body import FrameMotion
+from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh, ObservedInterior
+from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.team import Team
+from flexmbd.run.recording import FORMAT, VERSION, BodyRecording, Recording, hdf5, opened
+from flexmbd.run.settings import RunSettings
+from flexmbd.run.stepping import Integration
+
+# Fields of an `InteriorFields` that are vectors of the nodes' motion; doubles, the others single precision.
+_MOTION = ("position", "velocity", "acceleration")
+
+
+class Recorder:
+    """Keeps the instants of one run that a recording asks for.
+
+    What is seen in steps that an event's search takes back is dropped before it reaches the file.
+    """
+
+    def __init__(self, recording: Recording, integration: Integration, team: Team, *, begun: float) -> None:
+        """Make the file.  Collective.
+
+        Args:
+            recording: what is asked for.
+            integration: the run, at its start.
+            team: of the machine.
+            begun: s, when the simulation began, of which this run may be the rest.
+
+        Raises:
+            SceneError: no body of the machine shows its fields.
+            RecordError: on all ranks: the file cannot be written.
+        """
+        interiors = integration.scene.interiors
+        observed = {} if interiors is None else _observed(interiors)
+        if interiors is None or not observed:
+            raise SceneError(
+                "a recording is of bodies with history that show their fields (ExplicitContinuum, ImplicitContinuum), "
+                "and this machine has none"
+            )
+        self._recording, self._integration, self._interiors, self._begun = recording, integration, interiors, begun
+        self._bodies = observed
+        self._work = new_work(integration.scene.plan)
+        self._file = RecordingFile(recording, observed, team)
+        self._pending: list[tuple[float, Mapping[str, InteriorFields]]] = []
+        self._written = self._file.begin(integration.t if integration.t > begun else None)
+        self.watch()
+        interiors.watchers.append(self.watch)
+
+    def watch(self) -> None:
+        """Look at the bodies where an instant is due.  Collective."""
+        t = self._integration.t
+        self._drop(lambda kept: kept < t)
+        last = self._pending[-1][0] if self._pending else self._written
+        if last is None or self._recording.index(t, self._begun) > self._recording.index(last, self._begun):
+            self._look(t)
+
+    def write(self) -> None:
+        """Write what is kept for good: what was seen up to where the integration stands.  Collective."""
+        t = self._integration.t
+        self._drop(lambda kept: kept <= t)
+        if self._pending:
+            self._file.append(self._pending)
+            self._written = self._pending[-1][0]
+            self._pending = []
+
+    def stop(self) -> None:
+        """Watch no longer."""
+        self._interiors.watchers.remove(self.watch)
+
+    def end(self) -> None:
+        """Write the last step as well.  Collective."""
+        self.write()
+        if self._written is None or self._written < self._integration.t:
+            self._look(self._integration.t)
+            self.write()
+
+    @property
+    def recordings(self) -> tuple[BodyRecording, ...]:
+        """What was written, by body."""
+        bodies = {body.name: body for body in self._interiors.bodies}
+        path = Path(self._recording.path).absolute()
+        return tuple(BodyRecording(path, name, bodies[name]) for name in self._bodies)
+
+    def _look(self, t: float) -> None:
+        motions = self._motions()
+        self._pending.append((t, {name: body.observe(motions[name]) for name, body in self._bodies.items()}))
+
+    def _motions(self) -> dict[str, FrameMotion]:
+        state, plan = self._integration.state, self._integration.scene.plan
+        found = self._interiors.motions(plan, self._work, state.x, state.v, state.a)
+        return {body.name: motion for body, motion in zip(self._interiors.bodies, found, strict=True)}
+
+    def _drop(self, keep: Callable[[float], bool]) -> None:
+        self._pending = [one for one in self._pending if keep(one[0])]
+
+
+@contextmanager
+def open_recorder(settings: RunSettings, integration: Integration, team: Team) -> Iterator[Recorder | None]:
+    """The recorder of a run, if there is to be one; at the end it has written the last step.  Collective.
+
+    Raises:
+        SceneError, RecordError: as `Recorder`.
+    """
+    if settings.recording is None:
+        yield None
+        return
+    recorder = Recorder(settings.recording, integration, team, begun=settings.begun)
+    try:
+        yield recorder
+        recorder.end()
+    finally:
+        recorder.stop()
+
+
+def _observed(interiors: Interiors) -> dict[str, ObservedInterior]:
+    """The bodies that show their fields, by name."""
+    pairs = zip(interiors.bodies, interiors.observed, strict=True)
+    return {body.name: one for body, one in pairs if one is not None}
+
+
+class RecordingFile:
+    """What a run writes; rank 0 does."""
+
+    def __init__(self, recording: Recording, bodies: Mapping[str, ObservedInterior], team: Team) -> None:
+        """Every rank makes one."""
+        self._recording, self._bodies, self._team = recording, bodies, team
+
+    def begin(self, t: float | None) -> float | None:
+        """Make the file, or of a restart at t (s) go on with what it holds up to then.  Collective.
+
+        Returns:
+            The last instant (s) that it holds.
+
+        Raises:
+            RecordError: it cannot be written, or the one that is there is of other bodies.
+        """
+        meshes = {name: body.outline() for name, body in self._bodies.items()}
+        last = np.array([np.nan])
+        error: Exception | None = None
+        if self._team.is_root:
+            try:
+                last[0] = self._open(meshes, t)
+            except RecordError as reason:
+                error = reason
+            except OSError as reason:
+                error = self._cannot(reason)
+        self._team.fail(error)
+        found = float(self._team.agree(last)[0])
+        return None if np.isnan(found) else found
+
+    def append(self, instants: list[tuple[float, Mapping[str, InteriorFields]]]) -> None:
+        """Write instants.  Collective.
+
+        Raises:
+            RecordError: on all ranks: it cannot be written.
+        """
+        error: Exception | None = None
+        if self._team.is_root and instants:
+            try:
+                with hdf5().File(self._recording.path, "r+") as file:
+                    _extend(file, "t", np.array([t for t, _ in instants]), np.float64)
+                    for name in self._bodies:
+                        _append_fields(file["bodies"][name], [fields[name] for _, fields in instants])
+            except OSError as reason:
+                error = self._cannot(reason)
+        self._team.fail(error)
+
+    def _open(self, meshes: Mapping[str, InteriorMesh], t: float | None) -> float:
+        path = Path(self._recording.path)
+        if t is not None and path.exists():
+            with opened(path, "r+") as file:
+                return _cut(file, meshes, t, path)
+        with hdf5().File(path, "w") as file:
+            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+            for name, mesh in meshes.items():
+                group = file.create_group(f"bodies/{name}")
+                group["node"], group["x"], group["triangle"] = mesh.node, mesh.x, mesh.triangle
+        return float("nan")
+
+    def _cannot(self, reason: OSError) -> RecordError:
+        return RecordError(f"the recording cannot be written to {self._recording.path}: {reason}")
+
+
+def _append_fields(group: Any, instants: list[InteriorFields]) -> None:
+    for name in _MOTION:
+        _extend(group, f"fields/{name}", np.array([getattr(one, name) for one in instants]), np.float64)
+    for name in instants[0].values:
+        _extend(group, f"fields/{name}", np.array([one.values[name] for one in instants]), np.float32)
+    _extend(group, "body_position", np.array([one.p for one in instants]), np.float64)
+    _extend(group, "body_rotation", np.array([one.R for one in instants]), np.float64)
+    _extend(group, "largest", np.array([one.largest for one in instants]), np.float64)
+    _extend(group, "largest_row", np.array([one.largest_row for one in instants]), np.int64)
+
+
+def _extend(group: Any, name: str, rows: NDArray[Any], kind: type) -> None:
+    """Append rows to a dataset, which is made at the first call."""
+    if name not in group:
+        group.create_dataset(name, (0, *rows.shape[1:]), kind, chunks=(1, *rows.shape[1:]) if rows.ndim > 1 else (256,),
+                             maxshape=(None, *rows.shape[1:]))  # fmt: skip
+    data = group[name]
+    data.resize(len(data) + len(rows), axis=0)
+    data[len(data) - len(rows) :] = rows
+
+
+def _cut(file: Any, meshes: Mapping[str, InteriorMesh], t: float, path: Path) -> float:
+    """Leave of a recording what was before t (s), or at it; the last instant left (s)."""
+    bodies = file["bodies"]
+    for name, mesh in meshes.items():
+        if name not in bodies or not np.array_equal(bodies[name]["node"][()], mesh.node):
+            raise RecordError(f"{path} is a recording of other bodies; give the restart a file of its own")
+    if "t" not in file:
+        return float("nan")
+    kept = int((file["t"][()] <= t).sum())
+    file["t"].resize(kept, axis=0)
+    for name in meshes:
+        for data in [*bodies[name]["fields"].values(), *(bodies[name][part] for part in _ONCE)]:
+            data.resize(kept, axis=0)
+    return float(file["t"][-1]) if kept else float("nan")
+
+
+_ONCE = ("body_position", "body_rotation", "largest", "largest_row")
