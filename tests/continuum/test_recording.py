@@ -126,7 +126,6 @@ def test_stress_and_plastic_strain_of_a_pulled_bar(kind, folder):
     assert strain[-1] > 0.01
     # Kirchhoff stress; a product of averages over cells
     assert volume[-1] * mises[-1] == pytest.approx(2.5e8 + 8e8 * strain[-1], rel=1e-3)
-    assert mises[-1] == pytest.approx(stress[-1, 1] - stress[-1, 0], rel=1e-5)
     field = run.stress(block, t=1.2 * rise)
     xx = field.stress[:, 0, 0]
     assert xx.mean() == pytest.approx(load, rel=0.06)
