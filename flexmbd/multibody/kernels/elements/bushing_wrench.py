@@ -89,4 +89,6 @@ def _energy(plan, work, row, d, R, rate, spin):
     return 0.5 * (dot3(force, d) + dot3(torque, theta))
 
 
-BUSHING = FrameElement(Behaviour("bushings", Stiffness.SEEN, damper=(36, 36)), _wrench, _variation, _energy)
+BUSHING = FrameElement(
+    Behaviour("bushings", Stiffness.SEEN, spring=(0, 36), damper=(36, 36)), _wrench, _variation, _energy
+)

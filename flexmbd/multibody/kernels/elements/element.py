@@ -40,6 +40,7 @@ class Behaviour:
         given: whether it follows functions of time alone, so that it may be an input of a linear machine.
         calls_user: whether it calls a function of the user at each evaluation.
         drives: whether it counts among what drives joints, as a motor does and a spring does not.
+        spring: its numbers that make it elastic, the first and how many: zeros are a damper alone; none: it always is.
         damper: its numbers that make it dissipate, the first and how many: without them it stores all that it takes.
     """
 
@@ -50,6 +51,7 @@ class Behaviour:
     given: bool = False
     calls_user: bool = False
     drives: bool = False
+    spring: tuple[int, int] = (0, 0)
     damper: tuple[int, int] = (0, 0)
 
 

@@ -21,4 +21,4 @@ def _energy(plan, row, x):
     return 0.5 * data[o] * (x - data[o + 1]) ** 2
 
 
-SPRING = CoordinateLaw(Behaviour("springs", Stiffness.SEEN, damper=(2, 1)), _law, _energy)
+SPRING = CoordinateLaw(Behaviour("springs", Stiffness.SEEN, spring=(0, 1), damper=(2, 1)), _law, _energy)

@@ -51,11 +51,19 @@ def stiffness_may_change(plan: Plan) -> bool:
 def can_vibrate(plan: Plan) -> bool:
     """Whether anything makes joints vibrate: springs, users' laws, rows that an augmented Lagrangian enforces.
 
-    Stops and friction do not, whose grip passes.
+    Stops and friction do not, whose grip passes, and neither do dampers: what they hold comes to rest.
     """
-    elements = zip(behaviours(plan), stores(plan), strict=True)
-    springs = any(not one.abrupt and (storing or one.stiffness is not Stiffness.NONE) for one, storing in elements)
-    return springs or bool(constraint_rows(plan).augmented.any())
+    return _has_springs(plan) or bool(constraint_rows(plan).augmented.any())
+
+
+def _has_springs(plan: Plan) -> bool:
+    for row, one, storing in zip(plan.elements, behaviours(plan), stores(plan), strict=True):
+        first, count = one.spring
+        numbers = plan.data[row[at.EL_DATA] + first : row[at.EL_DATA] + first + count]
+        elastic = storing or one.stiffness is not Stiffness.NONE
+        if elastic and not one.abrupt and (count == 0 or numbers.any()):
+            return True
+    return False
 
 
 def joint_force_times(plan: Plan) -> IntArray:
