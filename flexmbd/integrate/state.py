@@ -52,7 +52,8 @@ PIVOT_FELL = 1
 
 _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selected anew
 
-_FADE = 0.95  # of a coordinate's own rate, from step to step
+# The least that a step leaves of a coordinate's own rate: its three instants may lie about a zero of the curvature.
+_FADE = 0.25
 _ONSET = 4.0  # times that of the step before, or the machine's
 
 #: Lower bound of relative tolerances.
@@ -195,13 +196,14 @@ def reaction_acceleration(response, reactions, j, first, last):
 
 
 @kernel
-def own_rate(rate, before, machine_rate):
-    """A coordinate's own rate (1/s) after a step that shows ``rate``, ``before`` being that of the step before.
+def own_rate(rate, before, machine_rate, h):
+    """A coordinate's own rate (1/s) after a step h that shows ``rate``, ``before`` being that of the step before.
 
-    It fades slowly, for a vibration's curvature passes through zero, and rises no faster than a vibration sets in: what
-    seems to be one within a single step is a jump, whose error drifts.
+    It fades over half a period, for a vibration's curvature passes through zero within that; what shows no more after
+    it has come to rest, as a relaxation does.  It rises no faster than a vibration sets in: what seems to be one within
+    a single step is a jump, whose error drifts.
     """
-    return max(min(rate, _ONSET * max(before, machine_rate)), _FADE * before)
+    return max(min(rate, _ONSET * max(before, machine_rate)), max(_FADE, math.exp(-h * before / math.pi)) * before)
 
 
 @kernel

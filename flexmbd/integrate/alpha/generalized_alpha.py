@@ -154,7 +154,7 @@ def _attempt(method, state, groups, h):
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            accept(state, scratch)
+            accept(state, scratch, h)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
 

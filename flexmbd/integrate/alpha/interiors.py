@@ -70,7 +70,7 @@ def end_step(rule, plan, work, state, groups, scratch, record, h):
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
-            step_history.accept(state, scratch)
+            step_history.accept(state, scratch, h)
     return controller.accept_or_reject(plan, rule, state, groups, record, h)
 
 

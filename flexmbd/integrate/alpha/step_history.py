@@ -27,7 +27,7 @@ def prepare_step(plan, work, state, groups, scratch, h):
 
 
 @kernel
-def accept(state, scratch):
+def accept(state, scratch, h):
     """Make the trial state the current one."""
     memory = scratch.memory
     for k in range(state.v.shape[0]):
@@ -37,7 +37,7 @@ def accept(state, scratch):
         state.v[k] = scratch.v[k]
         state.a[k] = scratch.a[k]
         memory.auxiliary[k] = scratch.auxiliary[k]
-        memory.own_rate[k] = st.own_rate(scratch.own_rate[k], memory.own_rate[k], state.numbers[st.RATE])
+        memory.own_rate[k] = st.own_rate(scratch.own_rate[k], memory.own_rate[k], state.numbers[st.RATE], h)
     for k in range(state.x.shape[0]):
         state.x[k] = scratch.x[k]
     for i in range(state.multipliers.shape[0]):

@@ -318,7 +318,7 @@ def _accept(plan, loops, state, scratch, a_end, h):
         scratch.memory.before[k] = state.a[k]
         scratch.memory.momentum[k] = scratch.p_end[k]
         before = scratch.memory.own_rate[k]
-        scratch.memory.own_rate[k] = st.own_rate(scratch.own_rate[k], before, state.numbers[st.RATE])
+        scratch.memory.own_rate[k] = st.own_rate(scratch.own_rate[k], before, state.numbers[st.RATE], h)
         state.v[k] = scratch.v_end[k]
         state.a[k] = a_end[k]
     for k in range(state.x.shape[0]):

@@ -110,7 +110,7 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate)
+        own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate, h)
         if groups.kind[g] != kinds.GROUP_MODAL:
             own *= state.numbers[st.STEP_LASTING]
         share = min(1.0, h * max(machine_rate, own))
@@ -218,7 +218,7 @@ def remember_roughness(plan, state, groups, scratch, h):
             now = min(now, max(_GROWTH * before, _LITTLE * st.group_speed(groups, groups.of[k], rate) * rate**4))
         scratch.memory.roughness[k] = max(now, _FORGET * before)
         scratch.memory.own_rate[k] = st.own_rate(
-            scratch.own_rate[k] if smooth else 0.0, scratch.memory.own_rate[k], rate
+            scratch.own_rate[k] if smooth else 0.0, scratch.memory.own_rate[k], rate, h
         )
     scratch.memory.roughness_known[0] = 1
 

@@ -41,4 +41,6 @@ def _energy(plan, work, row, d, R, rate, spin):
     return 0.5 * plan.data[o] * (math.sqrt(dot3(d, d)) - plan.data[o + 1]) ** 2
 
 
-DISTANCE_SPRING = FrameElement(Behaviour("springs", Stiffness.SEEN, spring=(0, 1), damper=(2, 1)), _wrench, _variation, _energy)
+DISTANCE_SPRING = FrameElement(
+    Behaviour("springs", Stiffness.SEEN, spring=(0, 1), damper=(2, 1)), _wrench, _variation, _energy
+)
