@@ -225,12 +225,12 @@ def _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ra
 
 
 @kernel
-def _accept(state, scratch):
+def _accept(state, scratch, h):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
         scratch.memory.before[k] = state.a[k]
         own, before = scratch.own_rate[k], scratch.memory.own_rate[k]
-        scratch.memory.own_rate[k] = st.own_rate(own, before, state.numbers[st.RATE])
+        scratch.memory.own_rate[k] = st.own_rate(own, before, state.numbers[st.RATE], h)
         state.v[k] = scratch.v[k]
         state.a[k] = scratch.a[k]
     for k in range(state.x.shape[0]):
@@ -261,7 +261,7 @@ def attempt(method, state, groups, h):
     elif found:
         ratio = 0.0 if fixed else _error(plan, work, aw, loops, state, groups, scratch, h, rate)
         if ratio <= 1.0:
-            _accept(state, scratch)
+            _accept(state, scratch, h)
             if plan.rows.shape[0] > 0:
                 update_row_scales(loops, state)
     state.numbers[st.ERROR_RATIO] = ratio
