@@ -20,8 +20,10 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
+from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
-_OF_TREE = -1  # in place of LAPACK's first pivot: the factors are those of the tree
+# In place of LAPACK's first pivot: the factors are those of the tree, of its lines of ancestors or of the recursion.
+_OF_TREE, _OF_RECURSION = -1, -2
 
 
 @kernel
@@ -74,11 +76,11 @@ def _put_derivatives(plan, work, scratch, per_x, per_v):
         for i in range(first, last):
             row = scratch.matrix[begin + i - first]
             for j in range(first, last):
-                row[begin + j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
+                row[j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
                 if turned:
-                    row[begin + j - first] += scratch.tree_matrix[i, j]
+                    row[j - first] += scratch.tree_matrix[i, j - first]
             for k in range(above, below):
-                row[begin + last - first + k - above] = tw.jacobian[k, plan.free[i]]
+                row[last - first + k - above] = tw.jacobian[k, plan.free[i]]
     turn_row_columns(plan, tw.blocks, scratch.displacement, tw.jacobian)
 
 
@@ -90,17 +92,19 @@ def _keep_stiffness(plan, scratch):
     """
     tw = scratch.tangent
     for c in range(tw.blocks.velocity.shape[0]):
-        for i in range(tw.blocks.free[c], tw.blocks.free[c + 1]):
-            for j in range(tw.blocks.free[c], tw.blocks.free[c + 1]):
-                scratch.tree_matrix[i, j] = -scratch.full_tangent[plan.free[i], plan.free[j]]
+        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
+        for i in range(first, last):
+            for j in range(first, last):
+                scratch.tree_matrix[i, j - first] = -scratch.full_tangent[plan.free[i], plan.free[j]]
     turn_columns(plan, tw.blocks, scratch.displacement, scratch.full_tangent)
     turn_row_columns(plan, tw.blocks, scratch.displacement, tw.rate_jacobian)
     for c in range(tw.blocks.velocity.shape[0]):
         first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
         for i in range(first, last):
             for j in range(first, last):
-                scratch.stiffness[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
-                scratch.tree_matrix[i, j] += scratch.stiffness[i, j]
+                stiffness = scratch.full_tangent[plan.free[i], plan.free[j]]
+                scratch.stiffness[i, j - first] = stiffness
+                scratch.tree_matrix[i, j - first] += stiffness
         for i in range(tw.blocks.rows[c], tw.blocks.rows[c + 1]):
             for j in range(first, last):
                 scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
@@ -115,16 +119,16 @@ def _put_shift_columns(plan, scratch, c, per_x, per_v):
     blocks = scratch.tangent.blocks
     first, last = blocks.free[c], blocks.free[c + 1]
     above, below = blocks.rows[c], blocks.rows[c + 1]
-    own = scratch.bounds[c] - first  # where unknowns of the block stand: coordinates, reactions, shifts
-    pushed = scratch.bounds[c] + last - first - above
+    # where unknowns of the block stand in it: coordinates from -first, reactions and shifts
+    pushed = last - first - above
     shifted = pushed + below - above
-    matrix = scratch.matrix
+    matrix = scratch.matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for k in range(above, below):
         for i in range(first, last):
             t = 0.0
             for j in range(first, last):
-                t += scratch.stiffness[i, j] * scratch.shift_direction[k, j]
-            matrix[own + i, shifted + k] = t
+                t += scratch.stiffness[i, j - first] * scratch.shift_direction[k, j]
+            matrix[i - first, shifted + k] = t
     for i in range(above, below):
         unshifted = is_unshifted(plan, scratch, i)
         # the second row of a constraint: its rate, or what yields between its position, its rate and its reaction
@@ -135,9 +139,9 @@ def _put_shift_columns(plan, scratch, c, per_x, per_v):
         total = k_x * per_x + k_v * per_v
         for j in range(first, last):
             x = scratch.tangent.jacobian[i, plan.free[j]]
-            matrix[pushed + i, own + j] = 0.0 if unshifted else x
+            matrix[pushed + i, j - first] = 0.0 if unshifted else x
             v = scratch.tangent.rate_jacobian[i, plan.free[j]]
-            matrix[shifted + i, own + j] = (k_x * per_x * x + k_v * v) / total
+            matrix[shifted + i, j - first] = (k_x * per_x * x + k_v * v) / total
         for k in range(above, below):
             t = 0.0
             r = 0.0
@@ -187,9 +191,9 @@ def _put_shifts(plan, state, scratch, per_x, per_v):
         for i in range(first, last):
             row = scratch.matrix[begin + i - first]
             for j in range(first, last):
-                scratch.tree_matrix[i, j] = row[begin + j - first]
+                scratch.tree_matrix[i, j - first] = row[j - first]
             for k in range(above, below):
-                scratch.shift_direction[k, i] = row[begin + last - first + k - above]
+                scratch.shift_direction[k, i] = row[last - first + k - above]
         if factor_part(plan.lapack, scratch.tree_matrix, first, last, scratch.tree_pivot, scratch.sizes) != 0:
             return False
         solve_part(
@@ -213,10 +217,37 @@ def _put_shifts(plan, state, scratch, per_x, per_v):
 def _is_finite(scratch):
     for c in range(scratch.bounds.shape[0] - 1):
         for i in range(scratch.bounds[c], scratch.bounds[c + 1]):
-            for j in range(scratch.bounds[c], scratch.bounds[c + 1]):
+            for j in range(scratch.bounds[c + 1] - scratch.bounds[c]):
                 if not np.isfinite(scratch.matrix[i, j]):
                     return False
     return True
+
+
+@deferred_kernel(FLAG)
+def _recur(plan, work, scratch, per_x, per_v):
+    """Factor by the recursion over the tree; False if a pivot is too small."""
+    call_separate(
+        scratch.kernels[1],
+        (
+            plan,
+            work,
+            scratch.tangent,
+            scratch.recursion,
+            scratch.x,
+            scratch.v,
+            scratch.a,
+            per_x,
+            per_v,
+            1.0,
+        ),
+    )
+    scratch.pivot[0] = _OF_RECURSION
+    return factor_recursion(plan, scratch.recursion)
+
+
+@deferred_kernel()
+def _solve_recursion(plan, scratch, rhs):
+    solve_recursion(plan, scratch.recursion, rhs)
 
 
 @kernel
@@ -228,6 +259,8 @@ def linearise(plan, work, state, scratch, h):
     state.counts[st.FACTORISATIONS] += 1
     scratch.memory.step_factored[0] = h
     scratch.memory.contraction[0] = 1.0
+    if scratch.recursion.number.shape[0] > 0 and _recur(plan, work, scratch, per_x, per_v):
+        return True
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
@@ -248,6 +281,8 @@ def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
     if scratch.pivot[0] == _OF_TREE:
         solve_tree(scratch.ancestors, scratch.matrix, rhs)
+    elif scratch.pivot[0] == _OF_RECURSION:
+        _solve_recursion(plan, scratch, rhs)
     else:
         blocks, bounds, pivot = scratch.tangent.blocks, scratch.bounds, scratch.pivot
         solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, pivot, scratch.sizes, rhs, scratch.sorted_rhs)

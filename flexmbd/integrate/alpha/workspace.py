@@ -14,10 +14,11 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, unknown_bounds
-from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
 
 FloatArray = NDArray[np.float64]
 
@@ -93,16 +94,18 @@ class AlphaWorkspace(ArrayStruct):
     x, v, a, auxiliary, multipliers: of the step's end.  displacement: (nv,) tangent vector from the step's start.
     known_reaction, row_force: (m,) of augmented rows, reaction of the passes before and what their gap adds (N or N m).
     residual: (nv,).  probe_acceleration: (nv,).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
-    unknown, equation: (n,) with n = free + 2 m.  matrix: (n, n) factors of the iteration matrix.
+    unknown, equation: (n,) with n = free + 2 m.  matrix: factors of the iteration matrix, a
+    ``block_matrix`` of n rows.
     error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half the second derivative of a.
-    full_tangent: (nv, nv).  tree_matrix: (free, free) factors of the iteration matrix without rows.
-    stiffness, rate_stiffness: (free, free), (m, free) derivatives by positions alone.
+    full_tangent: (nv, nv).  tree_matrix: factors of the iteration matrix without rows.
+    stiffness: derivatives by positions alone; both are block matrices of the free unknowns.  rate_stiffness: (m, free).
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
     shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
     row_factors: (m, m) of the blocks of C B^-1 C^T, with row_order (m,) and row_rank (c,); least_pivot: (1,) of rows of
     unit length, 1 without rows.
     bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
     phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
+    kernels: addresses of the tangent, and of that for the recursion where it serves.
     """
 
     x: FloatArray
@@ -144,6 +147,7 @@ class AlphaWorkspace(ArrayStruct):
     tree_pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
     ancestors: NDArray[np.int64]
+    recursion: TreeRecursion
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
@@ -159,6 +163,13 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     tangent = new_tangent_work(plan, nv, sizes=scales)
     full = zeros((nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
+    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
+    recursion = new_tree_recursion(plan, np.diff(free))
+    kernels = [address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)), 0]
+    if len(recursion.number):
+        kernels[1] = address_of(
+            tree_tangent_after_residual, (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
+        )
     return AlphaWorkspace(
         x=zeros(nx),
         v=zeros(nv),
@@ -173,10 +184,10 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         own_rate=zeros(nv),
         unknown=zeros(n),
         equation=zeros(n),
-        matrix=zeros((n, n)),
+        matrix=block_matrix(bounds),
         full_tangent=full,
-        tree_matrix=zeros((nu, nu)),
-        stiffness=zeros((nu, nu) if m or interiors else (0, 0)),
+        tree_matrix=block_matrix(free),
+        stiffness=block_matrix(free if m or interiors else free[:1]),
         rate_stiffness=zeros((m, nu)),
         interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
         shift_direction=zeros((m, nu)),
@@ -184,7 +195,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         row_order=zeros(m, np.int64),
         row_rank=zeros(len(tangent.blocks.velocity), np.int64),
         least_pivot=np.ones(1),
-        bounds=unknown_bounds(tangent.blocks, 2),
+        bounds=bounds,
         sorted_rhs=zeros((1, n)),
         correction=zeros((1, n)),
         error_x=zeros(nu),
@@ -199,7 +210,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(N_SIZES, np.int32),
         ancestors=_ancestor_table(plan, tangent.blocks)[: 0 if interiors else None],
-        kernels=np.array([address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))]),
+        recursion=recursion,
+        kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
@@ -207,9 +219,10 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
 
 
 def _ancestor_table(plan: Plan, blocks: DiagonalBlocks) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where factoring by the tree is cheaper than block by block; (0, ...) elsewhere."""
+    """Ancestors of the unknowns where factoring by the tree is cheaper than as a whole; (0, ...) elsewhere."""
     lines = ancestors(plan)
-    return lines if len(plan.rows) == 0 and is_cheaper_than_dense(lines, np.diff(blocks.free)) else lines[:0]
+    whole = len(plan.rows) == 0 and len(blocks.velocity) == 1
+    return lines if whole and is_cheaper_than_dense(lines) else lines[:0]
 
 
 @kernel

@@ -51,8 +51,9 @@ def factor_end_mass(plan, work, scratch):
     for c in range(bounds.shape[0] - 1):
         for i in range(bounds[c], bounds[c + 1]):
             for j in range(bounds[c], bounds[c + 1]):
-                scratch.mass[i, j] = scratch.full_matrix[free[i], free[j]]
-                finite = finite and np.isfinite(scratch.mass[i, j])
+                entry = scratch.full_matrix[free[i], free[j]]
+                scratch.mass[i, j - bounds[c]] = entry
+                finite = finite and np.isfinite(entry)
     scratch.energy[SINGULAR] = 1.0
     if finite and factor_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes):
         scratch.energy[SINGULAR] = 0.0

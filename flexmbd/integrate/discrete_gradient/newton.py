@@ -90,18 +90,18 @@ def _put_block(plan, scratch, c, h):
     blocks, free = scratch.tangent.blocks, plan.free
     first, last = blocks.free[c], blocks.free[c + 1]
     above, below = blocks.rows[c], blocks.rows[c + 1]
-    own = scratch.bounds[c] - first  # where velocities and reactions of the block stand
-    pushed = scratch.bounds[c] + last - first - above
+    pushed = last - first - above  # where reactions stand in the block
+    block = scratch.matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for i in range(first, last):
         for j in range(first, last):
-            scratch.matrix[own + i, own + j] = scratch.full_matrix[free[i], free[j]]
+            block[i - first, j - first] = scratch.full_matrix[free[i], free[j]]
         for k in range(above, below):
-            scratch.matrix[own + i, pushed + k] = scratch.tangent.jacobian[k, free[i]]
+            block[i - first, pushed + k] = scratch.tangent.jacobian[k, free[i]]
     for k in range(above, below):
         for j in range(first, last):
-            scratch.matrix[pushed + k, own + j] = 2.0 / h * scratch.tangent.rate_jacobian[k, free[j]]
+            block[pushed + k, j - first] = 2.0 / h * scratch.tangent.rate_jacobian[k, free[j]]
         for j in range(above, below):
-            scratch.matrix[pushed + k, pushed + j] = 0.0
+            block[pushed + k, pushed + j] = 0.0
 
 
 @kernel
@@ -109,15 +109,15 @@ def _change_block(plan, scratch, c):
     """Take M and C at the end into block c of the matrix."""
     blocks, free = scratch.tangent.blocks, plan.free
     first, last = blocks.free[c], blocks.free[c + 1]
-    own = scratch.bounds[c] - first
-    pushed = scratch.bounds[c] + last - first - blocks.rows[c]
+    pushed = last - first - blocks.rows[c]
+    block = scratch.matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for i in range(first, last):
         for j in range(first, last):
-            scratch.matrix[own + i, own + j] -= scratch.full_matrix[free[i], free[j]]
+            block[i - first, j - first] -= scratch.full_matrix[free[i], free[j]]
     for k in range(blocks.rows[c], blocks.rows[c + 1]):
         if holds_position(plan.rows[k]):
             for j in range(first, last):
-                scratch.matrix[pushed + k, own + j] = scratch.tangent.jacobian[k, free[j]]
+                block[pushed + k, j - first] = scratch.tangent.jacobian[k, free[j]]
 
 
 @kernel
@@ -147,10 +147,10 @@ def _stiff_forces(plan, groups, scratch, h):
     """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
     blocks = scratch.tangent.blocks
     for c in range(scratch.bounds.shape[0] - 1):
-        own = scratch.bounds[c] - blocks.free[c]
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        first, begin = blocks.free[c], scratch.bounds[c]
+        for j in range(first, blocks.free[c + 1]):
             k = plan.free[j]
-            stiffness = abs(scratch.matrix[own + j, own + j] - scratch.full_matrix[k, k])
+            stiffness = abs(scratch.matrix[begin + j - first, j - first] - scratch.full_matrix[k, k])
             scratch.modal_scratch[0, k] = 4.0 / (h * h) * stiffness
             scratch.modal_scratch[1, k] = groups.full[groups.of[k]]
     for i in range(plan.tree.shape[0]):
@@ -216,7 +216,7 @@ def linearise(plan, work, state, groups, scratch, h):
     bounds = scratch.bounds
     for c in range(bounds.shape[0] - 1):
         for i in range(bounds[c], bounds[c + 1]):
-            for j in range(bounds[c], bounds[c + 1]):
+            for j in range(bounds[c + 1] - bounds[c]):
                 regular = regular and np.isfinite(scratch.matrix[i, j])
     scratch.energy[SINGULAR] = 1.0
     _stiff_forces(plan, groups, scratch, h)

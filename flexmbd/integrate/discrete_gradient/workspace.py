@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, mome
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import tree_joints
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -103,10 +103,10 @@ class EnergyMomentumWorkspace(ArrayStruct):
     row_end: (m, 2) function of time of a row and its rate, at the end.  nu_end: (m,) multipliers there.
     row_size: (m,) full size of each row's residual, m or rad.
     unknown, equation: (free + m,) u and nu h / 2; the step's equations times h / 2, and residuals over h.
-    matrix: (free + m, free + m) factors of the iteration matrix, block by block between ``bounds`` (c + 1,);
+    matrix: factors of the iteration matrix, block by block in rows between ``bounds`` (c + 1,);
     sorted_rhs: (1, free + m) a right-hand side sorted by them.
     round_off_floor: (1,) a correction by round-off; round_off: (free + m,) the terms that are rounded.
-    full_matrix: (nv, nv) tangent, or the mass matrix.  mass: (free, free) factors of M.  mass_rhs: (1, free) a
+    full_matrix: (nv, nv) tangent, or the mass matrix.  mass: factors of M, likewise.  mass_rhs: (1, free) a
     right-hand side for it.  response: (m, free) C M^-1.
     previous: (2, free + m) unknowns and correction of the iteration before.
     anderson_changes, anderson_moves: (ANDERSON_DEPTH, free + m) orthonormal changes of the corrections, and the moves
@@ -184,6 +184,7 @@ def new_workspace(
     n = free + m
     scales = zeros((2, nv))
     tangent = new_tangent_work(plan, nv, sizes=scales)
+    bounds = unknown_bounds(tangent.blocks, 1)
     x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((nv, nv))
     wrench, part, energy = zeros((bodies, 6)), zeros(6), zeros(N_ENERGY)
     whole = bool((projector[2 * bodies :, 0] == 1.0).all())
@@ -220,13 +221,13 @@ def new_workspace(
         nu_end=zeros(m),
         unknown=zeros(n),
         equation=zeros(n),
-        matrix=zeros((n, n)),
-        bounds=unknown_bounds(tangent.blocks, 1),
+        matrix=block_matrix(bounds),
+        bounds=bounds,
         sorted_rhs=zeros((1, n)),
         round_off_floor=zeros(1),
         round_off=zeros(n),
         full_matrix=full,
-        mass=zeros((free, free)),
+        mass=block_matrix(tangent.blocks.free),
         mass_rhs=zeros((1, free)),
         response=zeros((m, free)),
         correction=zeros((1, n)),

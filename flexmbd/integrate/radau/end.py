@@ -58,7 +58,7 @@ def _factor_block(plan, scratch, c):
     matrix, pivot, sizes = scratch.end_mass, scratch.pivot_end, scratch.sizes
     for i in range(first, last):
         for j in range(first, last):
-            matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+            matrix[i, j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
     if factor_part(plan.lapack, matrix, first, last, pivot, sizes) != 0:
         return False
     for r in range(above, below):

@@ -54,7 +54,8 @@ def _estimate(plan, state, groups, scratch, h):
         for i in range(first, last):
             total = 0.0
             for j in range(first, last):
-                total += scratch.mass[i, j] * scratch.error_v[j] - step * scratch.stiffness[i, j] * scratch.error_x[j]
+                k = j - first
+                total += scratch.mass[i, k] * scratch.error_v[j] - step * scratch.stiffness[i, k] * scratch.error_x[j]
             scratch.rhs_real[0, i] = total
         for r in range(blocks.rows[c], blocks.rows[c + 1]):
             opening = 0.0

@@ -18,9 +18,10 @@ from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, sol
 def _take_free(plan, scratch, out):
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        for i in range(blocks.free[c], blocks.free[c + 1]):
-            for j in range(blocks.free[c], blocks.free[c + 1]):
-                out[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
+        first = blocks.free[c]
+        for i in range(first, blocks.free[c + 1]):
+            for j in range(first, blocks.free[c + 1]):
+                out[i, j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
 
 
 @kernel
@@ -70,7 +71,7 @@ def take_tangent(plan, work, state, scratch, stage):
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
         for i in range(blocks.free[c], blocks.free[c + 1]):
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(blocks.free[c + 1] - blocks.free[c]):
                 if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
                     return False
     return True
@@ -91,39 +92,40 @@ def _fill_block(plan, scratch, c, step, matrix):
     blocks = scratch.tangent.blocks
     first, last = blocks.free[c], blocks.free[c + 1]
     above, below = blocks.rows[c], blocks.rows[c + 1]
-    own = scratch.bounds[c] - first  # where a, nu and kappa of the block stand
-    pushed = scratch.bounds[c] + last - first - above
+    pushed = last - first - above  # where nu and kappa stand in the block
     shifted = pushed + below - above
+    block = matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for i in range(first, last):
         for j in range(first, last):
-            matrix[own + i, own + j] = scratch.mass[i, j] + step * (
-                scratch.damping[i, j] + step * scratch.stiffness[i, j]
+            k = j - first
+            block[i - first, k] = scratch.mass[i, k] + step * (
+                scratch.damping[i, k] + step * scratch.stiffness[i, k]
             )
         for r in range(above, below):
             push = 0.0
             for j in range(first, last):
-                push += scratch.stiffness[i, j] * scratch.shift_direction[r, j]
-            matrix[own + i, pushed + r] = scratch.jacobian[r, i]
-            matrix[own + i, shifted + r] = step * step * push
+                push += scratch.stiffness[i, j - first] * scratch.shift_direction[r, j]
+            block[i - first, pushed + r] = scratch.jacobian[r, i]
+            block[i - first, shifted + r] = step * step * push
     for r in range(above, below):
         for j in range(first, last):
-            matrix[pushed + r, own + j] = scratch.jacobian[r, j]
-            matrix[shifted + r, own + j] = scratch.jacobian[r, j] + step * scratch.rate_jacobian[r, j]
+            block[pushed + r, j - first] = scratch.jacobian[r, j]
+            block[shifted + r, j - first] = scratch.jacobian[r, j] + step * scratch.rate_jacobian[r, j]
         for q in range(above, below):
             gain = 0.0
             swing = 0.0
             for j in range(first, last):
                 gain += scratch.jacobian[r, j] * scratch.shift_direction[q, j]
                 swing += scratch.rate_jacobian[r, j] * scratch.shift_direction[q, j]
-            matrix[pushed + r, pushed + q] = 0.0
-            matrix[shifted + r, pushed + q] = 0.0
-            matrix[pushed + r, shifted + q] = gain
-            matrix[shifted + r, shifted + q] = step * swing
+            block[pushed + r, pushed + q] = 0.0
+            block[shifted + r, pushed + q] = 0.0
+            block[pushed + r, shifted + q] = gain
+            block[shifted + r, shifted + q] = step * swing
         if not holds_position(plan.rows[r]):  # no position to shift: kappa = 0
             for j in range(first, last):
-                matrix[pushed + r, own + j] = 0.0
+                block[pushed + r, j - first] = 0.0
             for q in range(above, below):
-                matrix[pushed + r, shifted + q] = 1.0 if q == r else 0.0
+                block[pushed + r, shifted + q] = 1.0 if q == r else 0.0
 
 
 @kernel
@@ -142,8 +144,9 @@ def _block_shift_directions(plan, scratch, c, step):
     above, below = blocks.rows[c], blocks.rows[c + 1]
     for i in range(first, last):
         for j in range(first, last):
-            scratch.tree_matrix[i, j] = scratch.mass[i, j] + step * (
-                scratch.damping[i, j] + step * scratch.stiffness[i, j]
+            k = j - first
+            scratch.tree_matrix[i, k] = scratch.mass[i, k] + step * (
+                scratch.damping[i, k] + step * scratch.stiffness[i, k]
             )
     for r in range(above, below):
         for j in range(first, last):

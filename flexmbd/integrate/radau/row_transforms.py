@@ -36,13 +36,13 @@ def _factor_row_matrix(plan, work, scratch, i):
                 total = 0.0
                 for j in range(blocks.free[c], blocks.free[c + 1]):
                     total += scratch.tangent.jacobian[r, plan.free[j]] * scratch.row_response[q, j]
-                matrix[q, r] = total
+                matrix[q, r - above] = total
                 if not np.isfinite(total):
                     return -np.inf
         if factor_part(plan.lapack, matrix, above, below, pivot, sizes) != 0:
             return -np.inf
         for r in range(above, below):
-            volume += math.log(abs(matrix[r, r]))
+            volume += math.log(abs(matrix[r, r - above]))
     return volume
 
 

@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -98,16 +98,17 @@ class RadauWorkspace(ArrayStruct):
     x, v, a, local, local_rate: (3, ...) of the stages; local coordinates u and their rates.
     multipliers, shift: (3, m) nu and kappa.  time: (3, times, 3) functions of time at the stages.  equation: (3, n).
     residual: (nv,).  full_tangent: (nv, nv).
-    mass, damping, stiffness: (nu, nu) the tangent.  jacobian: (m, nu) C.  rate_jacobian: (m, nu) d(C v)/dx.
+    mass, damping, stiffness: block matrices of nu rows, the tangent.
+    jacobian: (m, nu) C.  rate_jacobian: (m, nu) d(C v)/dx.
     row_response: (m, nu) B^-1 C^T.  shift_direction: (m, nu) D, the same with zeros in rows that hold velocities alone.
     row_transform: (3, m, m) T_i of ``row_transforms``; uses_transform: (1,) whether it is used; transformed: (2, m).
-    row_matrix, stage_row_matrix: (m, m) C B^-1 C^T where the tangent was taken, and of the stage at hand.
-    real_matrix, complex_matrix: (n, n) factors of the iteration matrices.
-    end_mass: (nu, nu) factors of M at a step's end; end_jacobian, end_response: (m, nu) C and C M^-1 there.
+    row_matrix: (m, m) C B^-1 C^T where the tangent was taken.  stage_row_matrix: that of the stage at hand, factored.
+    real_matrix, complex_matrix: block matrices of n rows, factors of the iteration matrices.
+    end_mass: factors of M at a step's end; end_jacobian, end_response: (m, nu) C and C M^-1 there.
     row_factors: (m, m) of the blocks of C M^-1 C^T, with row_order, row_length (m,) and row_rank (c,).
     bounds: (c + 1,) of the blocks of the iteration matrices; sorted_real, sorted_complex: (1, n) right-hand sides
     sorted by them.
-    row_residual, reaction, row_scratch: (m,).  tree_matrix: (nu, nu) factors of B.
+    row_residual, reaction, row_scratch: (m,).  tree_matrix: factors of B.
     own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
     """
@@ -182,6 +183,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     zeros = np.zeros
     scales = zeros((2, nv))
     tangent = new_tangent_work(plan, nv, sizes=scales)
+    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
     phi, full = zeros((3, m)), zeros((nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
@@ -203,9 +205,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         equation=zeros((STAGES, n)),
         residual=zeros(nv),
         full_tangent=full,
-        mass=zeros((nu, nu)),
-        damping=zeros((nu, nu)),
-        stiffness=zeros((nu, nu)),
+        mass=block_matrix(free),
+        damping=block_matrix(free),
+        stiffness=block_matrix(free),
         jacobian=zeros((m, nu)),
         rate_jacobian=zeros((m, nu)),
         shift_direction=zeros((m, nu)),
@@ -213,12 +215,12 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         row_transform=zeros((STAGES, m, m)),
         uses_transform=zeros(1, np.int64),
         row_matrix=zeros((m, m)),
-        stage_row_matrix=zeros((m, m)),
+        stage_row_matrix=block_matrix(tangent.blocks.rows),
         transformed=zeros((2, m)),
         row_pivot=zeros(max(1, m), np.int32),
-        real_matrix=zeros((n, n)),
-        complex_matrix=zeros((n, n), np.complex128),
-        end_mass=zeros((nu, nu) if m else (0, 0)),
+        real_matrix=block_matrix(bounds),
+        complex_matrix=block_matrix(bounds, np.complex128),
+        end_mass=block_matrix(free if m else free[:1]),
         end_jacobian=zeros((m, nu)),
         end_response=zeros((m, nu)),
         row_factors=zeros((m, m)),
@@ -228,7 +230,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         row_scratch=zeros(m),
         row_residual=zeros(m),
         reaction=zeros(m),
-        tree_matrix=zeros((nu, nu)),
+        tree_matrix=block_matrix(free),
         rhs_real=zeros((1, n)),
         rhs_complex=zeros((1, n), np.complex128),
         rhs_end=zeros((1, nu)),
@@ -247,7 +249,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         pivot_end=zeros(max(1, n), np.int32),
         sizes=zeros(N_SIZES, np.int32),
         kernels=kernels,
-        bounds=unknown_bounds(tangent.blocks, 2),
+        bounds=bounds,
         sorted_real=zeros((1, n)),
         sorted_complex=zeros((1, n), np.complex128),
         tangent=tangent,
@@ -308,8 +310,8 @@ def place_stages(plan, state, scratch, h):
         for j in range(blocks.free[c], blocks.free[c + 1]):
             k = plan.free[j]
             for i in range(STAGES):
-                w = WEIGHTS[i]
-                gain = w[0] * scratch.a[0, k] + w[1] * scratch.a[1, k] + w[2] * scratch.a[2, k]
+                a = scratch.a
+                gain = WEIGHTS[i, 0] * a[0, k] + WEIGHTS[i, 1] * a[1, k] + WEIGHTS[i, 2] * a[2, k]
                 v = state.v[k] + h * gain
                 part = abs(v - scratch.v[i, k]) / scratch.scale_v[k]
                 if not part <= largest:
@@ -317,7 +319,8 @@ def place_stages(plan, state, scratch, h):
                     state.counts[st.WORST] = k
                 scratch.v[i, k] = v
                 for r in range(blocks.rows[c], blocks.rows[c + 1]):
-                    drift = w[0] * scratch.shift[0, r] + w[1] * scratch.shift[1, r] + w[2] * scratch.shift[2, r]
+                    s = scratch.shift
+                    drift = WEIGHTS[i, 0] * s[0, r] + WEIGHTS[i, 1] * s[1, r] + WEIGHTS[i, 2] * s[2, r]
                     v += h * drift * scratch.shift_direction[r, j]
                 scratch.local_rate[i, k] = v
     for q in range(scratch.quaternions.shape[0]):

@@ -160,13 +160,13 @@ def factor(lapack, matrix, pivot, sizes):
 
 @kernel
 def factor_part(lapack, matrix, first, last, pivot, sizes):
-    """As ``factor`` of rows and columns ``first`` to before ``last`` alone."""
+    """As ``factor`` of a block in the rows ``first`` to before ``last`` of ``matrix``, whose columns begin with it."""
     if last == first:
         return 0
     sizes[0] = last - first
     sizes[4] = matrix.shape[1]
     n = sizes.ctypes.data
-    begin = matrix.ctypes.data + matrix.itemsize * (first * matrix.shape[1] + first)
+    begin = matrix.ctypes.data + matrix.itemsize * first * matrix.shape[1]
     _call_getrf(lapack[0], (n, n, begin, n + 16, pivot.ctypes.data + 4 * first, n + 4))
     return int(sizes[1])
 
@@ -179,7 +179,10 @@ def solve(lapack, matrix, pivot, sizes, rhs):
 
 @kernel
 def solve_part(lapack, matrix, first, last, pivot, sizes, rhs, above, below):
-    """Solve with the factors of ``factor_part``, columns alike, in rows ``above`` to before ``below`` of ``rhs``."""
+    """Solve with the factors of ``factor_part``; right-hand sides: the columns ``first`` to before ``last`` of ``rhs``.
+
+    Of its rows ``above`` to before ``below``.
+    """
     if last == first or below == above:
         return
     sizes[0] = last - first
@@ -188,7 +191,7 @@ def solve_part(lapack, matrix, first, last, pivot, sizes, rhs, above, below):
     sizes[4] = matrix.shape[1]
     sizes[5] = rhs.shape[1]
     n = sizes.ctypes.data
-    begin = matrix.ctypes.data + matrix.itemsize * (first * matrix.shape[1] + first)
+    begin = matrix.ctypes.data + matrix.itemsize * first * matrix.shape[1]
     right = rhs.ctypes.data + rhs.itemsize * (above * rhs.shape[1] + first)
     pivots = pivot.ctypes.data + 4 * first
     _call_getrs(lapack[1], (n + 12, n, n + 8, begin, n + 16, pivots, right, n + 20, n + 4))

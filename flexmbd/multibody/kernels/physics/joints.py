@@ -39,6 +39,12 @@ def is_free(link):
 
 
 @kernel
+def is_slide(plan, link, k):
+    """Whether velocity k of a link's joint slides along an axis of the inner frame and turns nothing."""
+    return k < link[at.JOINT_ADDS] and plan.data[link[at.JOINT_DATA] + 4 * k] == 0.0
+
+
+@kernel
 def _sum_of_coordinates(adds, data, o, values, first):
     """Sum over the coordinates that add: turn about z and slide (3,) in F's axes, for ``values[first:]`` of them."""
     if adds == 0:

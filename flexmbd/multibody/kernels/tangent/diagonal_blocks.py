@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -56,6 +58,11 @@ def diagonal_blocks(plan: Plan) -> DiagonalBlocks:
 def unknown_bounds(blocks: DiagonalBlocks, levels: int) -> IntArray:
     """(c + 1,) where blocks begin among the free unknowns and ``levels`` unknowns of each row, sorted by blocks."""
     return blocks.free + levels * blocks.rows
+
+
+def block_matrix(bounds: IntArray, dtype: type = np.float64) -> NDArray[Any]:
+    """Zeros (n, widest block) for blocks between ``bounds`` (c + 1,), one below the other."""
+    return np.zeros((int(bounds[-1]), int(np.diff(bounds).max(initial=0))), dtype)
 
 
 def _coupled(plan: Plan) -> Iterator[tuple[int, int, int, int]]:
@@ -127,7 +134,10 @@ def clear_rows(blocks, rows):
 
 @kernel
 def factor_blocks(lapack, matrix, bounds, pivot, sizes):
-    """LU-factor the blocks of ``matrix`` between ``bounds`` (c + 1,) in place; whether all are regular."""
+    """LU-factor in place the blocks of ``matrix``, in rows between ``bounds`` (c + 1,); whether all are regular.
+
+    Blocks lie one below the other, each from the first column (`block_matrix`).
+    """
     for c in range(bounds.shape[0] - 1):
         if factor_part(lapack, matrix, bounds[c], bounds[c + 1], pivot, sizes) != 0:
             return False

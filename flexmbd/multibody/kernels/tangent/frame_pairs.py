@@ -116,20 +116,32 @@ def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
 
 
 @kernel
-def _add_changes(tw, count, matrix):
-    """Add the stored changes, on the unknowns that move F or G; columns without are zero."""
-    m, w = tw.path_twist, tw.path_wrench
+def _put_first(tw, moved, j):
+    """Exchange the path's unknown j with the one at ``moved``; one more than that."""
+    tw.path[moved], tw.path[j] = tw.path[j], tw.path[moved]
+    return moved + 1
+
+
+@kernel
+def _add_changes(tw, count, moved, matrix):
+    """Add the stored changes, on the ``count`` unknowns that move F or G, by the first ``moved`` of them.
+
+    The others move both alike, as all that lies between the two and the ground does, and change nothing.
+    """
     for i in range(count):
-        r = tw.path[i]
-        angular = (m[6, r] - m[0, r], m[7, r] - m[1, r], m[8, r] - m[2, r])
-        linear = (m[9, r] - m[3, r], m[10, r] - m[4, r], m[11, r] - m[5, r])
-        for j in range(count):
-            k = tw.path[j]
-            t = 0.0
-            for c in range(3):
-                t += linear[c] * w[c, k] + angular[c] * w[3 + c, k]
-                t -= m[9 + c, r] * w[6 + c, k] + m[6 + c, r] * w[9 + c, k]
-            matrix[r, k] += t
+        for j in range(moved):
+            matrix[tw.path[i], tw.path[j]] += _change(tw, tw.path[i], tw.path[j])
+
+
+@kernel
+def _change(tw, r, k):
+    """What unknown k changes of the wrench between F and G, as unknown r feels it."""
+    m, w = tw.path_twist, tw.path_wrench
+    t = 0.0
+    for c in range(3):
+        t += (m[9 + c, r] - m[3 + c, r]) * w[c, k] + (m[6 + c, r] - m[c, r]) * w[3 + c, k]
+        t -= m[9 + c, r] * w[6 + c, k] + m[6 + c, r] * w[9 + c, k]
+    return t
 
 
 @kernel
@@ -209,20 +221,23 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
     _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
     count = _collect_paths(plan, tw, f, g)
+    moved = 0
     for j in range(count):
         k = tw.path[j]
         moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        if not moves:
+            continue
+        moved = _put_first(tw, moved, j)
         dforce = dtorque = (0.0, 0.0, 0.0)
-        if moves:
-            unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
-            change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
-            for i in range(first, last):
-                one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
-                dforce = add3(dforce, one)
-                dtorque = add3(dtorque, turn)
+        unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
+        change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
+        for i in range(first, last):
+            one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
+            dforce = add3(dforce, one)
+            dtorque = add3(dtorque, turn)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-    _add_changes(tw, count, matrix)
+    _add_changes(tw, count, moved, matrix)
     _clear_path(tw, count)
 
 
@@ -242,33 +257,58 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
         first = last
 
 
+@kernel
+def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
+    """Store what the unknowns change of a force between frames, which is applied, so subtracted.
+
+    Returns how many unknowns move one of the frames and how many of these, the first of the path, move them apart.
+    """
+    f, g = row[at.EL_F], row[at.EL_G]
+    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
+    c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
+    force, torque = element_wrench(plan, work, row, d, R, rate, spin)
+    force, torque = scale3(-1.0, force), scale3(-1.0, torque)
+    pull = rotate(R_F, force)
+    moment = add3(rotate(R_F, torque), cross3(c_G, pull))
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    count = _collect_paths(plan, tw, f, g)
+    moved = 0
+    for j in range(count):
+        k = tw.path[j]
+        moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        if not moves:
+            continue
+        moved = _put_first(tw, moved, j)
+        step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
+        dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
+        dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
+        dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
+        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+    return count, moved
+
+
 @deferred_kernel()
 def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
-    """Add stiffness and damping of the force elements between frames; they are applied, so subtracted."""
+    """Add stiffness and damping of the force elements between frames."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if not is_between_frames(row[at.EL_KIND]):
-            continue
-        f, g = row[at.EL_F], row[at.EL_G]
-        d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-        c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
-        force, torque = element_wrench(plan, work, row, d, R, rate, spin)
-        force, torque = scale3(-1.0, force), scale3(-1.0, torque)
-        pull = rotate(R_F, force)
-        moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-        _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-        count = _collect_paths(plan, tw, f, g)
-        for j in range(count):
-            k = tw.path[j]
-            moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
-            dforce = dtorque = (0.0, 0.0, 0.0)
-            if moves:
-                step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
-                dforce, dtorque = element_wrench_variation(
-                    plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
-                )
-            dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
-            dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
-            _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-        _add_changes(tw, count, matrix)
-        _clear_path(tw, count)
+        if is_between_frames(row[at.EL_KIND]):
+            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
+            _add_changes(tw, count, moved, matrix)
+            _clear_path(tw, count)
+
+
+@deferred_kernel()
+def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a):
+    """As ``add_elements`` where each acts across one joint: into ``own`` and ``push`` of a ``TreeRecursion``."""
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        if is_between_frames(row[at.EL_KIND]):
+            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own)
+            for j in range(moved):
+                k = tw.path[j]
+                for q in range(moved):
+                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw, tw.path[q], k)
+                for c in range(6):
+                    recursion.push[k, c] -= tw.path_wrench[6 + c, k]
+            _clear_path(tw, count)

@@ -24,3 +24,14 @@ def add_laws(plan, work, tw, x, v, per_x, per_v, matrix):
             matrix[k, k] -= per_x * slope_x + per_v * slope_v
         elif not is_between_frames(kind):
             subtract_force_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix)
+
+
+@deferred_kernel()
+def add_laws_of_joints(plan, recursion, x, v, per_x, per_v):
+    """As ``add_laws`` of coordinates' laws, into ``own`` of a ``TreeRecursion``."""
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        if is_coordinate_law(row[at.EL_KIND]):
+            k = row[at.EL_V]
+            _, slope_x, slope_v = coordinate_law(plan, row, x[row[at.EL_X]], v[k])
+            recursion.own[k, recursion.place[k]] -= per_x * slope_x + per_v * slope_v

@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.joints import spin_of
+from flexmbd.multibody.kernels.physics.joints import is_slide, spin_of
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import (
     add_modal_block,
@@ -22,8 +22,8 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
     rigid_composite,
 )
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_blocks
-from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements
-from flexmbd.multibody.kernels.tangent.laws import add_laws
+from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements, add_elements_of_joints
+from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_product,
     add_products,
@@ -31,6 +31,7 @@ from flexmbd.multibody.kernels.tangent.tangent_columns import (
     joint_columns,
     load_column,
 )
+from flexmbd.multibody.kernels.tangent.tree_recursion import put_bodies, put_joints
 
 
 @kernel
@@ -111,7 +112,7 @@ def _joint_block(plan, tw, link, matrix):
     size = link[at.JOINT_SIZE]
     o = link[at.JOINT_V]
     for r in range(size):
-        slides = r < link[at.JOINT_ADDS] and plan.data[link[at.JOINT_DATA] + 4 * r] == 0.0
+        slides = is_slide(plan, link, r)
         for k in range(size):
             if slides:
                 matrix[o + r, o + k] += _twist_product(tw, o + r, o + k)
@@ -186,6 +187,30 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
         add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
         add_laws(plan, work, tw, x, v, per_x, per_v, matrix)
     _ancestor_sweep(plan, tw, matrix)
+
+
+@separate_kernel
+def tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a):
+    """What `factor_recursion` factors: columns of `tangent`, bodies one by one, forces.
+
+    Of trees that ``tree_recursion`` serves; ``work`` as for `tangent_after_residual`.
+    """
+    own = recursion.own
+    own[:, :] = 0.0
+    _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, own)
+    put_bodies(plan, tw, recursion)
+    _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, own)
+    put_joints(plan, tw, recursion, per_x)
+    if plan.elements.shape[0] > 0:
+        add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a)
+        add_laws_of_joints(plan, recursion, x, v, per_x, per_v)
+
+
+@entry_kernel
+def tree_tangent(plan, work, tw, recursion, x, v, a, multipliers, per_x, per_v, per_a):
+    """`tree_tangent_after_residual`, the residual included; arguments as of `tangent`."""
+    residual(plan, work, x, v, a, multipliers, tw.out)
+    tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a)
 
 
 @entry_kernel

@@ -45,11 +45,11 @@ def ancestors(plan: Plan) -> NDArray[np.int64]:
     return table
 
 
-def is_cheaper_than_dense(table: NDArray[np.int64], sizes: NDArray[np.int64]) -> bool:
-    """Whether factoring by the tree takes fewer operations than LAPACK's LU of full blocks of these sizes."""
+def is_cheaper_than_dense(table: NDArray[np.int64]) -> bool:
+    """Whether factoring by the tree takes fewer operations than LAPACK's LU of the full matrix."""
+    n = len(table)
     lengths = table[:, 0].astype(float)
-    dense = 2.0 / 3.0 * (sizes.astype(float) ** 3).sum()
-    return bool(_DENSE_GAIN * float((2.0 * lengths**2 + lengths).sum()) < dense)
+    return bool(_DENSE_GAIN * float((2.0 * lengths**2 + lengths).sum()) < 2.0 / 3.0 * n**3)
 
 
 @entry_kernel
