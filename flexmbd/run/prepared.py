@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -186,13 +187,23 @@ class PreparedRuns:
         return SteppedRows(t, x, v, a, time.perf_counter() - began, interrupt)
 
 
+@dataclass
+class _Kind:
+    """Idle workspaces for runs of one kind, and whether there can be any."""
+
+    key: object
+    idle: list[PreparedRuns]
+    can: bool = True
+
+
 class Workspaces:
-    """Idle workspaces of a machine, for the runs of one kind that it made last; threads may share it."""
+    """Idle workspaces of a machine, for the runs of one kind that it made last; threads may share it.
+
+    Each call looks once at what kind that is, for another thread may change it at any time.
+    """
 
     def __init__(self) -> None:
-        self._key: object = None
-        self._idle: list[PreparedRuns] = []
-        self._can = False
+        self._kind = _Kind(None, [])
 
     def __reduce__(self) -> tuple[type[Workspaces], tuple[()]]:
         """Copies and pickles have none."""
@@ -200,24 +211,25 @@ class Workspaces:
 
     def are_for(self, key: object) -> bool:
         """Whether runs of this kind were the last ones, and can be prepared; workspaces for others are dropped."""
-        if self._key == key:
-            return self._can
-        self._key, self._idle, self._can = key, [], True
+        kind = self._kind
+        if kind.key == key:
+            return kind.can
+        self._kind = _Kind(key, [])
         return False
 
     def taken(self, key: object, new: Callable[[], PreparedRuns | None]) -> PreparedRuns | None:
         """An idle workspace for runs of this kind, else a new one; None where there can be none."""
-        try:
-            if self._key == key:
-                return self._idle.pop()
-        except IndexError:
-            pass
+        kind = self._kind
+        if kind.key == key:
+            with suppress(IndexError):
+                return kind.idle.pop()
         made = new()
-        if made is None and self._key == key:
-            self._can = False
+        if made is None and kind.key == key:
+            kind.can = False
         return made
 
     def give_back(self, key: object, workspace: PreparedRuns) -> None:
         """Keep a workspace whose run did not fail."""
-        if self._key == key:
-            self._idle.append(workspace)
+        kind = self._kind
+        if kind.key == key:
+            kind.idle.append(workspace)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -98,7 +99,7 @@ def spinning() -> Case:
 METHODS: dict[str, dict[str, Any]] = {
     "8(5,3)": {"integrator": fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)},
     "5(4), max_step": {"integrator": fm.ExplicitRungeKutta(), "max_step": 0.004},
-    "fixed": {"integrator": fm.ExplicitRungeKutta(), "h": 1e-3},
+    "fixed, from 0.1 s": {"integrator": fm.ExplicitRungeKutta(), "h": 1e-3, "t_start": 0.1},
     "auto": {},
 }
 
@@ -141,3 +142,17 @@ def test_failures_are_told_as_ever() -> None:
         with pytest.raises(error, match=text):
             machine.simulate(0.3, **wrong)
         np.testing.assert_array_equal(machine.simulate(0.3, **values[0]).x, good.x)
+
+
+def test_threads_that_run_in_different_ways_share_a_machine() -> None:
+    """Each run has a workspace of its own kind, whatever other threads run on the same machine meanwhile."""
+    machine, values = chain()
+    ways = [{"integrator": fm.ExplicitRungeKutta(), "rtol": rtol} for rtol in (1e-4, 1e-7)]
+    alone = [machine.simulate(0.3, max_rows=10**6, **way, **values[0]) for way in ways]
+
+    def run(k: int) -> bool:
+        found = machine.simulate(0.3, **ways[k // 3 % 2], **values[0])
+        return np.array_equal(found.x, alone[k // 3 % 2].x)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(run, range(200)))
