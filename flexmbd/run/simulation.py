@@ -280,15 +280,21 @@ def _refuse_torn_loops(start: Start, trajectory: Trajectory) -> None:
     """Raise where rows that were left out as redundant have opened, with the rows of the trajectory before.
 
     Nothing that is free could move them at the start: a prescribed motion has torn them open, or the start was a
-    singular position in which they say nothing new, and only there.
+    singular position in which they say nothing new, and only there.  What depends on the kept rows is as open as these
+    are, which the tolerance says.
     """
     full, t, x = start.unreduced, trajectory.t, trajectory.x
-    if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * row_sizes(full).min():
+    sizes = row_sizes(full)
+    if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * sizes.min():
         return
+    kept = start.choice.rows
     for k in range(len(t)):
         gaps = _largest_residuals(full, t[k : k + 1], x[k : k + 1])
-        torn = int(np.argmax(gaps / row_sizes(full)))
-        if gaps[torn] > _TORN * row_sizes(full)[torn]:
+        allowed = max(_TORN, float(np.sum(gaps[kept] / sizes[kept])))
+        left_out = gaps.copy()
+        left_out[kept] = 0.0
+        torn = int(np.argmax(left_out / sizes))
+        if left_out[torn] > allowed * sizes[torn]:
             break
     else:
         return
