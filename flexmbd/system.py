@@ -249,8 +249,8 @@ class System(MachineAssembly):
 
         Args:
             t_end: end time (s).
-            rtol: error tolerated per characteristic time of the machine, relative to 1 rad, the
-                machine's extent, and the largest deformation met.
+            rtol: error tolerated per radian of the machine's motion, relative to 1 rad, the machine's extent, and, of
+                deformations, the largest met or a thousandth of that extent, whichever is more.
             h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
             t_start: start time (s).
             about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
