@@ -60,8 +60,15 @@ class RowDecomposition:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the singular values of the rank are well above the others."""
-        return self.rank == 0 or self.sigma[self.rank - 1] > _CLEAR * self.blur
+        """Whether the singular values of the rank are well above the others, and above what their place leaves unknown.
+
+        A gap tells a configuration to itself over the smallest singular value, and slopes change as it does: where
+        loops close in a singular position alone, those of places that nearly close them are as large as this.
+        """
+        if self.rank == 0:
+            return True
+        smallest = self.sigma[self.rank - 1]
+        return bool(smallest > _CLEAR * self.blur and smallest > _BLUR * self.blur / smallest)
 
     def independent(self) -> list[int]:
         """``rank`` rows that carry all others, the best-conditioned that pivoting finds."""
