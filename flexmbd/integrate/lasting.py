@@ -11,7 +11,7 @@ from __future__ import annotations
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.elements.lasting_share import lasting_share
+from flexmbd.multibody.kernels.elements.changing_stiffness import lasting_share
 
 
 @kernel

@@ -21,6 +21,7 @@ from flexmbd.integrate.alpha.workspace import (
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change, take_stiffness
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -181,6 +182,10 @@ def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
         imbalance_before = imbalance
         # near singular positions old factors lose their worth within a step
         left = 1.0 if iteration == 0 and loops else _remaining_error(contraction)
+        if iteration == 0 and scratch.tangent_stiffness.shape[0] > 0:
+            # those that hold a contact which the machine has left correct next to nothing, however much is wrong
+            change = stiffness_change(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
+            left = max(left, change / (1.0 - change) if change < 1.0 else np.inf)
         if balanced and (size * left <= tolerance or size <= 1e-15):
             update_end(plan, work, state, scratch, h, scratch.unknown)
             if iteration == 0:  # unmeasured, so it is trusted a little less at each step
@@ -273,6 +278,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         # the second time linearised where the first iterations led
         if attempt > 0:
             evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
+            if scratch.tangent_stiffness.shape[0] > 0:
+                take_stiffness(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
             if not linearise(plan, work, state, scratch, h):
                 state.counts[st.OUTCOME] = st.RANK_LOST
                 break

@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
+from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
@@ -99,6 +100,7 @@ class AlphaWorkspace(ArrayStruct):
     error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half the second derivative of a.
     full_tangent: (nv, nv).  tree_matrix: factors of the iteration matrix without rows.
     stiffness: derivatives by positions alone; both are block matrices of the free unknowns.  rate_stiffness: (m, free).
+    tangent_stiffness: (ne, 2) of the force elements where factors were made, none where no element changes its own.
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
     shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
     row_factors: (m, m) of the blocks of C B^-1 C^T, with row_order (m,) and row_rank (c,); least_pivot: (1,) of rows of
@@ -126,6 +128,7 @@ class AlphaWorkspace(ArrayStruct):
     tree_matrix: FloatArray
     stiffness: FloatArray
     rate_stiffness: FloatArray
+    tangent_stiffness: FloatArray
     interior_stiffness: FloatArray
     shift_direction: FloatArray
     row_factors: FloatArray
@@ -189,6 +192,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         tree_matrix=block_matrix(free),
         stiffness=block_matrix(free if m or interiors else free[:1]),
         rate_stiffness=zeros((m, nu)),
+        tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
         interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
         shift_direction=zeros((m, nu)),
         row_factors=zeros((m, m)),

@@ -37,6 +37,7 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import (
     ArticulatedWork,
     new_articulated_work,
@@ -221,7 +222,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
 
     Of a single motion the estimate of order 5 passes through zero within a turn, where the combination sees a
     thousandth of the error.  So it is no less than what the estimate of order 3, relative to the machine's sizes, makes
-    of an error of order 8: e^(9/4).  Both pass through zero at once only by chance.
+    of an error of order 8: e^(9/4).  Both pass through zero at once only by chance.  In a step onto another piece of a
+    law, as that of a stop, all errors are of one order, and the estimate of order 3 counts itself.
 
     Errors across the loops do not count: projection removes them.
     """
@@ -243,6 +245,8 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
     lower = st.error_ratio(plan.free, state, groups, scratch.error_x[1], scratch.error_v[1], h, rate)
     ratio = st.error_ratio(plan.free, state, groups, scratch.error_x[0], scratch.error_v[0], h, rate)
     if lower > 0.0:
+        if plan.elements.shape[0] > 0 and changes_piece(plan, state.x, scratch.x):
+            return max(lower, ratio)
         allowed = state.numbers[st.TOLERANCE] * min(1.0, h * rate)
         least = _LEAST * (lower * allowed) ** 2.25 / allowed
         return max(least, ratio * ratio / np.sqrt(ratio * ratio + 0.01 * lower * lower))

@@ -14,6 +14,7 @@ from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
+from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
@@ -190,6 +191,33 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio
 
 
 @kernel
+def _changes_piece(plan, state, scratch):
+    """Whether the step leads through several pieces of a law."""
+    for i in range(STAGES):
+        if changes_piece(plan, state.x, scratch.x[i]):
+            return True
+    return False
+
+
+@kernel
+def _event_ratio(plan, state, groups, scratch, h, machine_rate):
+    """The ratio of a step onto another piece of a law: the gap between accelerations itself counts, as of an event.
+
+    It is not filtered, for a stiffness that comes or goes within the step damps nothing.
+    """
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        gap = state.a[k] / REAL
+        for i in range(STAGES):
+            gap += ERROR_WEIGHTS[i] * scratch.a[i, k]
+        least = st.ROUND_OFF * groups.full[groups.of[k]] / state.numbers[st.TOLERANCE]
+        speed = max(st.group_speed(groups, groups.of[k], machine_rate), least * machine_rate)
+        largest = max(largest, abs(h * gap) / speed)
+    return largest / (_EVENT * state.numbers[st.TOLERANCE])
+
+
+@kernel
 def local_error(plan, work, state, groups, scratch, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, scratch, h)
@@ -202,6 +230,9 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
+    if ratio <= 1.0 and scratch.tangent_stiffness.shape[0] > 0 and _changes_piece(plan, state, scratch):
+        if state.numbers[st.STEP_LASTING] < 1.0:
+            ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
 

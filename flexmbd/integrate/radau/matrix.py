@@ -10,6 +10,7 @@ from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stag
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
+from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
 
@@ -58,6 +59,8 @@ def take_tangent(plan, work, state, scratch, stage):
     """M, damping, stiffness and the rows' derivatives at the guess of stage ``stage``; whether all is finite."""
     scratch.uses_transform[0] = 0
     evaluate_stage(plan, work, state, scratch, stage)
+    if scratch.tangent_stiffness.shape[0] > 0:
+        take_stiffness(plan, work, scratch.scale_x, scratch.x[stage], scratch.v[stage], scratch.tangent_stiffness)
     derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
     _take_free(plan, scratch, scratch.stiffness)
     _take_rows(plan, scratch.tangent.blocks, scratch.tangent.rate_jacobian, scratch.rate_jacobian)

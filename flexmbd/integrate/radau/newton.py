@@ -15,6 +15,7 @@ from flexmbd.integrate.radau.stages import (
     predict_stages,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
@@ -27,11 +28,28 @@ _SWEEPS = 3  # of rotations at the first guess
 
 
 @kernel
+def _stiffness_change(plan, work, scratch):
+    """The largest change of an element's stiffness since the tangent was taken, as a share, at any stage.
+
+    Factors that hold a contact which the machine has left correct next to nothing, however much is wrong.
+    """
+    largest = 0.0
+    for i in range(STAGES):
+        change = stiffness_change(
+            plan, work, scratch.scale_x, scratch.x[i], scratch.v[i], scratch.tangent_stiffness
+        )
+        largest = max(largest, change)
+    return largest
+
+
+@kernel
 def _iterate(plan, work, state, scratch, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
     # the contraction of the same factors in the step before lets a good predictor pass after one iteration
     contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
+    if scratch.tangent_stiffness.shape[0] > 0:
+        contraction = max(contraction, _stiffness_change(plan, work, scratch))
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):

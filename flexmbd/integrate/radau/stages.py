@@ -27,6 +27,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
@@ -100,6 +101,7 @@ class RadauWorkspace(ArrayStruct):
     residual: (nv,).  full_tangent: (nv, nv).
     mass, damping, stiffness: block matrices of nu rows, the tangent.
     jacobian: (m, nu) C.  rate_jacobian: (m, nu) d(C v)/dx.
+    tangent_stiffness: (ne, 2) of the force elements there, none where no element changes its own.
     row_response: (m, nu) B^-1 C^T.  shift_direction: (m, nu) D, the same with zeros in rows that hold velocities alone.
     row_transform: (3, m, m) T_i of ``row_transforms``; uses_transform: (1,) whether it is used; transformed: (2, m).
     row_matrix: (m, m) C B^-1 C^T where the tangent was taken.  stage_row_matrix: that of the stage at hand, factored.
@@ -127,6 +129,7 @@ class RadauWorkspace(ArrayStruct):
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
+    tangent_stiffness: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
     shift_direction: FloatArray
@@ -208,6 +211,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         mass=block_matrix(free),
         damping=block_matrix(free),
         stiffness=block_matrix(free),
+        tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
         jacobian=zeros((m, nu)),
         rate_jacobian=zeros((m, nu)),
         shift_direction=zeros((m, nu)),

@@ -63,12 +63,14 @@ class CoordinateLaw:
         behaviour: what integrators must know.
         law: (plan, row, x, rate) -> force on the coordinate, its derivative by x, by the rate.
         energy: (plan, row, x) -> J that it stores; None where it stores nothing.
+        piece: (plan, row, x) -> the number of the piece of the law in which x lies; None where it is smooth.
         misplaced: (numbers, x) -> a complaint where a start at x does not suit these parameters, else nothing.
     """
 
     behaviour: Behaviour
     law: Any
     energy: Any = None
+    piece: Any = None
     misplaced: Callable[[FloatArray, float], str] | None = None
 
 

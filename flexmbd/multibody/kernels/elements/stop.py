@@ -49,6 +49,18 @@ def _energy(plan, row, x):
     return _contact(data[o + 2], data[o + 4], depth)[2] if depth > 0.0 else 0.0
 
 
+@kernel
+def _piece(plan, row, x):
+    data = plan.data
+    o = row[at.EL_DATA]
+    piece = 0
+    if x > data[o + 1]:
+        piece = 1 if x - data[o + 1] < data[o + 4] else 2
+    elif x < data[o]:
+        piece = -1 if data[o] - x < data[o + 4] else -2
+    return piece
+
+
 def _misplaced(numbers: FloatArray, x: float) -> str:
     """A complaint where x lies beyond a limit by more than the transition."""
     lower, upper, _, _, transition = numbers[:5]
@@ -60,4 +72,4 @@ def _misplaced(numbers: FloatArray, x: float) -> str:
     )
 
 
-STOP = CoordinateLaw(Behaviour("stops", abrupt=True, changing=True, damper=(3, 1)), _law, _energy, _misplaced)
+STOP = CoordinateLaw(Behaviour("stops", abrupt=True, changing=True, damper=(3, 1)), _law, _energy, _piece, _misplaced)

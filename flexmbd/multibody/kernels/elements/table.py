@@ -132,6 +132,8 @@ coordinate_law = _compiled(
     _write("coordinate_law", "plan, row, x, rate", "law", "law", nothing="0.0, 0.0, 0.0"), entry_kernel
 )
 coordinate_energy = _compiled(_write("coordinate_energy", "plan, row, x", "law", "energy", nothing="0.0"), kernel)
+#: The piece of the law in which x lies, a number.
+law_piece = _compiled(_write("law_piece", "plan, row, x", "law", "piece", nothing="0"), kernel)
 #: Force on G at G's origin and torque on G, in F's axes, of a row that ``is_between_frames``.
 element_wrench = _compiled(_write("element_wrench", _ON_FRAMES, "frames", "wrench", nothing=_NO_WRENCH), entry_kernel)
 #: Its variation for d + dd, exp(dtheta) R, rate + drate, spin + dspin.

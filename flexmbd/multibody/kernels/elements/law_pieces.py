@@ -1,0 +1,19 @@
+"""Laws of pieces, as a stop's: whether a step leads from one into another, where no polynomial follows the motion."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
+from flexmbd.multibody.kernels.elements.table import is_coordinate_law, law_piece
+
+
+@deferred_kernel(FLAG)
+def changes_piece(plan, x, x_end):
+    """Whether any element's law takes another of its pieces at x_end (nx,) than at x (nx,)."""
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        if is_coordinate_law(row[at.EL_KIND]):
+            k = row[at.EL_X]
+            if law_piece(plan, row, x[k]) != law_piece(plan, row, x_end[k]):
+                return True
+    return False
