@@ -32,7 +32,7 @@ from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.recording_file import Recorder, open_recorder
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.stats import NOTHING_SPENT, Stats
+from flexmbd.run.stats import Stats
 from flexmbd.run.stepping import Integration, Snapshot
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory
@@ -238,8 +238,7 @@ def _finish(
 
 def _spent(method: Integrator, count: IntArray, seconds: float, compile_seconds: float) -> Stats:
     """The cost of an integration by ``State.counts``."""
-    return replace(
-        NOTHING_SPENT,
+    return Stats(
         integrator=method.name,
         steps=int(count[st.STEPS]),
         rejected=int(count[st.REJECTED]),
@@ -248,6 +247,9 @@ def _spent(method: Integrator, count: IntArray, seconds: float, compile_seconds:
         evaluations=int(count[st.EVALUATIONS]),
         seconds=seconds,
         compile_seconds=compile_seconds,
+        start_moved=(),
+        start_residual=0.0,
+        constraint_residual=0.0,
     )
 
 

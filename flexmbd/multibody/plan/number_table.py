@@ -65,7 +65,7 @@ class NumberTable:
             self.possible &= np.isfinite(p).all(axis=1)
             reaches[frame] = [place_reach(place) for place in p]
         extents = scene.sources.extents_with(reaches, count)
-        by_extent = {extent: group_sizes(scene, extent) for extent in set(extents)}
+        by_extent = {extent: group_sizes(scene, scene.index, extent) for extent in set(extents)}
         self._sizes = [by_extent[extent] for extent in extents]
 
     def _rows(self, body: RigidBody, numbers: BodyNumbers, count: int) -> FloatArray:

@@ -88,7 +88,7 @@ class _Variation:
                 self._write_motion(thing)
         full, floor = self._scene.group_full, self._scene.group_floor
         if self._extent != self._scene.extent or records:
-            full, floor = group_sizes(replace(self._scene, index=self._index), self._extent)
+            full, floor = group_sizes(self._scene, self._index, self._extent)
         callbacks = self._scene.callbacks.beside()
         return replace(
             self._scene,
@@ -230,13 +230,13 @@ class _Variation:
         self._array("time_data")[offset : offset + data.size] = data
 
 
-def group_sizes(scene: CompiledScene, extent: float) -> tuple[FloatArray, FloatArray]:
-    """Full sizes and floors of the error norm's groups in a scene of this extent (m)."""
+def group_sizes(scene: CompiledScene, index: SceneIndex, extent: float) -> tuple[FloatArray, FloatArray]:
+    """Full sizes and floors of the error norm's groups in a variant of a scene with this index and extent (m)."""
     lengths = scene.group_kind == kinds.GROUP_LENGTH
     full, floor = scene.group_full.copy(), scene.group_floor.copy()
     full[lengths] = floor[lengths] = extent
-    for body, slots in scene.index.modes.items():
-        record = scene.index.now(body).reduced()
+    for body, slots in index.modes.items():
+        record = index.now(body).reduced()
         if record is not None and record.n_modes:
             group = scene.group_of[slots.v.start]
             full[group], floor[group] = modal_sizes(extent, record)
