@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.loss import Capabilities, check_body
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.interiors.observed import InteriorMesh
 from flexmbd.record.groups import FloatArray, IntArray, Surface
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.run.recording import BodyRecording
 from flexmbd.run.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -75,16 +77,17 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
 
 
 def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
-    """Write the surfaces of a machine's flexible bodies, moving, for ParaView. Not collective; the root alone writes.
+    """Write the surfaces of a machine's bodies that deform, moving, for ParaView. Not collective; the root writes.
 
     One mesh in the inertial frame, with the vector ``displacement`` (m, in inertial axes: of the deformation, without
     the body frame's motion) at its points and ``body`` at its triangles: the number, from 0, of the body in the
-    dataset ``/bodies``, which holds their names.
+    dataset ``/bodies``, which holds their names.  Bodies with history are there as they were recorded, linear between
+    the instants, with their scalar fields (``von_mises`` in Pa, ``plastic_strain``, ...; not a number on other bodies).
 
     Args:
-        run: of a machine with bodies whose records have `surface`.
+        run: of a machine with bodies whose records have `surface`, or with recorded bodies with history.
         path: destination.
-        t: (k,) s, ascending instants; those of the steps by default.
+        t: (k,) s, ascending instants; by default those of the recording, or without one those of the steps.
 
     Returns:
         What is not in the file, a phrase each: the bodies without a surface.
@@ -93,15 +96,22 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         ExportError: no body has a surface, the instants do not ascend, or the destination cannot be written.
         SceneError: an instant outside the trajectory.
     """
-    instants = np.atleast_1d(run.t if t is None else np.asarray(t, dtype=np.float64))
+    own = run.recordings[0].t if run.recordings else run.t
+    instants = np.atleast_1d(own if t is None else np.asarray(t, dtype=np.float64))
     if instants.ndim != 1 or len(instants) == 0 or not (np.diff(instants) > 0.0).all():
         raise ExportError("t must be instants that ascend, each once")
-    skins = [_Skin.of(run, body, instants) for body in run.bodies.values() if _surface(body) is not None]
+    surfaces = [_Skin.of(run, body, instants) for body in run.bodies.values() if _surface(body) is not None]
+    recorded = [_RecordedSkin.of(one, instants) for one in run.recordings]
+    skins: list[_Skin | _RecordedSkin] = [*surfaces, *recorded]
     if not skins:
         raise ExportError(
-            "no body of this machine has a surface to show: reduce flexible ones with keep=Keep(surface=True)"
+            "no body of this machine has a surface to show: reduce flexible ones with keep=Keep(surface=True), "
+            "simulate bodies with history with recording=fm.Recording(...)"
         )
-    bare = [name for name, body in run.bodies.items() if _surface(body) is None]
+    parts = [part for one in run.recordings if one.body is not None for part in one.body.parts]
+    bare = [
+        name for name, body in run.bodies.items() if _surface(body) is None and not any(body is part for part in parts)
+    ]
     if run.team.is_root:
         _write(path, lambda file: _fill(file, skins, instants))
     return (f"bodies without a surface: {', '.join(bare)}",) if bare else ()
@@ -128,10 +138,67 @@ class _Skin:
         frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
         return cls(body.name, surface, run.position(frame, t=t), run.rotation(frame, t=t), run.q(body, t=t))
 
+    fields = ()
+
+    @property
+    def triangle(self) -> IntArray:
+        """(t, 3) vertices."""
+        return self.surface.triangle
+
+    @property
+    def size(self) -> int:
+        """How many vertices."""
+        return len(self.surface.x)
+
     def at(self, k: int) -> tuple[FloatArray, FloatArray]:
         """(v, 3) places and displacements at instant k, in the inertial frame."""
         moved = (self.surface.phi @ self.q[k]) @ self.R[k].T
         return self.p[k] + self.surface.x @ self.R[k].T + moved, moved
+
+    def value(self, field: str, k: int) -> FloatArray:
+        """(v,) a field at instant k; it has none."""
+        raise ExportError(f"body {self.name!r} has no field {field!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class _RecordedSkin:
+    """The surface of a recorded body with history.
+
+    Attributes:
+        shown: (v,) which of its nodes are on the surface.
+        fields: names of its scalar fields.
+    """
+
+    name: str
+    recording: BodyRecording
+    t: FloatArray
+    mesh: InteriorMesh
+    shown: IntArray
+    triangle: IntArray
+    fields: tuple[str, ...]
+
+    @classmethod
+    def of(cls, recording: BodyRecording, t: FloatArray) -> _RecordedSkin:
+        mesh = recording.mesh
+        shown, triangle = np.unique(mesh.triangle, return_inverse=True)
+        scalars = tuple(name for name in recording.fields if recording.values(name, row=slice(0, 1)).ndim == 2)
+        return cls(recording.name, recording, t, mesh, shown, triangle.reshape(-1, 3), scalars)
+
+    @property
+    def size(self) -> int:
+        """How many vertices."""
+        return len(self.shown)
+
+    def at(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """(v, 3) places and displacements at instant k, in the inertial frame."""
+        places = self.recording.between("position", self.t[k])[0, self.shown]
+        p, R = self.recording.pose()
+        row = int(np.argmin(np.abs(self.recording.t - self.t[k])))
+        return places, places - p[row] - self.mesh.x[self.shown] @ R[row].T
+
+    def value(self, field: str, k: int) -> FloatArray:
+        """(v,) a field at instant k."""
+        return self.recording.between(field, self.t[k])[0, self.shown]
 
 
 def _surface(body: Body) -> Surface | None:
@@ -139,26 +206,35 @@ def _surface(body: Body) -> Surface | None:
     return None if record is None else record.surface
 
 
-def _fill(file: h5py.File, skins: list[_Skin], t: FloatArray) -> None:
-    sizes = [len(skin.surface.x) for skin in skins]
+def _fill(file: h5py.File, skins: list[_Skin | _RecordedSkin], t: FloatArray) -> None:
+    sizes = [skin.size for skin in skins]
     starts = np.cumsum([0, *sizes])
-    triangles = np.vstack([skin.surface.triangle + start for skin, start in zip(skins, starts, strict=False)])
+    triangles = np.vstack([skin.triangle + start for skin, start in zip(skins, starts, strict=False)])
     n = int(starts[-1])
     root = _grid(file, n, triangles)
     points = root.create_dataset("Points", (len(t) * n, 3), dtype=np.float64)
     moves = root.create_dataset("PointData/displacement", (len(t) * n, 3), dtype=np.float32)
+    names = sorted({name for skin in skins for name in skin.fields})
+    values = {
+        name: root.create_dataset(f"PointData/{name}", (len(t) * n,), dtype=np.float32, fillvalue=np.nan)
+        for name in names
+    }
     for k in range(len(t)):
         for skin, start, size in zip(skins, starts, sizes, strict=False):
             rows = slice(k * n + start, k * n + start + size)
             points[rows], moves[rows] = skin.at(k)
+            for name in skin.fields:
+                values[name][rows] = skin.value(name, k)
     numbers = np.arange(len(skins), dtype=np.int32)
-    root["CellData/body"] = np.repeat(numbers, [len(skin.surface.triangle) for skin in skins])
+    root["CellData/body"] = np.repeat(numbers, [len(skin.triangle) for skin in skins])
     steps, whole = root.create_group("Steps"), np.zeros(len(t), np.int64)
     steps.attrs["NSteps"] = len(t)
     steps["Values"] = t
     steps["NumberOfParts"] = whole + 1
     steps["PartOffsets"] = whole
     steps["PointOffsets"] = steps["PointDataOffsets/displacement"] = n * np.arange(len(t))
+    for name in names:
+        steps[f"PointDataOffsets/{name}"] = n * np.arange(len(t))
     # the triangles are those of the first instant at all of them
     steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = whole[:, None]
     steps["CellDataOffsets/body"] = whole

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
-    from flexmbd.visual import Drawn, StressModel
+    from flexmbd.visual import Drawn, Look, StressModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -364,9 +364,10 @@ class Trajectory:
         size: tuple[int, int] = (1280, 720),
         amplification: float = 1.0,
         models: Mapping[FlexibleBody, StressModel] | None = None,
+        looks: Mapping[ContinuumBody, Look] | None = None,
         progress: bool = False,
     ) -> Path:
-        """Film the machine off-screen to .mp4 or .gif.
+        """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
 
         See ``flexmbd.visual.animate`` for the arguments and for what is raised.
         """
@@ -381,6 +382,8 @@ class Trajectory:
             size=size,
             amplification=amplification,
             models=models,
+            recordings=self.recordings,
+            looks=looks,
             progress=progress,
         )
 

@@ -6,6 +6,8 @@ Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
 from flexmbd.visual.film import animate as animate
 from flexmbd.visual.recorded_motion import Marked as Marked
 from flexmbd.visual.recorded_motion import RecordedMotion as RecordedMotion
+from flexmbd.visual.recorded_skin import FieldSeries as FieldSeries
+from flexmbd.visual.recorded_skin import Look as Look
 from flexmbd.visual.response_plot import Responding as Responding
 from flexmbd.visual.response_plot import plot_response as plot_response
 from flexmbd.visual.series_plot import Drawn as Drawn

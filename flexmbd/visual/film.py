@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.visual import stage
 from flexmbd.visual.camera import Camera, frame_all, viewing_axes
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.library import load
 from flexmbd.visual.recorded_motion import RecordedMotion
+from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
 from flexmbd.visual.sketch import Shape, Sketch, sketch
 from flexmbd.visual.skin import Skin, skins
 from flexmbd.visual.stress_picture import StressModel
@@ -43,12 +45,15 @@ def animate(
     size: tuple[int, int] = (1280, 720),
     amplification: float = 1.0,
     models: Mapping[FlexibleBody, StressModel] | None = None,
+    recordings: Sequence[FieldSeries] = (),
+    looks: Mapping[ContinuumBody, Look] | None = None,
     progress: bool = False,
 ) -> Path:
     """Film the machine.
 
     A flexible body whose record holds its surface shows it, deformed and coloured; other bodies
-    are drawn as sticks between their frames with a ball at the centre of mass.  The camera stands
+    are drawn as sticks between their frames with a ball at the centre of mass.  A body with history
+    that was recorded shows its surface, coloured by a field.  The camera stands
     still and projects in parallel, along the normal of a plane motion.
 
     Collective over the trajectory's team, whose root draws and writes, and over the communicators
@@ -65,6 +70,8 @@ def animate(
         amplification: factor on the deformation of surfaces, beyond the rigid motion that follows
             their interfaces; stated in the picture.
         models: colours these bodies by von Mises stress instead of displacement.
+        recordings: of bodies with history; what ``Trajectory.animate`` gives is its own.
+        looks: how bodies with history are shown; by default coloured by von Mises stress.
         progress: show a progress bar.
 
     Returns:
@@ -78,11 +85,14 @@ def animate(
     times, slowness = _times(trajectory, between, slow_motion, fps)
     if not (np.isfinite(amplification) and amplification >= 0.0):
         raise PictureError(f"the amplification must not be negative, got {amplification}")
+    refuse_unknown(looks or {}, recordings)
     shown = skins(trajectory, times, models or {}, amplification=amplification)
+    for one in recordings:
+        shown.append(recorded_skin(one, times, look_of(looks or {}, one), amplification=amplification))
     error: Exception | None = None
     if trajectory.team.is_root:
         try:
-            drawn = sketch(trajectory, times, skinned=[skin.body for skin in shown])
+            drawn = sketch(trajectory, times, skinned=[body for skin in shown for body in skin.covers])
             notes = _notes(times, slowness, amplification if shown else 1.0)
             gravity = trajectory.scene.plan.gravity
             camera = _camera(drawn, shown, gravity, aspect=size[0] / size[1])
@@ -145,6 +155,9 @@ def _camera(
     points = [drawn.places, *(primitive.reach() for primitive in drawn.primitives)]
     for skin in shown:
         corners = np.array(np.meshgrid(*skin.bounds.T)).reshape(3, -1).T
+        if skin.body is None:
+            points.append(corners)
+            continue
         pose = drawn.bodies[skin.body]
         moved = np.einsum("kij,cj->kci", pose.R, corners) + pose.p[:, None, :]
         points.append(moved.reshape(-1, 3))
@@ -233,8 +246,11 @@ def _add_skins(
             mesh.points = places[vertex]
             mesh.point_data["value"] = value[vertex] / scale
             pose = np.eye(4)
-            pose[:3, :3] = drawn.bodies[skin.body].R[k]
-            pose[:3, 3] = drawn.bodies[skin.body].p[k]
+            if skin.body is None:  # it deforms without limit, and its normals turn
+                mesh.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
+            else:
+                pose[:3, :3] = drawn.bodies[skin.body].R[k]
+                pose[:3, 3] = drawn.bodies[skin.body].p[k]
             actor.user_matrix = pose
 
         yield move
@@ -242,7 +258,7 @@ def _add_skins(
 
 def _add_legend(plotter: Any, drawn: Sketch, shown: Sequence[Skin]) -> None:
     """Name the bodies by their colours; one with a surface has that of what is not stressed."""
-    skinned = {skin.body.name for skin in shown}
+    skinned = {body.name for skin in shown for body in skin.covers}
     entries = [
         [name, stage.BARE if name in skinned else colour] for name, colour in drawn.colours.items()
     ]

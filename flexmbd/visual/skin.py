@@ -21,11 +21,15 @@ IntArray = NDArray[np.int64]
 
 
 class Skin(Protocol):
-    """A coloured surface of ``v`` vertices in body axes."""
+    """A coloured surface of ``v`` vertices."""
 
     @property
-    def body(self) -> Body:
-        """Whose surface it is."""
+    def body(self) -> Body | None:
+        """In whose axes the vertices are; None: in inertial ones."""
+
+    @property
+    def covers(self) -> tuple[Body, ...]:
+        """The bodies that it shows, which are not drawn as sticks then."""
 
     @property
     def quantity(self) -> tuple[str, str]:
@@ -72,6 +76,11 @@ class DisplacementSkin:
     q: FloatArray
     quantity = ("displacement", "m")
 
+    @property
+    def covers(self) -> tuple[Body, ...]:
+        """The body alone."""
+        return (self.body,)
+
     @cached_property
     def bounds(self) -> FloatArray:
         """(2, 3) m, least and largest coordinates of the drawn vertices over all instants."""
@@ -105,6 +114,11 @@ class StressSkin:
     places: NDArray[np.float32]
     von_mises: NDArray[np.float32]
     quantity = ("von Mises stress", "Pa")
+
+    @property
+    def covers(self) -> tuple[Body, ...]:
+        """The body alone."""
+        return (self.body,)
 
     @cached_property
     def bounds(self) -> FloatArray:

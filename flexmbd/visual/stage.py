@@ -67,6 +67,8 @@ def surface_mesh(x: FloatArray, triangle: IntArray) -> tuple[Any, IntArray]:
 
 def readable(largest: float, unit: str) -> tuple[float, str]:
     """The (size, name) of the unit in which ``largest`` reads as a number from 1 to 1000."""
+    if not unit:  # a share is read as it is
+        return 1.0, ""
     for size, prefix in _PREFIXES:
         if largest >= size:
             return size, prefix + unit
@@ -97,7 +99,7 @@ def add_surface(
         ambient=0.25,
         specular=0.2,
         scalar_bar_args={
-            "title": f"{quantity} in {unit}\n",
+            "title": f"{quantity} in {unit}\n" if unit else f"{quantity}\n",
             "position_x": 0.66,
             "position_y": 0.02 + 0.13 * row,
             "width": 0.31,

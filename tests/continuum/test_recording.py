@@ -2,6 +2,7 @@
 
 from mpi4py import MPI
 
+import h5py
 import numpy as np
 import pytest
 
@@ -16,9 +17,11 @@ from flexmbd.continuum import (
     RigidPlane,
     TractionOnFacets,
 )
-from flexmbd.errors import MeshError, RecordError, SceneError
+from flexmbd.errors import MeshError, PictureError, RecordError, SceneError
 from flexmbd.forms import hencky_plasticity, updated_lagrangian
 from flexmbd.forms.j2_plasticity import LinearHardening
+from flexmbd.visual import Look
+from flexmbd.visual.recorded_skin import recorded_skin
 
 COMM = MPI.COMM_WORLD
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0, "yield_stress": 2.5e8, "hardening": LinearHardening(8e8)}
@@ -181,6 +184,52 @@ def test_steps_that_an_event_takes_back_are_not_recorded(tmp_path):
     seen = run.recorded(rod)
     assert np.array_equal(seen.t, run.t)
     assert run.t[-1] < IMPLICIT["t_end"]
+
+
+def test_a_film_shows_the_recorded_surface(tmp_path):
+    """Vertices where the recording has the nodes, linear between its instants; mirrored ones on the other side."""
+    scene, rod = bar(ImplicitContinuum, comm=MPI.COMM_SELF)
+    run = scene.simulate(recording=fm.Recording(tmp_path / "rod.h5", every=4e-4), **IMPLICIT)
+    seen = run.recorded(rod)
+    times = np.array([seen.t[0], 0.5 * (seen.t[1] + seen.t[2]), seen.t[-1]])
+    look = Look("plastic_strain", mirror="y")
+    skin = recorded_skin(seen, times, look, amplification=1.0)
+    nodes = np.unique(seen.mesh.triangle)
+    position = seen.values("position")[:, nodes]
+    wanted = 0.5 * (position[1] + position[2])
+    places, colours = skin.at(1)
+    assert places[: len(nodes)] == pytest.approx(wanted, abs=1e-7)
+    assert places[len(nodes) :] == pytest.approx(wanted * [1.0, -1.0, 1.0], abs=1e-7)
+    strain = seen.values("plastic_strain")[-1, nodes]
+    assert skin.at(2)[1] == pytest.approx(np.tile(strain, 2), abs=1e-9)
+    assert len(colours) == len(places)
+    a, b, c = skin.x[skin.triangle].transpose(1, 0, 2)
+    volume = np.einsum("ij,ij->", np.cross(a, b), c) / 6.0
+    assert volume == pytest.approx(2 * 0.2 * 0.02 * 0.02, rel=1e-9)
+    film = run.animate(tmp_path / "rod.gif", looks={rod: look}, size=(160, 120), fps=2)
+    assert film.stat().st_size > 1000
+    with pytest.raises(PictureError, match="cannot be coloured by 'heat'; its fields are"):
+        run.animate(tmp_path / "rod.gif", looks={rod: Look("heat")})
+    with pytest.raises(PictureError, match="mirrored along axes"):
+        Look(mirror="xw")
+
+
+def test_paraview_gets_the_recorded_fields(tmp_path):
+    scene, rod = bar(ExplicitContinuum, comm=MPI.COMM_SELF)
+    run = scene.simulate(recording=fm.Recording(tmp_path / "rod.h5", every=2e-5), **EXPLICIT)
+    seen = run.recorded(rod)
+    assert fm.export.vtkhdf(run, tmp_path / "rod.vtkhdf") == ()
+    nodes = np.unique(seen.mesh.triangle)
+    with h5py.File(tmp_path / "rod.vtkhdf") as file:
+        root, n = file["VTKHDF"], len(nodes)
+        assert np.array_equal(root["Steps/Values"][()], seen.t)
+        points = root["Points"][()].reshape(len(seen.t), n, 3)
+        assert points == pytest.approx(seen.values("position")[:, nodes], abs=1e-15)
+        stress = root["PointData/von_mises"][()].reshape(len(seen.t), n)
+        assert stress == pytest.approx(seen.values("von_mises")[:, nodes])
+        moved = root["PointData/displacement"][()].reshape(len(seen.t), n, 3)
+        p, R = seen.pose()
+        assert points - moved == pytest.approx(p[:, None] + seen.mesh.x[nodes] @ R.transpose(0, 2, 1), abs=1e-7)
 
 
 def test_what_cannot_be_seen_is_told(tmp_path):
