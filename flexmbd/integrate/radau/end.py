@@ -15,6 +15,7 @@ from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -176,7 +177,7 @@ def place_end(plan, work, state, scratch):
     drive(plan, work, scratch.x[_LAST], scratch.v[_LAST], scratch.a[_LAST])
 
 
-@kernel
+@deferred_kernel(FLAG)
 def close_end(plan, work, state, scratch, h, tolerance, doubts):
     """Solve for a and nu of the last stage, it on the loops; whether forces balance to the tolerance.
 

@@ -8,6 +8,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
 from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
@@ -131,7 +132,7 @@ def _fill_block(plan, scratch, c, step, matrix):
                 block[pushed + r, shifted + q] = 1.0 if q == r else 0.0
 
 
-@kernel
+@deferred_kernel(FLAG)
 def _shift_directions(plan, scratch, h):
     """D: the motion within the step by a unit reaction, stiffness included; False if singular."""
     for c in range(scratch.bounds.shape[0] - 1):

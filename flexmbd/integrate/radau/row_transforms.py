@@ -16,6 +16,7 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, INTEGER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 
@@ -46,7 +47,7 @@ def _factor_row_matrix(plan, work, scratch, i):
     return volume
 
 
-@kernel
+@deferred_kernel(INTEGER)
 def choose_stage(plan, work, state, scratch):
     """The stage with the best conditioned rows; -1 if all stages are alike, or a row holds velocities alone."""
     for r in range(plan.rows.shape[0]):
@@ -65,7 +66,7 @@ def choose_stage(plan, work, state, scratch):
     return place if best - least > _DIFFERENT else -1
 
 
-@kernel
+@deferred_kernel(FLAG)
 def transform_stage_rows(plan, work, scratch, i):
     """Write T_i of stage i, which was evaluated last; whether it exists."""
     if _factor_row_matrix(plan, work, scratch, i) == -np.inf:

@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.base.compiling import separate_kernel
 F = TypeVar("F", bound=Callable[..., Any])
 
 # what deferred kernels return, where they return something
-FLAG, NUMBER = types.boolean, types.float64
+FLAG, INTEGER, NUMBER = types.boolean, types.int64, types.float64
 TUPLE2, TUPLE3, TUPLE6, TUPLE9 = (types.UniTuple(types.float64, n) for n in (2, 3, 6, 9))
 WRENCH = types.Tuple((TUPLE3, TUPLE3))  # a torque and a force
 INERTIA_AND_WRENCH = types.Tuple((TUPLE6, TUPLE9, TUPLE6, TUPLE3, TUPLE3))
