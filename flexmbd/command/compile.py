@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.compiling import cache_folder, is_cache_writ
 from flexmbd.scene_file.entry_kinds import INTEGRATORS
 
 #: The integrators that are chosen automatically; those that take longest to compile stand first.
-AUTOMATIC = ("radau_iia", "generalized_alpha", "explicit_runge_kutta")
+AUTOMATIC = ("radau_iia", "generalized_alpha", "explicit_runge_kutta", "central_difference")
 _PAUSE = 0.05  # s, between looks at what runs
 _EXAMPLES = """\
 examples:

@@ -11,22 +11,18 @@ from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.integrate.explicit.tableau import Pair
+from flexmbd.integrate.machine_rates import machine_rates
+from flexmbd.integrate.predicted_cost import CENTRAL, ORDER_5, ORDER_8, RADAU, StepModel, counts
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
-from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
-from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
-from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
-from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
-from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, fastest_rate
 from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
-_STIFF = 20.0  # rates of the machine's motion that an explicit step of its accuracy still takes in
-_LARGE = 300  # velocities above which the eigenvalues of springs are not computed
+_LARGE = 300  # velocities above which the machine's vibrations are not computed
 
 
 @dataclass(frozen=True)
@@ -45,10 +41,10 @@ class IntegratorChoice:
 def choose(start: Start, *, t: float, rtol: float, h: float | None) -> IntegratorChoice:
     """Choose an integrator for a scene at its consistent start at time ``t`` (s).
 
-    Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control:
-    an explicit pair where nothing in the scene is stiff, Radau IIA where modes or springs are, and
-    generalized-alpha where forces set in abruptly.  Bodies with history leave generalized-alpha, or central differences
-    where an interior can step explicitly alone.
+    Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
+    where nothing in the scene can be stiff; with modes or springs the method that is predicted to take least time
+    (``predicted_cost``); generalized-alpha where forces set in abruptly, Radau IIA where users' laws may be stiff.
+    Bodies with history leave generalized-alpha, or central differences where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
         return _with_history(start.scene.interiors)
@@ -58,11 +54,35 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     abrupt = [one.name for one in elements if one.abrupt]
     if abrupt:
         return IntegratorChoice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
-    stiff = _stiffness(start, elements, t)
-    if stiff:
-        return IntegratorChoice(RadauIIA(), f"stiff: {stiff}")
-    pair = Pair.DORMAND_PRINCE_8 if rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
-    return IntegratorChoice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
+    unseen = _unseen(start, elements)
+    if unseen:
+        return IntegratorChoice(RadauIIA(), f"stiff: {unseen}")
+    elastic = len(start.scene.plan.flex) > 0
+    pair = Pair.DORMAND_PRINCE_8 if elastic or rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
+    if not elastic and not any(one.stiffness is Stiffness.SEEN for one in elements):
+        return IntegratorChoice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
+    return _cheapest(start, pair, t=t, rtol=rtol)
+
+
+def _cheapest(start: Start, pair: Pair, *, t: float, rtol: float) -> IntegratorChoice:
+    """The method that is predicted to take least time, of an explicit pair, Radau IIA and central differences.
+
+    These are weighed with elastic bodies alone: of rigid machines their order is too low.
+    """
+    plan = start.scene.plan
+    rates, machine = machine_rates(start, t), counts(plan)
+    order = ORDER_8 if pair is Pair.DORMAND_PRINCE_8 else ORDER_5
+    weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), order), (RadauIIA(), RADAU)]
+    if len(plan.flex):
+        weighed.append((CentralDifference(), CENTRAL))
+    costs = [1e-6 * model.steps(rates, rtol) * machine.step(model) for _, model in weighed]
+    told = ", ".join(f"{method.name} {cost:.2g}" for (method, _), cost in zip(weighed, costs, strict=True))
+    method, model = weighed[int(np.argmin(costs))]
+    steps = model.steps(rates, rtol)
+    limited = "stability" if steps * model.reach <= rates.fastest * (1.0 + 1e-12) else "accuracy"
+    why = f"vibrations up to {rates.fastest:.3g} 1/s in a motion of {rates.motion:.3g} 1/s, rtol = {rtol:g}"
+    said = f"{why}; predicted s a simulated second at equal errors: {told}; its steps are limited by {limited}"
+    return IntegratorChoice(method, said)
 
 
 def _with_history(interiors: Interiors) -> IntegratorChoice:
@@ -72,49 +92,13 @@ def _with_history(interiors: Interiors) -> IntegratorChoice:
     return IntegratorChoice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
-def _stiffness(start: Start, elements: Collection[Behaviour], t: float) -> str:
-    """The stiff parts of the scene in words; empty if there are none."""
-    plan = start.scene.plan
-    if len(plan.flex):
-        return "modes of flexible bodies"
+def _unseen(start: Start, elements: Collection[Behaviour]) -> str:
+    """What may be stiff, in words, without the rates of the machine telling; empty if there is nothing."""
     unseen = [one.name for one in elements if one.stiffness is Stiffness.UNSEEN]
     if unseen:
         return ", ".join(dict.fromkeys(unseen))
-    if not any(one.stiffness is Stiffness.SEEN for one in elements):
+    if start.scene.nv <= _LARGE:
         return ""
-    if start.scene.nv > _LARGE:
-        return "springs in a large machine"
-    fastest, motion = _fastest_rate(start, t), _motion_rate(start)
-    return f"springs and dampers of {fastest:.3g} 1/s" if fastest > _STIFF * motion else ""
-
-
-def _fastest_rate(start: Start, t: float) -> float:
-    """Largest eigenvalue (1/s) of the tree linearised about the start."""
-    scene = start.scene
-    plan, n = scene.plan, scene.nv
-    sizes = np.stack([coordinate_sizes(scene), np.zeros(n)])
-    work, tangent_work = new_work(plan), new_tangent_work(plan, n, sizes=sizes)
-    evaluate_times(plan, t, work.time)
-    parts = np.zeros((3, n, n))
-    at_start = (start.x, start.v, start.a, start.multipliers)
-    tangent(plan, work, tangent_work, *at_start, 1.0, 0.0, 0.0, parts[0])
-    tangent(plan, work, tangent_work, *at_start, 0.0, 0.0, 1.0, parts[2])
-    sizes[1] = sizes[0] * fastest_rate(parts[2], parts[0])
-    tangent(plan, work, tangent_work, *at_start, 0.0, 1.0, 0.0, parts[1])
-    free = np.ix_(plan.free, plan.free)
-    stiffness, damping, mass = (part[free] for part in parts)
-    k = len(plan.free)
-    companion = np.zeros((2 * k, 2 * k))
-    companion[:k, k:] = np.eye(k)
-    companion[k:, :k] = -np.linalg.solve(mass, stiffness)
-    companion[k:, k:] = -np.linalg.solve(mass, damping)
-    return float(np.abs(np.linalg.eigvals(companion)).max(initial=0.0))
-
-
-def _motion_rate(start: Start) -> float:
-    """The machine's own rate (1/s) at the start."""
-    scene = start.scene
-    free = scene.plan.free
-    size = scene.group_full[scene.group_of[free]]
-    rates = np.maximum(np.abs(start.v[free]) / size, np.sqrt(np.abs(start.a[free]) / size))
-    return float(rates.max(initial=0.0))
+    if len(start.scene.plan.flex):
+        return "modes of flexible bodies in a large machine"
+    return "springs in a large machine" if any(one.stiffness is Stiffness.SEEN for one in elements) else ""

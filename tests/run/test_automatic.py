@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from machines import pendulum, slider_crank
@@ -9,6 +11,7 @@ from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.integrate.machine_rates import machine_rates
 
 
 def with_spring(stiffness):
@@ -31,9 +34,11 @@ def with_penalty():
     return scene
 
 
-def flexible():
+def flexible(*, stiffer=1.0):
+    """Four modes of 10 to 12 rad/s, or stiffer ones, which the start lets go of by so much less."""
     scene = fm.System(gravity=(0.0, 0.0, -9.81))
-    body = scene.add(fm.FlexibleBody(particle_body(3, modes=4).record), name="flexible")
+    record = particle_body(3, modes=4).record
+    body = scene.add(fm.FlexibleBody(replace(record, stiffness=stiffer * record.stiffness)), name="flexible")
     scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame())
     return scene
 
@@ -45,14 +50,16 @@ def flexible():
         (lambda: pendulum()[0], {"rtol": 1e-3}, "5(4)", "nothing stiff"),
         (lambda: slider_crank()[0], {}, "8(5,3)", "nothing stiff"),
         (lambda: pendulum()[0], {"h": 1e-3}, "generalized-alpha", "fixed steps"),
-        (lambda: with_spring(5.0), {}, "8(5,3)", "nothing stiff"),
-        (lambda: with_spring(1e6), {}, "Radau", "springs and dampers of 1e+03 1/s"),
+        (lambda: with_spring(5.0), {}, "8(5,3)", "vibrations up to 2.24 1/s in a motion of 3.13 1/s"),
+        (lambda: with_spring(1e12), {}, "Radau", "vibrations up to 1e+06 1/s in a motion of 3.13 1/s"),
         (with_friction, {}, "generalized-alpha", "abrupt forces: friction"),
         (with_penalty, {}, "Radau", "penalties"),
-        (flexible, {}, "Radau", "modes of flexible bodies"),
+        (lambda: flexible(stiffer=1e4), {"rtol": 1e-3}, "central differences", "vibrations up to 1.26e+03 1/s"),
+        (flexible, {"rtol": 1e-9}, "8(5,3)", "limited by accuracy"),
+        (lambda: flexible(stiffer=1e6), {"rtol": 1e-4}, "Radau", "vibrations up to 1.26e+04 1/s"),
     ],
 )
-def test_what_is_stiff_is_run_by_an_implicit_method(scene, arguments, chosen, why):
+def test_the_method_suits_the_scene(scene, arguments, chosen, why):
     machine = scene()
     said = machine.explain(**arguments).splitlines()[-1]
     assert said.startswith("integrator: ")
@@ -76,3 +83,46 @@ def test_a_method_that_was_named_is_told():
     )
     with pytest.raises(SceneError, match=r"integrator must be a method, as fm\.RadauIIA"):
         scene.explain(integrator="euler")
+
+
+def machine_in(length, mass, stiffness):
+    """A flexible beam of three particles and a spring on its hinge, in metres and kilograms or in other units."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81 * length))
+    hub = scene.add(fm.RigidBody(mass, [mass * length**2 * 0.1] * 3))
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), hub.frame())
+    arm = scene.add(fm.RigidBody(mass, [mass * length**2 * 0.01] * 3, (0.3 * length, 0.0, 0.0)))
+    slide = scene.connect(fm.joint.Prismatic("x"), hub.frame(p=(0.2 * length, 0.0, 0.0)), arm.frame())
+    scene.add_force(fm.force.JointSpring(slide, stiffness * mass, 0.01 * length))
+    hinge.velocity = 2.0
+    return scene
+
+
+@pytest.mark.parametrize("stiffness", [30.0, 1e9])
+def test_the_choice_is_the_same_in_any_units(stiffness):
+    """In metres and kilograms as in millimetres and tonnes, rates and predicted times included."""
+    said = [machine_in(*units, stiffness).explain().splitlines()[-1] for units in ((1.0, 1.0), (1e3, 1e-3))]
+    assert said[0] == said[1]
+    assert "predicted" in said[0]
+
+
+@pytest.mark.parametrize("geared", [False, True])
+def test_rates_are_those_of_the_linear_machine(geared):
+    """Vibrations along the loops, and how far they are let go: two discs on springs, geared or not, in closed form."""
+    scene = fm.System()
+    hinges = []
+    for stiffness, rest in ((100.0, 0.0), (900.0, 1e-3)):
+        body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
+        hinges.append(scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), body.frame()))
+        scene.add_force(fm.force.JointSpring(hinges[-1], stiffness, rest))
+    if geared:
+        scene.couple(fm.joint.Gear(*hinges, ratio=1.0))
+    rates = machine_rates(scene.start(), 0.0)
+    np.testing.assert_allclose(rates.vibrations, [np.sqrt(500.0)] if geared else [10.0, 30.0], rtol=1e-9)
+    np.testing.assert_allclose(rates.amplitudes, [0.9e-3] if geared else [0.0, 1e-3], rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.mpi
+def test_every_rank_chooses_the_same():
+    mpi = pytest.importorskip("mpi4py.MPI")
+    said = mpi.COMM_WORLD.allgather(flexible(stiffer=1e4).explain(rtol=1e-3))
+    assert set(said) == {said[0]}
