@@ -88,7 +88,7 @@ def test_nodes_are_those_of_the_facets_also_on_a_rank_without_any():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (["bore"], "'bore': the mesh has no such group of facets, edges or vertices; it has: 'empty', 'x_max'"),
+        (["bore"], "'bore': the mesh has no such group of facets, edges, vertices or cells; it has: 'block', 'empty'"),
         (["x_min", "x_min"], "'x_min' is given twice"),
         (["empty"], "'empty' has no facets; tag"),
         (["x_max", "x_min", "y_max"], "'x_max' and 'y_max' share nodes"),

@@ -1,4 +1,4 @@
-"""Averages of the unknown over a group of facets, edges or vertices.
+"""Averages of the unknown over a group of facets, edges, vertices or cells.
 
 The average motion of a group is the translation t and small rotation r about its centroid c that
 minimise the integral of |u - t - r x (x - c)|^2 over the group; of vertices, the sum.  With the rigid
@@ -49,13 +49,15 @@ class Group:
     tag: int | None
 
     def centroid(self, space: fem.FunctionSpace) -> FloatArray:
-        """(3,) m, by area, length or number. Collective.
+        """(3,) m, by volume, area, length or number. Collective.
 
         Args:
             space: whose blocks are the displacement's nodes.
         """
         if self.tag is not None:
             return _facet_centroid(self.mesh, self.tag)
+        if self.dim == self.mesh.dim:
+            return _cell_centroid(self.mesh, self.entities)
         share = _weights(space, self.entities, self.dim).sum(axis=0)
         x = space.tabulate_dof_coordinates()
         integrals = self.mesh.comm.allreduce(np.append(share.sum(), share @ x))
@@ -73,6 +75,8 @@ class Group:
             The same shape.
         """
         add = _facet_integrals if self.tag is not None else _lower_integrals
+        if self.dim == self.mesh.dim:
+            add = _cell_integrals
         results = np.empty_like(fields)
         total = fem.Function(space).x
         for i, column in enumerate(add(self, space, fields).T):
@@ -130,6 +134,42 @@ def _facet_centroid(mesh: TaggedMesh, tag: int) -> FloatArray:
         integrals[i] = mesh.comm.allreduce(fem.assemble_scalar(form))
     centroid: FloatArray = integrals[1:] / integrals[0]
     return centroid
+
+
+def _cell_centroid(mesh: TaggedMesh, cells: Indices) -> FloatArray:
+    """(3,) m, by the measure of the cells. Collective."""
+    domain = mesh.mesh
+    inside, x, w = _inside(mesh, cells), ufl.SpatialCoordinate(domain), fem.Constant(domain, np.zeros(4))
+    integrand = inside * (w[0] + sum(w[i + 1] * x[i] for i in range(3)))
+    rule = {"quadrature_degree": 4 * compat.geometry_degree(domain)}
+    form = fem.form(integrand * ufl.dx(metadata=rule))
+    integrals = np.zeros(4)
+    for i in range(4):
+        w.value[:] = np.eye(4)[i]
+        integrals[i] = mesh.comm.allreduce(fem.assemble_scalar(form))
+    centroid: FloatArray = integrals[1:] / integrals[0]
+    return centroid
+
+
+def _cell_integrals(group: Group, space: fem.FunctionSpace, fields: FloatArray) -> FloatArray:
+    """This rank's part of the integrals over cells."""
+    field, domain = fem.Function(space), group.mesh.mesh
+    degree = 2 * space.element.basix_element.degree + 3 * compat.geometry_degree(domain) - 3
+    inside = _inside(group.mesh, group.entities)
+    measure = ufl.dx(metadata={"quadrature_degree": degree})
+    form = fem.form(inside * ufl.inner(field, ufl.TestFunction(space)) * measure)
+    results = np.empty_like(fields)
+    for i in range(fields.shape[1]):
+        field.x.array[:] = fields[:, i]
+        results[:, i] = fem.assemble_vector(form).array
+    return results
+
+
+def _inside(mesh: TaggedMesh, cells: Indices) -> fem.Function:
+    """One in cells that this rank owns, zero in others."""
+    found = fem.Function(fem.functionspace(mesh.mesh, ("DG", 0)))
+    found.x.array[cells[cells < mesh.mesh.topology.index_map(mesh.dim).size_local]] = 1.0
+    return found
 
 
 def _facet_integrals(group: Group, space: fem.FunctionSpace, fields: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Interfaces: named groups of facets, edges or vertices that are tied to six-dof frames.
+"""Interfaces: named groups of facets, edges, vertices or cells that are tied to six-dof frames.
 
 The nodes of a RIGID interface move as its formulation's rigid motion about the interface's origin
 (RBE2); six numbers, three translations and three small rotations, replace all their degrees of
@@ -34,9 +34,11 @@ class Interface:
     """What a user asks for: a group of the mesh that is tied to a frame.
 
     Attributes:
-        name: the group of facets, edges or vertices of the mesh, and the name of the frame.
+        name: the group of facets, edges, vertices or cells of the mesh, and the name of the frame. Cells are a
+            rigid part of the body, with the mass that their formulation gives them; averaged, they lend the frame
+            their mean motion, as of a frame at the centre of mass of a homogeneous body that flies.
         origin: (3,) m, the frame's origin in the mesh's axes; default: the centroid of the facets
-            by area, of the edges by length, of the vertices by number.
+            by area, of the edges by length, of the vertices by number, of cells by volume.
         axes: (3, 3), the rotation whose columns are the frame's axes in the mesh's; default: the
             mesh's axes.
         coupling: how the nodes and the frame move together.
@@ -155,12 +157,12 @@ def _check_names(interfaces: Sequence[Interface], mesh: TaggedMesh) -> None:
         if not isinstance(interface, Interface):
             raise InterfaceError(f"write Interface({interface!r}) rather than {interface!r}")
     names = [interface.name for interface in interfaces]
-    groups = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups}
+    groups = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups, **mesh.cell_groups}
     there = ", ".join(repr(name) for name in sorted(groups)) or "none"
     for name in names:
         if name not in groups:
             raise InterfaceError(
-                f"interface {name!r}: the mesh has no such group of facets, edges or vertices; it has: {there}"
+                f"interface {name!r}: the mesh has no such group of facets, edges, vertices or cells; it has: {there}"
             )
         if names.count(name) > 1:
             raise InterfaceError(f"interface {name!r} is given twice; give each group once")
@@ -219,8 +221,10 @@ def _group(name: str, mesh: TaggedMesh) -> Group:
         group = Group(name, mesh, dim, mesh.facets(name), tag)
     elif name in mesh.edge_groups:
         group = Group(name, mesh, 1, mesh.edges(name), None)
-    else:
+    elif name in mesh.vertex_groups:
         group = Group(name, mesh, 0, mesh.vertices(name), None)
+    else:
+        group = Group(name, mesh, mesh.dim, mesh.cells(name), None)
     mesh.mesh.topology.create_connectivity(group.dim, mesh.dim)
     return group
 
@@ -230,7 +234,7 @@ def _nearest_rotation(axes: ArrayLike) -> FloatArray:
     return left @ right
 
 
-_KINDS = {0: "vertices", 1: "edges", 2: "facets"}
+_KINDS = {0: "vertices", 1: "edges", 2: "facets", 3: "cells"}
 
 
 def _check_entities(group: Group) -> None:
@@ -267,6 +271,7 @@ def _check_spread(
             0: "a point of a solid carries no rotation: take a group of three vertices or more, or facets",
             1: "a straight line of a solid carries no rotation about itself: take a curved one, or facets",
             2: "take a larger group of facets",
+            3: "take a larger group of cells",
         }
         raise InterfaceError(
             f"interface {group.name!r} has {count} nodes, and a frame of six dofs needs three that are "
