@@ -5,10 +5,12 @@ Against the equation of motion of one coordinate by scipy's pair of order 8 with
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from particles import particle_body
 from scipy.integrate import solve_ivp
 
 import flexmbd as fm
@@ -120,6 +122,24 @@ def test_no_impact_is_missed_wherever_steps_end(method, most, stop):
             errors.append(run.beta(hinge)[-1].item())
         errors = np.abs(np.array(errors) - exact[apart]) / rtol
         assert errors.max() < most
+
+
+def test_impacts_of_elastic_bodies():
+    """A body of modes of 2200 to 4500 rad/s, which no step resolves, swings against a stop of its hinge."""
+    record = particle_body(3, modes=4, damping=0.1).record
+    stiff = replace(record, stiffness=1e5 * record.stiffness)
+
+    def fall(start, integrator, rtol):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        body = scene.add(fm.FlexibleBody(stiff), name="body")
+        hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame("root"))
+        scene.add_force(fm.force.JointStop(hinge, start - 0.3, start + 0.3, 2e4))
+        hinge.position = start
+        return scene.simulate(1.0, rtol=rtol, integrator=integrator).beta(hinge)[-1].item()
+
+    for start in np.linspace(0.1, 0.6, 8):
+        exact = fall(start, METHODS["8(5,3)"][0], 1e-9)
+        assert abs(fall(start, METHODS["Radau"][0], 1e-4) - exact) < 15.0 * 1e-4
 
 
 def chain(law):
