@@ -17,6 +17,7 @@ import flexmbd as fm
 from flexmbd import parameter as vary
 from flexmbd.ensemble import Ensemble, Sampled
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.multibody.parameter.value_columns import tabled_names, value_columns
 from flexmbd.output import Acceleration, Position, Velocity
 from flexmbd.run import simulation
 from flexmbd.run.prepared import PreparedRuns
@@ -98,6 +99,39 @@ def test_the_same_to_the_bit(case: Callable[[], Any], how: str, monkeypatch: pyt
     assert [one.index for one in found.failures] == [one.index for one in by_run.failures]
     for name in asked:
         np.testing.assert_array_equal(found.output(name), by_run.output(name), err_msg=name)
+
+
+def unbalanced() -> tuple[fm.CompiledMachine, dict[str, np.ndarray], Asked]:
+    """Parallel hinges with links that come off their plane and so need gyroscopic terms, and a slide beside them."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    arm = scene.add(fm.RigidBody(1.0, (0.01, 0.03, 0.03), (0.3, 0.0, 0.0)), name="arm")
+    slider = scene.add(fm.RigidBody(0.5, (0.01, 0.01, 0.01)), name="slider")
+    pin = arm.frame((0.6, 0.0, 0.0))
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame())
+    scene.connect(fm.joint.Prismatic("x"), pin, slider.frame())
+    named = {"com": vary.CentreOfMass(arm), "pin": vary.FrameOrigin(pin), "mass": vary.Mass(slider)}
+    com = np.array([[0.3, 0.0, 0.0], [0.3, 0.0, 0.1], [2.0, 0.1, 0.0], [0.3, 0.0, 0.0]])
+    pins = np.array([[0.6, 0.0, 0.0], [0.1, 0.0, 0.2], [0.6, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    return scene.compile(parameters=named), {"com": com, "pin": pins, "mass": np.array([0.5, 1.0, 2.0, 0.5])}, {}
+
+
+@pytest.mark.parametrize("case", [pendulum, elastic, unbalanced])
+def test_tables_write_the_numbers_of_variants(case: Callable[[], Any]) -> None:
+    machine, given, _ = case()
+    plan = machine.scene.plan
+    names = tabled_names(machine.parameters, machine.scene)
+    rows = [{name: given[name][k] for name in names} for k in range(len(given["mass"]))]
+    columns = value_columns(machine.scene, {name: machine.parameters[name] for name in names}, rows)
+    assert columns is not None
+    assert columns.possible.sum() >= 4
+    for k in np.flatnonzero(columns.possible):
+        arrays = {name: getattr(plan, name).copy() for name in ("tree", "rigid", "frames")}
+        full, floor = np.zeros((2, len(machine.scene.group_full)))
+        columns.table.write(int(k), arrays, full, floor)
+        variant = machine.variant(rows[k])
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(array, getattr(variant.plan, name), err_msg=name)
+        np.testing.assert_array_equal((full, floor), (variant.group_full, variant.group_floor))
 
 
 def test_runs_are_made_without_trajectories(monkeypatch: pytest.MonkeyPatch) -> None:

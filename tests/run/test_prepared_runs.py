@@ -87,11 +87,11 @@ def spinning() -> Case:
     ball.velocity, flight.velocity = (1.0, 0.5, 40.0), (1.0, 2.0, 3.0, 4.0, 0.1, 0.1)
     named = {
         "top": vary.Inertia(top), "com": vary.CentreOfMass(top), "stone": vary.Inertia(stone),
-        "spin": vary.InitialVelocity(ball),
+        "spin": vary.InitialVelocity(ball), "off": vary.CentreOfMass(stone),
     }  # fmt: skip
     values: Values = [
-        {"top": (0.03, 0.03, 0.01)}, {"top": (0.03, 0.02, 0.012)}, {"com": (0.1, 0.0, 0.3)}, {"stone": (0.2, 0.2, 0.1)},
-        {"spin": (0.0, 0.0, 10.0)},
+        {"top": (0.03, 0.03, 0.01)}, {"top": (0.03, 0.02, 0.012)}, {"com": (0.9, 0.0, 0.3)}, {"stone": (0.2, 0.2, 0.1)},
+        {"off": (3.0, 0.0, 0.0)}, {"spin": (0.0, 0.0, 10.0)},
     ]  # fmt: skip
     return scene.compile(parameters=named), values
 
