@@ -57,8 +57,9 @@ class OptionalEntries:
             0: at 0 no time passes, and nothing flows or relaxes.
         update: (u, state, p) the history after a step, (n,).
         local_unknowns: (p) with `local_residual`: what is solved for at a quadrature point, its initial values; None:
-            these parameters have none. residual, update and stress then take the stored solution as `z`, and one
-            further Newton step from it, so that their derivatives are exact.
+            these parameters have none. Any number, () or (n,), dimensionless and of the size of strains. residual,
+            update and stress then take the solution as `z`, which follows u: its derivative is that of the exact
+            one, by the theorem on implicit functions.
         local_residual: (z, u, state, p) the equations, of the same shape.
         cell_mean: (u, state, p) a scalar whose mean over a cell residual, update, stress and energies take as
             `mean`, None for the plain form.

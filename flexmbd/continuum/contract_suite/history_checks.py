@@ -217,7 +217,7 @@ HISTORY_CHECKS = (
     Check(
         "consistent tangent, yielding",
         _each(tangent),
-        "what depends on u must be UFL of u: of a stored z take one further Newton step, z - r / ufl.diff(r, z)",
+        "what depends on u must be UFL of u, without jumps; local_residual must have all that z follows",
     ),
     Check(
         "unloading",

@@ -8,7 +8,7 @@ import numpy as np
 import ufl
 
 from flexmbd.continuum.contract.entries import optional_entries
-from flexmbd.continuum.contract.results import step_keyword
+from flexmbd.continuum.contract.local_newton import point_keywords
 from flexmbd.continuum.contract_suite.measures import EXACT, largest, ratio
 from flexmbd.continuum.contract_suite.outcome import Figure, Outcome, Remark, Verdict
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial
@@ -45,7 +45,8 @@ def stress_work(trial: Trial) -> Outcome:
     u = trial.u
     state = optional_entries(trial.form).state
     history = None if state is None else ufl.as_ufl(state(trial.parameters))
-    stress = cast(Any, trial.form).stress(u, history, trial.parameters, **step_keyword(trial.form, 0.0))
+    given = point_keywords(trial.form, u, history, trial.parameters)
+    stress = cast(Any, trial.form).stress(u, history, trial.parameters, **given)
     if trial.dim < 3 or stress.ufl_shape != (3, 3):
         return Remark(Verdict.SKIP, "for solids with a stress of shape (3, 3)")
     displacement = ufl.as_vector([u[i] for i in range(3)])

@@ -18,6 +18,12 @@ FloatArray = NDArray[np.float64]
 #: Places of the kernels that average and that take a local Newton step; those of forces follow.
 MEAN, LOCAL, FORCES = 0, 1, 2
 
+#: Local unknowns are of the size of strains; below this one they are taken to be this large, for they may vanish.
+LEAST = 1e-3
+
+#: A change of local unknowns below this, over their size, that a step no longer halves is round-off, and good.
+ROUND_OFF = 1e-6
+
 
 class Kernels(NamedTuple):
     """The kernels of a group of cells.
@@ -43,7 +49,8 @@ class Fields(NamedTuple):
     Attributes:
         u: (dofs,) trial displacement, m, and other unknowns.
         state: (cells, points * components) history at the step's begin.
-        local: (cells, points * components) local unknowns, to begin with, and solved.
+        local: (cells, points * n) local unknowns, to begin with, and solved.
+        slopes: (cells, points * n * n) inverses of the derivatives of their equations.
         mean: (cells,) means over the cells, or empty.
         trial: (cells, points * components) history at the step's end.
     """
@@ -51,17 +58,31 @@ class Fields(NamedTuple):
     u: FloatArray
     state: FloatArray
     local: FloatArray
+    slopes: FloatArray
     mean: FloatArray
     trial: FloatArray
 
 
 class Room(NamedTuple):
-    """Where a cell is worked on: its coordinates, its row, what a kernel takes of it, and what it returns."""
+    """Where a cell is worked on.
+
+    Attributes:
+        coordinates: (nodes, 3) m.
+        row: the cell's values.
+        given: what a kernel takes of them.
+        tensor: what it returns.
+        matrix: (n, 2 n) of the equations of n local unknowns.
+        sizes: (2, n) of the local unknowns in the cell: their largest values and their last changes.
+        where: cell and point where they changed most.
+    """
 
     coordinates: FloatArray
     row: FloatArray
     given: FloatArray
     tensor: FloatArray
+    matrix: FloatArray
+    sizes: FloatArray
+    where: NDArray[np.int64]
 
 
 @kernel
@@ -83,23 +104,84 @@ def _tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _solve_local(kernels, room, begin, size, sweeps, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the local unknowns of a cell, in its row; return the last change."""
-    each = size // kernels.weights.shape[0]
-    change = np.inf
-    for _ in range(sweeps):
-        _tabulate(kernels, LOCAL, room, size)
+def _invert(matrix):  # type: ignore[no-untyped-def]
+    """Invert the left half (n, n) into the right half, with exchange of rows; NaN where it is singular."""
+    n = matrix.shape[0]
+    for i in range(n):
+        for j in range(n):
+            matrix[i, n + j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if matrix[pivot, k] == 0.0:
+            matrix[:, n:] = np.nan
+            return
+        if pivot != k:
+            for j in range(2 * n):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+        head = 1.0 / matrix[k, k]
+        for j in range(2 * n):
+            matrix[k, j] *= head
+        for i in range(n):
+            factor = matrix[i, k]
+            if i != k and factor != 0.0:
+                for j in range(2 * n):
+                    matrix[i, j] -= factor * matrix[k, j]
+
+
+@kernel
+def _change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyped-def]
+    """A Newton step of the local unknowns of one point, in the cell's row; its sizes are noted."""
+    matrix, sizes = room.matrix, room.sizes
+    n = matrix.shape[0]
+    first, weight = point * n * (n + 1), kernels.weights[point]
+    for i in range(n):
+        for j in range(n):
+            matrix[i, j] = room.tensor[first + n + n * i + j] / weight
+    _invert(matrix)
+    for i in range(n):
         change = 0.0
-        for i in range(size):
-            new = room.tensor[i] / kernels.weights[i // each]
-            moved = abs(new - room.row[begin + i])
-            # written so that NaN is kept
-            if not moved <= change:
-                change = moved
-            room.row[begin + i] = new
-        if change <= tolerance or not np.isfinite(change):
-            break
-    return change
+        for j in range(n):
+            slopes[n * n * point + n * i + j] = matrix[i, n + j]
+            change += matrix[i, n + j] * room.tensor[first + j] / weight
+        value = room.row[begin + n * point + i] - change
+        room.row[begin + n * point + i] = value
+        # written so that NaN is kept
+        if not abs(change) <= sizes[1, i]:
+            sizes[1, i] = abs(change)
+            room.where[1] = point
+        if not abs(value) <= sizes[0, i]:
+            sizes[0, i] = abs(value)
+
+
+@kernel
+def _solve_local(kernels, room, begin, slopes, sweeps, tolerance):  # type: ignore[no-untyped-def]
+    """Solve for the local unknowns of a cell, in its row.
+
+    Returns:
+        The last change, each unknown's over its size in the cell; 0 where they are solved.
+    """
+    points, n = kernels.weights.shape[0], room.matrix.shape[0]
+    room.sizes[0] = 0.0
+    before = np.inf
+    for _ in range(sweeps):
+        _tabulate(kernels, LOCAL, room, points * n * (n + 1))
+        room.sizes[1] = 0.0
+        for point in range(points):
+            _change_point(kernels, room, point, begin, slopes)
+        change = 0.0
+        for i in range(n):
+            size = max(room.sizes[0, i], LEAST)
+            if not room.sizes[1, i] <= change * size:
+                change = room.sizes[1, i] / size
+        if change <= tolerance or (change <= ROUND_OFF and change > 0.5 * before):
+            return 0.0
+        if not np.isfinite(change):
+            return change
+        before = change
+    return before
 
 
 @kernel
@@ -142,7 +224,7 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         room: to work in.
         forces: (dofs,) N, to which they are added.
         sweeps: the most local Newton steps.
-        tolerance: change of the local unknowns at which they end.
+        tolerance: change of the local unknowns over their sizes at which they end.
 
     Returns:
         The last change of the local unknowns of the first cell where they were not solved, or 0.
@@ -159,10 +241,11 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         if locals_ > 0:
             for i in range(locals_):
                 room.row[begin + i] = fields.local[cell, i]
-            change = _solve_local(kernels, room, begin, locals_, sweeps, tolerance)
+            change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps, tolerance)
             for i in range(locals_):
                 fields.local[cell, i] = room.row[begin + i]
-            if not change <= tolerance:
+            if change != 0.0:
+                room.where[0] = cell
                 return change
         for k in range(FORCES, kernels.addresses.shape[0]):
             _tabulate(kernels, k, room, begin)

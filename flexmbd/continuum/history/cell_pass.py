@@ -27,9 +27,9 @@ from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
-# Local Newton steps, and the change of the local unknowns at which they end.
+# Local Newton steps, and the change of the local unknowns, over their size in the cell, at which they end.
 _SWEEPS = 30
-_LOCAL = 1e-13
+_LOCAL = 1e-10
 
 _NONE = np.zeros(0)
 
@@ -41,13 +41,15 @@ class Unknowns:
     Attributes:
         u: trial displacement.
         state: history at the step's begin.
-        local: local unknowns.
+        local: local unknowns, n at each point.
+        slopes: at each point the inverse (n, n) of the derivative of their equations.
         mean: over the cells.
     """
 
     u: fem.Function
     state: fem.Function | None
     local: fem.Function | None
+    slopes: fem.Function | None
     mean: fem.Function | None
 
 
@@ -58,13 +60,13 @@ class CellForms:
     Attributes:
         work: virtual work of a test function of the displacement, as terms of any rules; with history of one.
         update: history at the step's end.
-        refined: the local unknowns after a Newton step.
+        equations: of the local unknowns, (n + n n,): what they make zero, and its derivatives by them, row by row.
         averaged: what the means are of.
     """
 
     work: Callable[[Any], Sequence[IntegralTerm]]
     update: ufl.core.expr.Expr | None
-    refined: ufl.core.expr.Expr | None
+    equations: ufl.core.expr.Expr | None
     averaged: ufl.core.expr.Expr | None
 
 
@@ -97,21 +99,30 @@ class CellPass:
         self._group, self._unknowns, self._rule = group, unknowns, rule
         self._domain = unknowns.u.function_space.mesh
         self._codes = [
-            self._mean(forms.averaged), self._local_step(forms.refined), *self._step(forms.work, forms.update)
+            self._mean(forms.averaged), self._equations(forms.equations), *self._step(forms.work, forms.update)
         ]
         n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
         none = np.zeros((n_cells, 0))
-        state, local = (
-            none if field is None else field.x.array.reshape(n_cells, -1) for field in (unknowns.state, unknowns.local)
+        state, local, slopes = (
+            none if field is None else field.x.array.reshape(n_cells, -1)
+            for field in (unknowns.state, unknowns.local, unknowns.slopes)
         )
         mean = np.zeros(0) if unknowns.mean is None else unknowns.mean.x.array
         #: (points of all cells of this rank, components) flat, history at the step's end
         self.trial: FloatArray = state.flatten()
-        self._fields = Fields(unknowns.u.x.array, state, local, mean, self.trial.reshape(state.shape))
+        self._fields = Fields(unknowns.u.x.array, state, local, slopes, mean, self.trial.reshape(state.shape))
         self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
         self._kernels = self._tables(weights)
-        row = sum(self._sizes)
-        self._room = Room(np.zeros((compat.cell_nodes(self._domain).shape[1], 3)), *np.zeros((3, row + 1)))
+        row, n = sum(self._sizes), local.shape[1] // len(weights)
+        self._room = Room(
+            coordinates=np.zeros((compat.cell_nodes(self._domain).shape[1], 3)),
+            row=np.zeros(row + 1),
+            given=np.zeros(row + 1),
+            tensor=np.zeros(max(row, local.shape[1] + slopes.shape[1]) + 1),
+            matrix=np.zeros((n, 2 * n)),
+            sizes=np.zeros((2, n)),
+            where=np.zeros(2, dtype=np.int64),
+        )
 
     def run(self, forces: FloatArray) -> None:
         """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
@@ -124,9 +135,14 @@ class CellPass:
         """
         change = self._pass(self._fields, self._kernels, forces)
         if change != 0.0:
+            cell, point = map(int, self._room.where)
+            centre = self._domain.geometry.x[compat.cell_nodes(self._domain)[cell]].mean(axis=0)
+            place = ", ".join(f"{x:.4g}" for x in centre)
+            state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
             raise ConvergenceError(
                 f"{self._group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
-                f"(last change {change:.1e}); take a smaller step"
+                f"(last relative change {change:.1e}): point {point} of the cell around ({place}) m, whose history is "
+                f"[{', '.join(f'{value:.4g}' for value in state)}]; take a smaller step"
             )
 
     def renew_constants(self) -> None:
@@ -155,10 +171,10 @@ class CellPass:
         w = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(2,)))
         return self._compiled(averaged * w[0] + w[1], self._rule)
 
-    def _local_step(self, refined: ufl.core.expr.Expr | None) -> _Code | None:
-        if refined is None:
+    def _equations(self, equations: ufl.core.expr.Expr | None) -> _Code | None:
+        if equations is None:
             return None
-        (density,) = share_parts([self._at_points(refined, self._test_function(self._pointwise(refined)))])
+        (density,) = share_parts([self._at_points(equations, self._test_function(self._pointwise(equations)))])
         return self._compiled(density, self._rule)
 
     def _step(

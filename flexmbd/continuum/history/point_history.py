@@ -2,8 +2,9 @@
 
 A group's forms see the accepted history, the trial displacement, the local unknowns z solved at each
 point for it, and the means over the cells; all of them live here, as functions that the compiled forms
-read.  What z is in the forms is the stored solution and one further Newton step from it, whose derivative
-by the displacement is, by the theorem on implicit functions, that of the exact solution.
+read.  Where forms are differentiated, z is the stored solution less A r(z, u) with the equations r and the stored
+inverse A of their derivative by z: r is zero, and the derivative by the displacement is that of the exact solution by
+the theorem on implicit functions.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from flexmbd.continuum.contract.results import keywords, solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_pass import CellForms, CellPass, Unknowns
+from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +74,7 @@ class History:
         if cell_mean is not None:
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
             self._averaged = cell_mean(u, self._state, p)
-        self._z, refined = self._local_unknowns(u)
+        self._z, self._slopes, equations, following = self._local_unknowns(u)
         given = self._given(self._z)
         update = None
         if self._has_state:
@@ -80,19 +82,22 @@ class History:
             self._state.x.array.reshape(-1, len(self._initial))[:] = self._initial
             update = form.update(u, self._state, p, **given)
 
-        def work(v: Any) -> list[IntegralTerm]:
+        def work(v: Any, z: Any) -> list[IntegralTerm]:
             if self._has_state:
-                return list(form.residual(u, v, self._state, p, **given))
+                return list(form.residual(u, v, self._state, p, **self._given(z)))
             return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
 
         self._pass = CellPass(
             group,
-            Unknowns(u, self._state, self._z, self.mean),
-            CellForms(work, update, refined, None if self.mean is None else self._averaged),
+            Unknowns(u, self._state, self._z, self._slopes, self.mean),
+            CellForms(
+                lambda v: work(v, self._z), update, equations, None if self.mean is None else self._averaged
+            ),
             rule=self._rule,
             weights=self._weights,
         )
-        self.terms = [assembly.integral(term, group, self._mesh) for term in work(v)]
+        self._begin_locally()
+        self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
         self._energies = self._energy_forms(u, p)
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
 
@@ -140,15 +145,13 @@ class History:
         """Accept the history at the step's end."""
         if self._state is not None:
             self._state.x.array[:] = self._pass.trial
-        if self._z is not None:
-            self._z.x.array[:] = 0.0
+        self._begin_locally()
 
     def revert(self) -> None:
         """Forget the trial."""
         if self._state is not None:
             self._pass.trial[:] = self._state.x.array
-        if self._z is not None:
-            self._z.x.array[:] = 0.0
+        self._begin_locally()
 
     def snapshot(self) -> FloatArray:
         """A copy of the accepted history, flat."""
@@ -192,19 +195,37 @@ class History:
             given[STEP] = self._dt
         return given if self.mean is None else {**given, "mean": self.mean}
 
-    def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, Any]:
-        """The stored local unknowns, and one Newton step from them as an expression."""
+    def _local_unknowns(self, u: fem.Function) -> tuple[fem.Function | None, fem.Function | None, Any, Any]:
+        """The stored local unknowns and inverses, the equations with their derivatives, and z as it follows u."""
         form: Any = self.group.formulation
         p = self.group.symbols
         begin = solved(form, p).get("z")
         if begin is None:
-            return None, None
-        z = self._function(begin.ufl_shape)
-        at = ufl.variable(z)
-        lack = form.local_residual(at, u, self._state, p, **self._given(None))
+            return None, None, None, None
+        shape = begin.ufl_shape
+        z, inverse = self._function(shape), self._function(shape + shape)
+        at, given = ufl.variable(z), self._given(None)
+        lack = form.local_residual(at, u, self._state, p, **given)
         slope = ufl.diff(lack, at)
-        refined = z - (ufl.inv(slope) * lack if begin.ufl_shape else lack / slope)
-        return z, refined
+        left = form.local_residual(z, u, self._state, p, **given)
+        if not shape:
+            return z, inverse, ufl.as_vector([lack, slope]), z - inverse * left
+        n = range(shape[0])
+        equations = ufl.as_vector([*(lack[i] for i in n), *(slope[i, j] for i in n for j in n)])
+        return z, inverse, equations, z - inverse * left
+
+    def _shared(self, terms: list[IntegralTerm]) -> list[IntegralTerm]:
+        """The terms, with what the equations of the local unknowns have in common with the rest as one object."""
+        if self._z is None:
+            return terms
+        return [(density, rule) for (_, rule), density in zip(terms, share_parts([d for d, _ in terms]), strict=True)]
+
+    def _begin_locally(self) -> None:
+        """Set the local unknowns to where the form lets them begin."""
+        if self._z is not None:
+            begin = solved(self.group.formulation, self.group.parameters)["z"]
+            values = [float(begin[i]) for i in range(begin.ufl_shape[0])] if begin.ufl_shape else [float(begin)]
+            self._z.x.array.reshape(-1, len(values))[:] = values
 
     def _function(self, shape: int | tuple[int, ...]) -> fem.Function:
         """A function that has its values at the points of the rule."""
