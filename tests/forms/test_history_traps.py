@@ -51,7 +51,7 @@ TRAPS = {
     ),
     "a flow that jumps": (
         SMALL,
-        [(STRESS, STRESS.replace("growth * flow)", "growth * flow * (1 + 0.1 * ufl.sign(ufl.sin(1e4 * growth))))"))],
+        [(STRESS, STRESS.replace("growth * flow)", "growth * flow * (1 + 0.1 * ufl.sign(ufl.sin(1e9 * growth))))"))],
         "consistent tangent, yielding",
         "off by",
     ),
