@@ -11,6 +11,9 @@ worth: for that see work_precision.py.
                   by that at 50" says how far the time is from growing in proportion.
     loops         four-bars side by side, 10 to 1000: compiling and start with two steps, s; RK4, us a step. "as n^e" is
                   the growth from the row before.
+    implicit      rigid chain, 10 to 3000 links, and four-bars side by side, 10 to 1000, by generalized-alpha, Radau IIA
+                  and energy-momentum: the first step, with its tangent and factors, and the mean of 20, us; "as n^e"
+                  is the growth of the two from the row before.  A method ends where a first step takes over 0.2 s
     modes         pendulum of the smallest mesh, 6 to 100 modes; and its forward dynamics as a leaf and with a child,
                   whose ratio tells what carrying a child costs
     mesh          pendulum of 20 modes from 5k, 19k and 63k dofs, the joint on the body frame's node in exudyn, or on
@@ -34,6 +37,8 @@ from pathlib import Path
 import numpy as np
 import scenes
 from beam_record import beam
+from numpy.typing import NDArray
+from steps_runner import Case, stepping
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
@@ -43,6 +48,7 @@ H = 1e-3
 CLASSICAL = fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4)
 
 Row = tuple[str, str, str]
+FloatArray = NDArray[np.float64]
 
 
 def main() -> int:
@@ -56,6 +62,7 @@ def main() -> int:
     parts: dict[str, Callable[[], Iterator[Row]]] = {
         "bodies": lambda: bodies(quick=arguments.quick),
         "loops": lambda: loops(quick=arguments.quick),
+        "implicit": lambda: implicit(quick=arguments.quick),
         "modes": lambda: modes(arguments.output, quick=arguments.quick),
         "mesh": lambda: mesh(arguments.output, arguments.meshes, quick=arguments.quick),
         "start": start,
@@ -129,6 +136,35 @@ def loops(*, quick: bool) -> Iterator[Row]:
             text += f"; as n^{growth[0]:.2f} and n^{growth[1]:.2f}"
         before = count, min(seconds), step
         yield "loops", str(count), text
+
+
+def implicit(*, quick: bool) -> Iterator[Row]:
+    methods: dict[str, Integrator] = {
+        "generalized-alpha": fm.GeneralizedAlpha(),
+        "Radau": fm.RadauIIA(),
+        "energy-momentum": fm.EnergyMomentum(),
+    }
+    machines = {"links": (_rigid, 3000), "four-bars": (_four_bars, 1000)}
+    for what, (build, most) in machines.items():
+        for name, method in methods.items():
+            before: tuple[int, FloatArray] | None = None
+            for count in (10, 100) if quick else (10, 30, 100, 300, 1000, 3000):
+                if count > most or (before is not None and before[1][0] > 2e5):
+                    break
+                found = np.array([advance_time(partial(build, count), method, steps) for steps in (1, 20)])
+                found[1] /= 20.0
+                text = f"{name}: first {found[0]:.0f}; each of 20 {found[1]:.1f}"
+                if before is not None:
+                    growth = np.log(found / before[1]) / np.log(count / before[0])
+                    text += f"; as n^{growth[0]:.2f} and n^{growth[1]:.2f}"
+                before = count, found
+                yield "implicit", f"{count} {what}", text
+
+
+def advance_time(build: Callable[[], fm.System], method: Integrator, steps: int) -> float:
+    """us of processor time of the stepping alone, the least of five runs."""
+    case = Case("", build, steps * H, H, H)
+    return min(stepping(case.build(), case, method, {"h": H})[0] for _ in range(5)) * 1e6
 
 
 def _four_bars(count: int) -> fm.System:

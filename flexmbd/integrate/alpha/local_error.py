@@ -64,10 +64,16 @@ def _filter(plan, work, state, scratch):
     for j in range(nu):
         scratch.error_v[0, j] = scratch.residual[plan.free[j]] / blown
     if plan.rows.shape[0] > 0:
-        free = scratch.tangent.blocks.free
-        solve_blocks(plan.lapack, scratch.tree_matrix, free, scratch.tree_pivot, scratch.sizes, scratch.error_v)
+        _solve_tree(plan, scratch)
     else:
         solve_factored(plan, scratch, scratch.error_v)
+
+
+@deferred_kernel()
+def _solve_tree(plan, scratch):
+    """Solve with the tree's iteration matrix for ``s.error_v``, in place."""
+    free = scratch.tangent.blocks.free
+    solve_blocks(plan.lapack, scratch.tree_matrix, free, scratch.tree_pivot, scratch.sizes, scratch.error_v)
 
 
 @kernel

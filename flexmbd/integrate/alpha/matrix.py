@@ -14,7 +14,7 @@ from flexmbd.integrate.explicit.loop_dynamics import factor_rows, least_pivot
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
-from flexmbd.multibody.kernels.base.native import factor_part, solve_part
+from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
@@ -283,6 +283,13 @@ def solve_factored(plan, scratch, rhs):
         solve_tree(scratch.ancestors, scratch.matrix, rhs)
     elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
+    elif scratch.bounds.shape[0] == 2:
+        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)
     else:
-        blocks, bounds, pivot = scratch.tangent.blocks, scratch.bounds, scratch.pivot
-        solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, pivot, scratch.sizes, rhs, scratch.sorted_rhs)
+        _solve_blocks(plan, scratch, rhs)
+
+
+@deferred_kernel()
+def _solve_blocks(plan, scratch, rhs):
+    blocks, bounds, pivot = scratch.tangent.blocks, scratch.bounds, scratch.pivot
+    solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, pivot, scratch.sizes, rhs, scratch.sorted_rhs)

@@ -32,6 +32,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, modes_of
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
@@ -123,6 +124,9 @@ def _change_block(plan, scratch, c):
 @kernel
 def solve_factored(plan, scratch):
     """Solve with the factors of the iteration matrix for ``s.correction``, in place."""
+    if scratch.bounds.shape[0] == 2:
+        solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+        return
     blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
     rhs, sorted_rhs = scratch.correction, scratch.sorted_rhs
     solve_sorted(plan.lapack, scratch.matrix, blocks, bounds, scratch.pivot, sizes, rhs, sorted_rhs)

@@ -9,7 +9,7 @@ from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, 
 from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
-from flexmbd.multibody.kernels.base.native import factor_part, solve_part
+from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
@@ -188,6 +188,9 @@ def factor_step(plan, state, scratch, h):
 @kernel
 def solve_real(plan, scratch):
     """Solve with the real iteration matrix for ``s.rhs_real``, in place."""
+    if scratch.bounds.shape[0] == 2:
+        solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
+        return
     blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
     rhs, sorted_rhs = scratch.rhs_real, scratch.sorted_real
     solve_sorted(plan.lapack, scratch.real_matrix, blocks, bounds, scratch.pivot_real, sizes, rhs, sorted_rhs)
@@ -195,6 +198,10 @@ def solve_real(plan, scratch):
 
 @kernel
 def _solve_complex(scratch):
+    if scratch.bounds.shape[0] == 2:
+        matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
+        solve(scratch.lapack_complex, matrix, pivot, scratch.sizes, scratch.rhs_complex)
+        return
     blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
     rhs, sorted_rhs = scratch.rhs_complex, scratch.sorted_complex
     matrix, pivot = scratch.complex_matrix, scratch.pivot_complex

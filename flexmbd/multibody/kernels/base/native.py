@@ -155,7 +155,12 @@ def factor(lapack, matrix, pivot, sizes):
     A C-ordered matrix is LAPACK's transpose; ``solve`` asks for the transposed system.
     ``pivot`` and ``sizes`` (N_SIZES,) are int32 scratch.
     """
-    return factor_part(lapack, matrix, 0, matrix.shape[0], pivot, sizes)
+    if matrix.shape[0] == 0:
+        return 0
+    sizes[0] = matrix.shape[0]
+    n = sizes.ctypes.data
+    _call_getrf(lapack[0], (n, n, matrix.ctypes.data, n, pivot.ctypes.data, n + 4))
+    return int(sizes[1])
 
 
 @kernel
@@ -174,7 +179,14 @@ def factor_part(lapack, matrix, first, last, pivot, sizes):
 @kernel
 def solve(lapack, matrix, pivot, sizes, rhs):
     """Solve with the factors; each row of the (k, n) ``rhs`` is one right-hand side, in place."""
-    solve_part(lapack, matrix, 0, matrix.shape[0], pivot, sizes, rhs, 0, rhs.shape[0])
+    if matrix.shape[0] == 0:
+        return
+    sizes[0] = matrix.shape[0]
+    sizes[2] = rhs.shape[0]
+    sizes[3] = 84  # 'T'
+    n = sizes.ctypes.data
+    right = rhs.ctypes.data
+    _call_getrs(lapack[1], (n + 12, n, n + 8, matrix.ctypes.data, n, pivot.ctypes.data, right, n, n + 4))
 
 
 @kernel
