@@ -97,9 +97,10 @@ LOOP = (
     "Revolute", "Prismatic", "Screw", "RollingDisc",
 )  # fmt: skip
 SMOOTH = ("constant", "sine", "table")
-#: Of loads, and of motions: values that jump, and slopes; accelerations that jump, and rates, for which there is an
-#: impulse.  Some are data, in which breaks are found, some functions whose breaks are declared.
-JUMPING = (*SMOOTH, "jump", "pulse", "kink")
+#: Of loads, and of motions: values that jump, slopes, and short pulses in tables; accelerations that jump, and rates,
+#: for which there is an impulse.  Some are data, in which breaks are found, some functions whose breaks are declared.
+STEPPED = (*SMOOTH, "jump", "pulse", "kink")
+JUMPING = (*STEPPED, "spike")
 BENDING = (*SMOOTH, "bend")
 STOPPING = (*SMOOTH, "bend", "stop")
 
@@ -119,6 +120,12 @@ def functions(draw, kinds, t0, duration):
         t = t0 + np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
         return fm.Table(t, [draw(grid) for _ in t])
     share = duration / SHARES
+    if kind == "spike":
+        # one point of a table, shorter than any step between slow ones
+        at, width = t0 + share * draw(st.integers(1, SHARES - 1)), share * draw(st.sampled_from([0.5**8, 0.5**4]))
+        t = [t0 - duration, t0, *(at + width * np.arange(-3, 4)), t0 + 2.0 * duration]
+        y = [0.0, draw(grid), *[0.0] * 3, draw(grid) * share / width, *[0.0] * 3, draw(grid)]
+        return fm.Table(t, y, monotone=True)  # a cubic spline would swing far beyond a pulse of one point
     begin = t0 + share * draw(st.integers(1, SHARES // 2))
     end = begin + share * draw(st.sampled_from([1, 1, 5, SHARES // 2 - 1]))
     x = [t0 - 2.0 * duration, begin, end, t0 + 2.0 * duration]
