@@ -126,7 +126,8 @@ def test_firmness_of_rows(angle):
     """Of rows (1, 0), (cos, sin) and (0, 1): the last two hold as cos^2/2 says, by hand."""
     rows = np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)], [0.0, 1.0]])
     left, sigma, _ = np.linalg.svd(rows)
-    place = RowDecomposition(rows, np.ones(len(rows), bool), left, np.append(sigma, 0.0), 1e-12)
+    driven, holds = np.zeros((3, 0)), np.ones(3, bool)
+    place = RowDecomposition(rows, driven, holds, left, np.append(sigma, 0.0), 1e-12)
     # U = C (C^T C)^-1/2 V, C^T C = 1 + n n^T of eigenvalues 2 along n and 1 across
     half = np.eye(2) + (1 / np.sqrt(2.0) - 1.0) * np.outer(rows[1], rows[1])
     assert place.conditioning([0, 2]) == pytest.approx(np.linalg.svd(half)[1][-1], rel=1e-12)

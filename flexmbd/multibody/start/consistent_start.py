@@ -196,12 +196,13 @@ def _refuse_rates_that_lead_out(
         return
     bend = constraint_values(scene, work, x, v)[2] / row_sizes(scene)
     rate = float(np.abs(v / coordinate_sizes(scene)).max(initial=0.0))
-    # at rest what opens is round-off of the machine's own accelerations
-    round_off = SAME_RATE * own_rate(scene, work, x) ** 2
     for block, place in zip(scene.row_blocks, places, strict=True):
-        across = place.left[:, place.rank :]
+        across = place.unmoved()
         lost = across @ (across.T @ bend[block.rows])  # what no acceleration changes
-        if np.linalg.norm(lost) > max((LEADS_ON + place.known_to) * rate**2, round_off):
+        if np.linalg.norm(lost) <= (LEADS_ON + place.known_to) * rate**2:
+            continue
+        # at rest what opens is round-off of the machine's own accelerations
+        if np.linalg.norm(lost) > SAME_RATE * own_rate(scene, work, x) ** 2:
             worst = scene.row_names[block.rows[int(np.argmax(np.abs(lost)))]]
             raise SceneError(
                 f"the velocities set lead out of the loops at once: no accelerations keep {worst} closed; {_SINGULAR}, "

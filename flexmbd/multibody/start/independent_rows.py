@@ -41,6 +41,7 @@ class RowDecomposition:
 
     Attributes:
         slopes: (m, free) of the rows, per full size of each free coordinate.
+        driven: (m, driven) as ``slopes``, of the coordinates that motions drive.
         holds: (m,) which rows hold positions; the others, of rolling, hold velocities alone.
         left: (m, m) left singular vectors.
         sigma: (m,) singular values over the largest, falling; 0 beyond the free coordinates.
@@ -48,6 +49,7 @@ class RowDecomposition:
     """
 
     slopes: FloatArray
+    driven: FloatArray
     holds: NDArray[np.bool_]
     left: FloatArray
     sigma: FloatArray
@@ -80,6 +82,17 @@ class RowDecomposition:
     def known_to(self) -> float:
         """Error of the spaces that the first ``rank`` and the other left singular vectors span."""
         return self.blur / float(self.sigma[self.rank - 1]) if self.rank else 0.0
+
+    def unmoved(self) -> FloatArray:
+        """(m, k) orthonormal combinations of rows that neither free nor driven coordinates change.
+
+        What drives change and nothing free does is for the motions to keep: their accelerations need not be known as
+        well as their values.
+        """
+        across = self.left[:, self.rank :]
+        left, sigma, _ = np.linalg.svd(across.T @ self.driven)
+        moved = int(np.sum(sigma > CLOSED))  # the terms of slopes are of size 1
+        return np.asarray(across @ left[:, moved:])
 
     def best_conditioned(self, rank: int) -> list[int]:
         """``rank`` well-conditioned rows, as pivoting finds them."""
@@ -158,13 +171,13 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
     holds = constraint_rows(scene.plan).holds_position
     found = []
     for block, part in constraint_slopes(scene, work, x).over(rows):
-        slopes = part[:, : len(block.free)] * sizes[block.free]
+        slopes, driven = np.hsplit(part * sizes[np.concatenate([block.free, block.driven])], [len(block.free)])
         blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), _ROUND_OFF)
-        found.append(_decomposed(slopes, holds[block.rows], blur))
+        found.append(_decomposed(slopes, driven, holds[block.rows], blur))
     return found
 
 
-def _decomposed(slopes: FloatArray, holds: NDArray[np.bool_], blur: float) -> RowDecomposition:
+def _decomposed(slopes: FloatArray, driven: FloatArray, holds: NDArray[np.bool_], blur: float) -> RowDecomposition:
     """The decomposition of slopes (m, free) known to ``blur``."""
     m, free = slopes.shape
     left, found = scipy.linalg.svd(slopes)[:2] if free else (np.eye(m), np.zeros(0))
@@ -172,7 +185,7 @@ def _decomposed(slopes: FloatArray, holds: NDArray[np.bool_], blur: float) -> Ro
     sigma = np.zeros(m)
     sigma[: len(found)] = found / largest
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
-    return RowDecomposition(slopes, holds, left, sigma, blur / min(largest, 1.0))
+    return RowDecomposition(slopes, driven, holds, left, sigma, blur / min(largest, 1.0))
 
 
 def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoice:
@@ -230,7 +243,7 @@ def _refuse_locked(
         return
     size = coordinate_sizes(scene)
     allowed = scipy.linalg.svd(place.slopes)[2][place.rank :]
-    v, across = np.zeros(scene.nv), place.left[:, place.rank :]
+    v, across = np.zeros(scene.nv), place.unmoved()
     v[block.free] = np.random.default_rng(0).standard_normal(len(allowed)) @ allowed
     v *= size / max(float(np.abs(v).max(initial=0.0)), 1e-300)
     still, moving = (constraint_values(scene, work, x, rates)[2] for rates in (np.zeros(scene.nv), v))

@@ -14,7 +14,6 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_jacobian,
-    constraint_slopes,
     coordinate_sizes,
     mass_factor,
     row_sizes,
@@ -115,12 +114,9 @@ def forbidden_drives(full: CompiledScene, work: Work, x: FloatArray) -> list[str
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a regular configuration with closed loops.
     """
-    rows, sizes = row_sizes(full), coordinate_sizes(full)
     forbidden = np.zeros(full.nv, bool)
-    places = decompose_rows(full, work, x)
-    for (block, part), place in zip(constraint_slopes(full, work, x).over(rows), places, strict=True):
-        slopes = part[:, len(block.free) :] * sizes[block.driven]
-        across = np.abs(place.left[:, place.rank :].T @ slopes).max(axis=0, initial=0.0)
+    for block, place in zip(full.row_blocks, decompose_rows(full, work, x), strict=True):
+        across = np.abs(place.left[:, place.rank :].T @ place.driven).max(axis=0, initial=0.0)
         # the terms of slopes are of size 1: what is far below is their rounding, or the gap of a loop nearly closed
         forbidden[block.driven] |= across > CLOSED
     return [full.velocity_names[k] for k in np.flatnonzero(forbidden)]

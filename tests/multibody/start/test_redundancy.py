@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -232,6 +233,23 @@ def test_rolling_gives_way_to_what_holds_positions(tilt, turn):
     assert scene.start().scene.redundant in (("disc: no slip along x",), ("disc: no slip along y",))
     assert linear.M.shape == (1, 1)
     assert linear.K.shape == (1, 2)
+
+
+def test_two_motions_may_drive_one_mechanism():
+    """An isosceles slider-crank, its crank turned and its slider led along: the rod turns back as fast."""
+    length, rate, angle = 0.3, 4.0, 0.6
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    body = fm.RigidBody(1.0, (0.1, 0.1, 0.1))
+    crank, rod, slider = (scene.add(replace(body), name=name) for name in ("crank", "rod", "slider"))
+    hinge, far = fm.joint.Revolute("z"), (length, 0.0, 0.0)
+    turn = scene.connect(hinge, scene.ground.frame(), crank.frame(), name="turn")
+    turn.prescribe(PPoly([[rate], [angle]], [0.0, 1.0]))
+    scene.connect(hinge, crank.frame(far), rod.frame(), name="elbow").position = -2.0 * angle
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), slider.frame(), name="slide")
+    slide.prescribe(fm.Sine(2.0 * length, rate, angle + 0.5 * np.pi))
+    scene.connect(hinge, rod.frame(far), slider.frame(), name="pin")
+    run = scene.simulate(0.1, rtol=1e-8)
+    np.testing.assert_allclose(run.rotation(rod.frame())[:, 1, 0], -np.sin(angle + rate * run.t), atol=1e-7)
 
 
 def flat_triangle(*, rates, on_cart=False, order=("one", "two", "tip")):
