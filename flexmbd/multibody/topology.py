@@ -114,7 +114,7 @@ def spanning_tree(
 def _side_by_side(ground: Body, branches: list[Branch], closures: Sequence[Connection]) -> list[Branch]:
     """The branches, those of bodies that hang together without the ground next to each other, otherwise in order.
 
-    What moves on the ground as prescribed counts as the ground.
+    What moves on the ground as prescribed counts as the ground, and stands before all that hangs on it.
     """
     joined: dict[int, int] = {}
     still = {id(ground)}
@@ -135,10 +135,12 @@ def _side_by_side(ground: Body, branches: list[Branch], closures: Sequence[Conne
     for one, other in pairs:
         if id(one) not in still and id(other) not in still:
             joined[root(other)] = root(one)
+    first: list[Branch] = []
     groups: dict[int, list[Branch]] = {}
     for branch in branches:
-        groups.setdefault(root(branch.outer.body), []).append(branch)
-    return [branch for group in groups.values() for branch in group]
+        of_body = first if id(branch.outer.body) in still else groups.setdefault(root(branch.outer.body), [])
+        of_body.append(branch)
+    return first + [branch for group in groups.values() for branch in group]
 
 
 def _by_body(connections: Sequence[Connection]) -> dict[int, list[tuple[int, Connection]]]:

@@ -109,3 +109,22 @@ def test_a_body_that_flies_carries_what_is_asked_to_go_by_coordinates(first):
     asked = scene.connect(BALL, arm.frame(), ball.frame(), way=fm.Way.COORDINATES)
     assert asked.name not in closing(scene)
     assert sorted(closing(scene)) == ["foot", "hand"]
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1), (2, 0, 1)])
+def test_what_hangs_on_a_driven_body_stands_behind_it(order):
+    """Two bars make a triangle with the ground and a carriage that a motion leads: 2 x 0.4 cos(angle) apart."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    names = ("left", "carriage", "right")
+    bodies = {names[k]: scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=names[k]) for k in order}
+    left, carriage, right = (bodies[name] for name in names)
+    angle, tip = np.arccos(0.5 / 0.8), (0.4, 0.0, 0.0)
+    scene.connect(TURN, scene.ground.frame(), left.frame()).position = angle
+    slide = scene.connect(SLIDE, scene.ground.frame((0.5, 0.0, 0.0)), carriage.frame())
+    slide.prescribe(fm.Sine(0.05, 3.0))
+    hinge = scene.connect(TURN, carriage.frame(), right.frame(), way=fm.Way.COORDINATES)
+    hinge.position = np.pi - angle
+    scene.connect(TURN, left.frame(tip), right.frame(tip))
+    run = scene.simulate(0.1, rtol=1e-8)
+    apart = 0.5 + 0.05 * np.sin(3.0 * run.t)
+    np.testing.assert_allclose(0.8 * run.rotation(left.frame())[:, 0, 0], apart, atol=1e-9)
