@@ -96,6 +96,18 @@ def spinning() -> Case:
     return scene.compile(parameters=named), values
 
 
+def sliding() -> Case:
+    """A slide on a spring: a length alone, whose tolerated error goes with the machine's extent."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    cart = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01)), name="cart")
+    slide = scene.connect(fm.joint.Prismatic("y"), scene.ground.frame(), cart.frame())
+    slide.position = 0.0
+    spring = scene.add_force(fm.force.JointSpring(slide, 900.0))
+    named = {"com": vary.CentreOfMass(cart), "k": vary.OfForce(spring, "stiffness"), "y": vary.InitialPosition(slide)}
+    values: Values = [{"com": (x, 0.0, 0.0)} for x in (0.1, 7.0, 0.5)] + [{"k": 100.0}, {"y": 0.2}]
+    return scene.compile(parameters=named), values
+
+
 METHODS: dict[str, dict[str, Any]] = {
     "8(5,3)": {"integrator": fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)},
     "5(4), max_step": {"integrator": fm.ExplicitRungeKutta(), "max_step": 0.004},
@@ -105,7 +117,7 @@ METHODS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("how", METHODS)
-@pytest.mark.parametrize("case", [chain, branched, spinning])
+@pytest.mark.parametrize("case", [chain, branched, spinning, sliding])
 def test_the_same_to_the_bit(case: Callable[[], Case], how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     machine, values = case()
     prepared = []
