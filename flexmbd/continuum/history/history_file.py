@@ -14,7 +14,7 @@ from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.errors import RecordError, SceneError
 
-_VERSION = 1
+_VERSION = 2
 
 
 def fingerprint(body: NonlinearModel, **surroundings: object) -> str:
