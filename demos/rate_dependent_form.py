@@ -67,7 +67,7 @@ steel = form.Parameters(E=2.1e11, nu=0.3, rho=7850.0, yield_stress=YIELD, harden
 # time of its own: `seconds` says that here the load parameter is the time.
 
 rate = 40.0  # 1/s
-cube = NonlinearModel(meshes.block(SIDE, SIDE, SIDE, divisions=(1, 1, 1), comm=comm), form, steel, degree=1)
+cube = NonlinearModel(meshes.block(SIDE, SIDE, SIDE, divisions=(2, 2, 1), comm=comm), form, steel, degree=1)
 held = prescribed_dofs(cube, {"x_min": "x", "y_min": "y", "z_min": "z", "x_max": "x"})
 pulled = (held % 3 == 0) & (cube.layout.node_x[held // 3, 0] > 0.5 * SIDE)
 first, settles = YIELD / (steel.E * rate), VISCOSITY / steel.E

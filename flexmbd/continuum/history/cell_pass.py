@@ -104,7 +104,8 @@ class CellPass:
         n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
         none = np.zeros((n_cells, 0))
         state, local, slopes = (
-            none if field is None else field.x.array.reshape(n_cells, -1)
+            # the number of columns is said: of a rank without cells it could not be found
+            none if field is None else field.x.array.reshape(n_cells, len(weights) * field.function_space.dofmap.bs)
             for field in (unknowns.state, unknowns.local, unknowns.slopes)
         )
         mean = np.zeros(0) if unknowns.mean is None else unknowns.mean.x.array
