@@ -24,7 +24,7 @@ from flexmbd.continuum.history.loads import (
 )
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.surface_patch import SurfacePatch
-from flexmbd.errors import MeshError, SceneError
+from flexmbd.errors import FormulationError, MeshError, SceneError
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +52,7 @@ class AppliedLoads:
 
         Raises:
             SceneError: on all ranks: something that is no load, two of one name, or the ranks were given others.
+            FormulationError: on all ranks: the body has unknowns besides its displacement.
             MeshError: on all ranks: facets or nodes that the mesh has not.
         """
         self._body, self._comm = body, body.comm
@@ -59,6 +60,11 @@ class AppliedLoads:
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
         self.any = bool(self.loads)
+        if self.any and body.has_rotations:
+            raise FormulationError(
+                f"loads act on nodes that move without turning, and {body.groups[0].form_name} has further unknowns; "
+                "give follow its forces as load=, a vector over the load parameter"
+            )
         parallel.check_same(body.comm, SceneError, loads=[_told(load) for load in self.loads])
         self._n = body.layout.n_owned_nodes
         facets = {load.facets for load in self.loads if isinstance(load, (PressureOnFacets, TractionOnFacets))}
@@ -130,8 +136,6 @@ class AppliedLoads:
             values: of the factors.
             x: (owned nodes, 3) m, in the axes of the matrix' unknowns.
         """
-        if not self.any_follow:
-            return
         places, blocks = self._with_ghosts(x), self._body.layout.node_space.dofmap.index_map
         for k, load in enumerate(self.loads):
             if k in self._units or values[k] == 0.0:
@@ -218,7 +222,8 @@ class TrialLoads:
 
     def subtract_slopes(self, matrix: PETSc.Mat, increment: FloatArray) -> PETSc.Mat:
         """The matrix less the derivative of ``force`` by the displacement; it is changed. Collective."""
-        self.loads.add_slopes(matrix, self.values, self._places(increment))
+        if self.loads.any_follow:
+            self.loads.add_slopes(matrix, self.values, self._places(increment))
         return matrix
 
     def _places(self, increment: FloatArray) -> FloatArray:

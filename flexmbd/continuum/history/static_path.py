@@ -226,7 +226,9 @@ def _equilibrium(
     """Newton's solution of one step, which takes dt (s)."""
     dead = np.zeros(body.n_owned) if load is None else load(t)
     values = applied.values(t)
-    outer = TrialLoads(body, applied, values, dead + applied.dead(values, np.eye(3)).reshape(-1))
+    if applied.any:
+        dead = dead + applied.dead(values, np.eye(3)).reshape(-1)
+    outer = TrialLoads(body, applied, values, dead)
     goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
 
     def tangent(increment: FloatArray) -> PETSc.Mat:
