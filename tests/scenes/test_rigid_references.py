@@ -170,9 +170,12 @@ def test_large_rotations_in_a_step_stay_stable():
 @by_every_method
 @pytest.mark.parametrize("name", ["pendulum", "heavy top"])
 def test_the_error_falls_with_rtol(name, method):
-    """Tenfold for a hundredth of the tolerance at the least, or to the reference's last digit."""
+    """Tenfold for a hundredth of the tolerance at the least, or to the reference's last digit.
+
+    From 1e-5 on the top's steps are below a radian, to which looser tolerances hold them.
+    """
     errors = []
-    for rtol in (1e-4, 1e-6):
+    for rtol in (1e-5, 1e-7):
         mechanism = TREES[name]()
         run = mechanism.scene.simulate(1.0, rtol=rtol, integrator=method.make())
         errors.append(mechanism.error(run, 1.0))
