@@ -54,6 +54,7 @@ _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selecte
 
 # The least that a step leaves of a coordinate's own rate: its three instants may lie about a zero of the curvature.
 _FADE = 0.25
+_FADED = -math.pi * math.log(_FADE)  # rad of a vibration in a step after which that is left
 _ONSET = 4.0  # times that of the step before, or the machine's
 
 #: Lower bound of relative tolerances.
@@ -203,7 +204,11 @@ def own_rate(rate, before, machine_rate, h):
     it has come to rest, as a relaxation does.  It rises no faster than a vibration sets in: what seems to be one within
     a single step is a jump, whose error drifts.
     """
-    return max(min(rate, _ONSET * max(before, machine_rate)), max(_FADE, math.exp(-h * before / math.pi)) * before)
+    shown = min(rate, _ONSET * max(before, machine_rate))
+    if shown >= before:
+        return shown
+    faded = math.exp(-h * before / math.pi) if h * before < _FADED else _FADE
+    return max(shown, faded * before)
 
 
 @kernel

@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE2, deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, solve_blocks
 
 _SWINGING = (1.0, 1.0)  # across rows all swings, with the steps
 
@@ -81,8 +81,8 @@ def _remove_across_rows(plan, state, scratch, vector):
     """Remove from a vector (free,) what reactions of the rows would make: rows hold positions and velocities there."""
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        first, last = blocks.free[c], blocks.free[c + 1]
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        first, last = between(blocks.free, c)
+        above, below = between(blocks.rows, c)
         for i in range(above, below):
             scratch.phi[i] = 0.0
             for j in range(first, last):
@@ -169,10 +169,13 @@ def _across_rows(plan, state, groups, scratch, h, machine_rate):
     have left, so it rejects none.  Where an augmented Lagrangian closes rows by their positions, velocities swing too,
     and never cease.
     """
+    whole = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
     swing = 0.0
     if _holds_velocities(plan):
-        swing = min(1.0, _ratio(plan, state, groups, scratch, h, machine_rate, _SWINGING))
-    whole = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
+        swing = whole
+        if state.numbers[st.STEP_LASTING] < 1.0:
+            swing = _ratio(plan, state, groups, scratch, h, machine_rate, _SWINGING)
+        swing = min(1.0, swing)
     _remove_across_rows(plan, state, scratch, scratch.error_x)
     _remove_across_rows(plan, state, scratch, scratch.error_v[0])
     _remove_across_rows(plan, state, scratch, scratch.curve)

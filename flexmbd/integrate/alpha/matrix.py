@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
@@ -70,8 +70,8 @@ def _put_derivatives(plan, work, scratch, per_x, per_v):
             break
         _keep_stiffness(plan, scratch)
     for c in range(tw.blocks.velocity.shape[0]):
-        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
-        above, below = tw.blocks.rows[c], tw.blocks.rows[c + 1]
+        first, last = between(tw.blocks.free, c)
+        above, below = between(tw.blocks.rows, c)
         begin = scratch.bounds[c]
         for i in range(first, last):
             row = scratch.matrix[begin + i - first]
@@ -92,20 +92,20 @@ def _keep_stiffness(plan, scratch):
     """
     tw = scratch.tangent
     for c in range(tw.blocks.velocity.shape[0]):
-        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
+        first, last = between(tw.blocks.free, c)
         for i in range(first, last):
             for j in range(first, last):
                 scratch.tree_matrix[i, j - first] = -scratch.full_tangent[plan.free[i], plan.free[j]]
     turn_columns(plan, tw.blocks, scratch.displacement, scratch.full_tangent)
     turn_row_columns(plan, tw.blocks, scratch.displacement, tw.rate_jacobian)
     for c in range(tw.blocks.velocity.shape[0]):
-        first, last = tw.blocks.free[c], tw.blocks.free[c + 1]
+        first, last = between(tw.blocks.free, c)
         for i in range(first, last):
             for j in range(first, last):
                 stiffness = scratch.full_tangent[plan.free[i], plan.free[j]]
                 scratch.stiffness[i, j - first] = stiffness
                 scratch.tree_matrix[i, j - first] += stiffness
-        for i in range(tw.blocks.rows[c], tw.blocks.rows[c + 1]):
+        for i in range(*between(tw.blocks.rows, c)):
             for j in range(first, last):
                 scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
 
@@ -117,8 +117,8 @@ def _put_shift_columns(plan, scratch, c, per_x, per_v):
     Of block c.
     """
     blocks = scratch.tangent.blocks
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     # where unknowns of the block stand in it: coordinates from -first, reactions and shifts
     pushed = last - first - above
     shifted = pushed + below - above
@@ -163,11 +163,11 @@ def _measure_row_pivot(plan, state, scratch):
     longest = scratch.memory.row_length
     least = 1.0
     for c in range(blocks.velocity.shape[0]):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        above, below = between(blocks.rows, c)
         for i in range(above, below):
             for k in range(above, i + 1):
                 scratch.row_factors[i, k] = 0.0
-                for j in range(blocks.free[c], blocks.free[c + 1]):
+                for j in range(*between(blocks.free, c)):
                     push = scratch.shift_direction[k, j]
                     scratch.row_factors[i, k] += scratch.tangent.jacobian[i, plan.free[j]] * push
         rank = factor_rows(longest, scratch.row_factors, above, below, scratch.row_order)
@@ -185,8 +185,8 @@ def _put_shifts(plan, state, scratch, per_x, per_v):
     """
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        first, last = blocks.free[c], blocks.free[c + 1]
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        first, last = between(blocks.free, c)
+        above, below = between(blocks.rows, c)
         begin = scratch.bounds[c]
         for i in range(first, last):
             row = scratch.matrix[begin + i - first]
@@ -216,8 +216,9 @@ def _put_shifts(plan, state, scratch, per_x, per_v):
 @kernel
 def _is_finite(scratch):
     for c in range(scratch.bounds.shape[0] - 1):
-        for i in range(scratch.bounds[c], scratch.bounds[c + 1]):
-            for j in range(scratch.bounds[c + 1] - scratch.bounds[c]):
+        first, last = between(scratch.bounds, c)
+        for i in range(first, last):
+            for j in range(last - first):
                 if not np.isfinite(scratch.matrix[i, j]):
                     return False
     return True

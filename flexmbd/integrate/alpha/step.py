@@ -26,6 +26,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
@@ -60,12 +61,14 @@ def update_end(plan, work, state, scratch, h, unknown):
         )
         scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
     blocks = scratch.tangent.blocks
+    free, displacement, direction = plan.free, scratch.displacement, scratch.shift_direction
     for c in range(blocks.velocity.shape[0]):
-        for i in range(blocks.rows[c], blocks.rows[c + 1]):
+        first, last = between(blocks.free, c)
+        for i in range(*between(blocks.rows, c)):
             scratch.multipliers[i] = unknown[nu + i]
             shift = per_x * unknown[nu + m + i]
-            for j in range(blocks.free[c], blocks.free[c + 1]):
-                scratch.displacement[plan.free[j]] += shift * scratch.shift_direction[i, j]
+            for j in range(first, last):
+                displacement[free[j]] += shift * direction[i, j]
     retract(plan, state.x, scratch.displacement, scratch.x)
     drive(plan, work, scratch.x, scratch.v, scratch.a)
 
@@ -122,18 +125,19 @@ def correct(plan, state, scratch, h):
     for i in range(scratch.unknown.shape[0]):
         scratch.unknown[i] -= scratch.correction[0, i]
     reactions = scratch.correction[0, nu : nu + m]
+    correction, direction = scratch.correction[0], scratch.shift_direction
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        above, below = between(blocks.rows, c)
+        for j in range(*between(blocks.free, c)):
             k = plan.free[j]
-            move = scratch.correction[0, j]
+            move = correction[j]
             part = max(abs(move) * per_x / scratch.scale_x[k], abs(move) * per_v / scratch.scale_v[k])
             if below > above:
-                pushed = st.reaction_acceleration(scratch.shift_direction, reactions, j, above, below)
+                pushed = st.reaction_acceleration(direction, reactions, j, above, below)
                 imbalance = max(imbalance, abs(move + pushed) * per_v / scratch.scale_v[k])
             for i in range(above, below):
-                shift = scratch.correction[0, nu + m + i] * scratch.shift_direction[i, j]
+                shift = correction[nu + m + i] * direction[i, j]
                 part = max(part, abs(shift) * per_x / scratch.scale_x[k])
             if not part <= size:
                 size = part

@@ -43,6 +43,7 @@ from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
 from flexmbd.multibody.kernels.reading.plan_entries import driven_time, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
 
@@ -237,8 +238,8 @@ def _filter(plan, scratch, error):
         scratch.correction[0, i] = 0.0
     bounds = scratch.tangent.blocks.free
     for c in range(bounds.shape[0] - 1):
-        for i in range(bounds[c], bounds[c + 1]):
-            for j in range(bounds[c], bounds[c + 1]):
+        for i in range(*between(bounds, c)):
+            for j in range(*between(bounds, c)):
                 scratch.correction[0, i] += scratch.full_matrix[free[i], free[j]] * error[free[j]]
     solve_factored(plan, scratch)
 

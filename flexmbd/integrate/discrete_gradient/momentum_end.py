@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import driven_place
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_blocks
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_blocks
 
 
 @separate_kernel
@@ -49,8 +49,8 @@ def factor_end_mass(plan, work, scratch):
     bounds = scratch.tangent.blocks.free
     finite = True
     for c in range(bounds.shape[0] - 1):
-        for i in range(bounds[c], bounds[c + 1]):
-            for j in range(bounds[c], bounds[c + 1]):
+        for i in range(*between(bounds, c)):
+            for j in range(*between(bounds, c)):
                 entry = scratch.full_matrix[free[i], free[j]]
                 scratch.mass[i, j - bounds[c]] = entry
                 finite = finite and np.isfinite(entry)
@@ -73,8 +73,8 @@ def _factor_rows(plan, loops, scratch):
 def _factor_row_block(plan, loops, scratch, c):
     """Block c of ``_factor_rows``; its rank."""
     blocks = scratch.tangent.blocks
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     response = scratch.response
     for i in range(above, below):
         for j in range(first, last):
@@ -102,13 +102,13 @@ def _minimum_norm_motion(plan, loops, scratch, ranks, rows, out):
         out[k] = 0.0
     d = 0
     for c in range(scratch.bounds.shape[0] - 1):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        above, below = between(blocks.rows, c)
         if below == above:
             continue
         solve_block(factors, above, below, ranks[d], order, scale, rows, loops.scratch, loops.solution)
         d += 1
         for i in range(above, below):
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(*between(blocks.free, c)):
                 out[plan.free[j]] += loops.solution[i] * scratch.response[i, j]
 
 
@@ -143,9 +143,9 @@ def _close_loops(plan, loops, scratch):
     blocks = scratch.tangent.blocks
     jacobian = scratch.tangent.jacobian
     for c in range(scratch.bounds.shape[0] - 1):
-        for i in range(blocks.rows[c], blocks.rows[c + 1]):
+        for i in range(*between(blocks.rows, c)):
             loops.phi[i] = -scratch.row_end[i, 1]
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(*between(blocks.free, c)):
                 loops.phi[i] += jacobian[i, plan.free[j]] * scratch.v_end[plan.free[j]]
             for j in range(blocks.driven.shape[0]):
                 loops.phi[i] += jacobian[i, blocks.driven[j]] * scratch.v_end[blocks.driven[j]]
@@ -153,8 +153,8 @@ def _close_loops(plan, loops, scratch):
     for k in range(p.shape[0]):
         scratch.v_end[k] -= loops.move[k]
     for c in range(scratch.bounds.shape[0] - 1):
-        for i in range(blocks.rows[c], blocks.rows[c + 1]):
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+        for i in range(*between(blocks.rows, c)):
+            for j in range(*between(blocks.free, c)):
                 p[plan.free[j]] -= jacobian[i, plan.free[j]] * loops.solution[i]
             for j in range(blocks.driven.shape[0]):
                 p[blocks.driven[j]] -= jacobian[i, blocks.driven[j]] * loops.solution[i]

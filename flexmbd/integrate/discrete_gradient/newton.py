@@ -35,7 +35,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, modes_of
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_row_columns
 
 _MAX_ITERATIONS = 20
@@ -89,8 +89,8 @@ def _put_matrix(plan, work, scratch, h):
 def _put_block(plan, scratch, c, h):
     """Block c of the matrix from the tangent at the middle."""
     blocks, free = scratch.tangent.blocks, plan.free
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     pushed = last - first - above  # where reactions stand in the block
     block = scratch.matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for i in range(first, last):
@@ -109,13 +109,13 @@ def _put_block(plan, scratch, c, h):
 def _change_block(plan, scratch, c):
     """Take M and C at the end into block c of the matrix."""
     blocks, free = scratch.tangent.blocks, plan.free
-    first, last = blocks.free[c], blocks.free[c + 1]
+    first, last = between(blocks.free, c)
     pushed = last - first - blocks.rows[c]
     block = scratch.matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
     for i in range(first, last):
         for j in range(first, last):
             block[i - first, j - first] -= scratch.full_matrix[free[i], free[j]]
-    for k in range(blocks.rows[c], blocks.rows[c + 1]):
+    for k in range(*between(blocks.rows, c)):
         if holds_position(plan.rows[k]):
             for j in range(first, last):
                 block[pushed + k, j - first] = scratch.tangent.jacobian[k, free[j]]
@@ -151,8 +151,9 @@ def _stiff_forces(plan, groups, scratch, h):
     """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
     blocks = scratch.tangent.blocks
     for c in range(scratch.bounds.shape[0] - 1):
-        first, begin = blocks.free[c], scratch.bounds[c]
-        for j in range(first, blocks.free[c + 1]):
+        begin = scratch.bounds[c]
+        first, last = between(blocks.free, c)
+        for j in range(first, last):
             k = plan.free[j]
             stiffness = abs(scratch.matrix[begin + j - first, j - first] - scratch.full_matrix[k, k])
             scratch.modal_scratch[0, k] = 4.0 / (h * h) * stiffness
@@ -189,8 +190,8 @@ def _probe_round_off(plan, state, groups, scratch, h):
                 size = scratch.row_size[i - n] / h if holds_position(plan.rows[i - n]) else 0.0
             scratch.round_off[i] = size
         for c in range(scratch.bounds.shape[0] - 1):
-            for i in range(blocks.rows[c], blocks.rows[c + 1]):
-                for j in range(blocks.free[c], blocks.free[c + 1]):
+            for i in range(*between(blocks.rows, c)):
+                for j in range(*between(blocks.free, c)):
                     k = plan.free[j]
                     slope = abs(scratch.tangent.jacobian[i, k])
                     scratch.round_off[j] += slope * abs(scratch.unknown[n + i])
@@ -219,8 +220,9 @@ def linearise(plan, work, state, groups, scratch, h):
     regular = scratch.energy[SINGULAR] == 0.0
     bounds = scratch.bounds
     for c in range(bounds.shape[0] - 1):
-        for i in range(bounds[c], bounds[c + 1]):
-            for j in range(bounds[c + 1] - bounds[c]):
+        first, last = between(bounds, c)
+        for i in range(first, last):
+            for j in range(last - first):
                 regular = regular and np.isfinite(scratch.matrix[i, j])
     scratch.energy[SINGULAR] = 1.0
     _stiff_forces(plan, groups, scratch, h)

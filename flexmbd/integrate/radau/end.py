@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, solve_blocks
 
 _LAST = STAGES - 1
 _MAX_ITERATIONS = 10
@@ -37,7 +37,7 @@ def _factor_end(plan, work, state, scratch):
     for c in range(scratch.bounds.shape[0] - 1):
         if not _factor_block(plan, scratch, c):
             return False
-        above, below = scratch.tangent.blocks.rows[c], scratch.tangent.blocks.rows[c + 1]
+        above, below = between(scratch.tangent.blocks.rows, c)
         rank = factor_rows(scratch.memory.row_length, scratch.row_factors, above, below, scratch.row_order)
         least = min(least, least_pivot(scratch.row_factors, above, below, rank))
         # a nearly dependent direction keeps the stage's own values: its solution would be round-off
@@ -54,8 +54,8 @@ def _factor_end(plan, work, state, scratch):
 def _factor_block(plan, scratch, c):
     """Factor block c of M and write that of C M^-1 C^T; whether M is regular and all is finite."""
     blocks = scratch.tangent.blocks
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     matrix, pivot, sizes = scratch.end_mass, scratch.pivot_end, scratch.sizes
     for i in range(first, last):
         for j in range(first, last):
@@ -121,7 +121,7 @@ def _close(plan, scratch, what, scale, rows, velocities):
     blocks = scratch.tangent.blocks
     size = 0.0
     for c in range(scratch.bounds.shape[0] - 1):
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        for j in range(*between(blocks.free, c)):
             k = plan.free[j]
             change = st.reaction_acceleration(
                 scratch.end_response, scratch.reaction, j, blocks.rows[c], blocks.rows[c + 1]
@@ -143,16 +143,16 @@ def _balance(plan, state, scratch, h):
     blocks = scratch.tangent.blocks
     solve_blocks(plan.lapack, scratch.end_mass, blocks.free, scratch.pivot_end, scratch.sizes, scratch.rhs_end)
     for c in range(scratch.bounds.shape[0] - 1):
-        for r in range(blocks.rows[c], blocks.rows[c + 1]):
+        for r in range(*between(blocks.rows, c)):
             scratch.row_residual[r] = scratch.phi_rate2[r]
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+            for j in range(*between(blocks.free, c)):
                 scratch.row_residual[r] += scratch.end_jacobian[r, j] * scratch.rhs_end[0, j]
     _solve_reactions(scratch)
     size = 0.0
     noise = 1.0 / _least_pivot(scratch)
     for c in range(scratch.bounds.shape[0] - 1):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        above, below = between(blocks.rows, c)
+        for j in range(*between(blocks.free, c)):
             k = plan.free[j]
             unbalanced = scratch.rhs_end[0, j]
             change = unbalanced - st.reaction_acceleration(scratch.end_response, scratch.reaction, j, above, below)

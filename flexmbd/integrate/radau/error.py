@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -51,14 +52,14 @@ def _estimate(plan, state, groups, scratch, h):
         size = groups.acceleration[groups.of[k]]
         scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     for c in range(blocks.velocity.shape[0]):
-        first, last = blocks.free[c], blocks.free[c + 1]
+        first, last = between(blocks.free, c)
         for i in range(first, last):
             total = 0.0
             for j in range(first, last):
                 k = j - first
                 total += scratch.mass[i, k] * scratch.error_v[j] - step * scratch.stiffness[i, k] * scratch.error_x[j]
             scratch.rhs_real[0, i] = total
-        for r in range(blocks.rows[c], blocks.rows[c + 1]):
+        for r in range(*between(blocks.rows, c)):
             opening = 0.0
             swing = 0.0
             for j in range(first, last):
@@ -69,9 +70,9 @@ def _estimate(plan, state, groups, scratch, h):
             scratch.rhs_real[0, nu + m + r] = swing
     solve_real(plan, scratch)
     for c in range(blocks.velocity.shape[0]):
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        for j in range(*between(blocks.free, c)):
             shift = 0.0
-            for r in range(blocks.rows[c], blocks.rows[c + 1]):
+            for r in range(*between(blocks.rows, c)):
                 shift += scratch.shift_direction[r, j] * scratch.rhs_real[0, nu + m + r]
             scratch.error_v[j] = scratch.rhs_real[0, j]
             scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)

@@ -13,24 +13,24 @@ from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 
 
 @kernel
 def _take_free(plan, scratch, out):
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        first = blocks.free[c]
-        for i in range(first, blocks.free[c + 1]):
-            for j in range(first, blocks.free[c + 1]):
+        first, last = between(blocks.free, c)
+        for i in range(first, last):
+            for j in range(first, last):
                 out[i, j - first] = scratch.full_tangent[plan.free[i], plan.free[j]]
 
 
 @kernel
 def _take_rows(plan, blocks, rows, out):
     for c in range(blocks.velocity.shape[0]):
-        for r in range(blocks.rows[c], blocks.rows[c + 1]):
-            for j in range(blocks.free[c], blocks.free[c + 1]):
+        for r in range(*between(blocks.rows, c)):
+            for j in range(*between(blocks.free, c)):
                 out[r, j] = rows[r, plan.free[j]]
 
 
@@ -74,8 +74,9 @@ def take_tangent(plan, work, state, scratch, stage):
     scratch.memory.step_factored[0] = 0.0
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
-        for i in range(blocks.free[c], blocks.free[c + 1]):
-            for j in range(blocks.free[c + 1] - blocks.free[c]):
+        first, last = between(blocks.free, c)
+        for i in range(first, last):
+            for j in range(last - first):
                 if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
                     return False
     return True
@@ -94,8 +95,8 @@ def _fill_matrix(plan, scratch, step, matrix):
 @kernel
 def _fill_block(plan, scratch, c, step, matrix):
     blocks = scratch.tangent.blocks
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     pushed = last - first - above  # where nu and kappa stand in the block
     shifted = pushed + below - above
     block = matrix[scratch.bounds[c] : scratch.bounds[c + 1]]
@@ -144,8 +145,8 @@ def _shift_directions(plan, scratch, h):
 @kernel
 def _block_shift_directions(plan, scratch, c, step):
     blocks = scratch.tangent.blocks
-    first, last = blocks.free[c], blocks.free[c + 1]
-    above, below = blocks.rows[c], blocks.rows[c + 1]
+    first, last = between(blocks.free, c)
+    above, below = between(blocks.rows, c)
     for i in range(first, last):
         for j in range(first, last):
             k = j - first
@@ -214,10 +215,10 @@ def _transform_rows(scratch, nu, m):
     blocks = scratch.tangent.blocks
     for i in range(STAGES):
         for c in range(scratch.bounds.shape[0] - 1):
-            for r in range(blocks.rows[c], blocks.rows[c + 1]):
+            for r in range(*between(blocks.rows, c)):
                 scratch.transformed[0, r] = 0.0
                 scratch.transformed[1, r] = 0.0
-                for q in range(blocks.rows[c], blocks.rows[c + 1]):
+                for q in range(*between(blocks.rows, c)):
                     scratch.transformed[0, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + q]
                     scratch.transformed[1, r] += scratch.row_transform[i, r, q] * scratch.equation[i, nu + m + q]
         for r in range(m):

@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, INTEGER, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 
 _DIFFERENT = math.log(2.0)  # rows whose volumes differ by more than this factor between stages are transformed
 
@@ -31,11 +32,11 @@ def _factor_row_matrix(plan, work, scratch, i):
     matrix, pivot, sizes = scratch.stage_row_matrix, scratch.row_pivot, scratch.sizes
     volume = 0.0
     for c in range(scratch.bounds.shape[0] - 1):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        above, below = between(blocks.rows, c)
         for r in range(above, below):
             for q in range(above, below):
                 total = 0.0
-                for j in range(blocks.free[c], blocks.free[c + 1]):
+                for j in range(*between(blocks.free, c)):
                     total += scratch.tangent.jacobian[r, plan.free[j]] * scratch.row_response[q, j]
                 matrix[q, r - above] = total
                 if not np.isfinite(total):
@@ -73,7 +74,7 @@ def transform_stage_rows(plan, work, scratch, i):
         return False
     blocks = scratch.tangent.blocks
     for c in range(scratch.bounds.shape[0] - 1):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        above, below = between(blocks.rows, c)
         for r in range(above, below):
             for q in range(above, below):
                 scratch.row_transform[i, r, q] = scratch.row_matrix[r, q]

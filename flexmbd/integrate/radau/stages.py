@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
@@ -311,7 +311,7 @@ def place_stages(plan, state, scratch, h):
     blocks = scratch.tangent.blocks
     largest = 0.0
     for c in range(blocks.velocity.shape[0]):
-        for j in range(blocks.free[c], blocks.free[c + 1]):
+        for j in range(*between(blocks.free, c)):
             k = plan.free[j]
             for i in range(STAGES):
                 a = scratch.a
@@ -322,7 +322,7 @@ def place_stages(plan, state, scratch, h):
                     largest = part
                     state.counts[st.WORST] = k
                 scratch.v[i, k] = v
-                for r in range(blocks.rows[c], blocks.rows[c + 1]):
+                for r in range(*between(blocks.rows, c)):
                     s = scratch.shift
                     drift = WEIGHTS[i, 0] * s[0, r] + WEIGHTS[i, 1] * s[1, r] + WEIGHTS[i, 2] * s[2, r]
                     v += h * drift * scratch.shift_direction[r, j]

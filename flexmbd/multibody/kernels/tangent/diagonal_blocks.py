@@ -22,6 +22,8 @@ from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.row_blocks import body_velocities, moving_branches, root_of, row_bodies
 from flexmbd.multibody.kernels.elements.table import act_between_frames, couple_all
 
+_PLACES = 2**31 - 1
+
 
 @dataclass(frozen=True, eq=False)
 class DiagonalBlocks(ArrayStruct):
@@ -112,6 +114,16 @@ def _merged(stretches: Iterable[tuple[int, int, int, int]]) -> list[tuple[int, i
 
 
 @kernel
+def between(bounds, c):
+    """First and one past the last of block c: ``bounds[c]`` and ``bounds[c + 1]``.
+
+    The mask tells LLVM that neither is negative.  Otherwise each index between them might count from an array's end, as
+    Python's do, and loops over a block would take twice as long.
+    """
+    return bounds[c] & _PLACES, bounds[c + 1] & _PLACES
+
+
+@kernel
 def clear_blocks(blocks, matrix):
     """Set to zero what the tangent may write of a ``matrix`` (nv, nv)."""
     for c in range(blocks.velocity.shape[0]):
@@ -126,7 +138,7 @@ def clear_blocks(blocks, matrix):
 def clear_rows(blocks, rows):
     """Set to zero what may be written of ``rows`` (m, nv)."""
     for c in range(blocks.velocity.shape[0]):
-        above, below = blocks.rows[c], blocks.rows[c + 1]
+        above, below = between(blocks.rows, c)
         rows[above:below, blocks.velocity[c, 0] : blocks.velocity[c, 1]] = 0.0
     for i in range(blocks.driven.shape[0]):
         rows[:, blocks.driven[i]] = 0.0
@@ -173,7 +185,7 @@ def _sort(blocks, bounds, unknowns, out, forth):
     nu, m = blocks.free[count], blocks.rows[count]
     for c in range(count):
         k = bounds[c]
-        for i in range(blocks.free[c], blocks.free[c + 1]):
+        for i in range(*between(blocks.free, c)):
             if forth:
                 out[k] = unknowns[i]
             else:

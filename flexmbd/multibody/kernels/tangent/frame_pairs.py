@@ -128,19 +128,32 @@ def _add_changes(tw, count, moved, matrix):
 
     The others move both alike, as all that lies between the two and the ground does, and change nothing.
     """
+    path, wrench = tw.path, tw.path_wrench
     for i in range(count):
+        r = path[i]
+        motion = _motion_of_pair(tw.path_twist, r)
         for j in range(moved):
-            matrix[tw.path[i], tw.path[j]] += _change(tw, tw.path[i], tw.path[j])
+            k = path[j]
+            matrix[r, k] += _change(wrench, motion, k)
 
 
 @kernel
-def _change(tw, r, k):
-    """What unknown k changes of the wrench between F and G, as unknown r feels it."""
-    m, w = tw.path_twist, tw.path_wrench
+def _motion_of_pair(twist, r):
+    """What unknown r turns and moves: G relative to F, then G."""
+    angular, linear = (twist[6, r], twist[7, r], twist[8, r]), (twist[9, r], twist[10, r], twist[11, r])
+    apart = (angular[0] - twist[0, r], angular[1] - twist[1, r], angular[2] - twist[2, r])
+    away = (linear[0] - twist[3, r], linear[1] - twist[4, r], linear[2] - twist[5, r])
+    return apart, away, angular, linear
+
+
+@kernel
+def _change(wrench, motion, k):
+    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``_motion_of_pair``."""
+    apart, away, angular, linear = motion
     t = 0.0
     for c in range(3):
-        t += (m[9 + c, r] - m[3 + c, r]) * w[c, k] + (m[6 + c, r] - m[c, r]) * w[3 + c, k]
-        t -= m[9 + c, r] * w[6 + c, k] + m[6 + c, r] * w[9 + c, k]
+        t += away[c] * wrench[c, k] + apart[c] * wrench[3 + c, k]
+        t -= linear[c] * wrench[6 + c, k] + angular[c] * wrench[9 + c, k]
     return t
 
 
@@ -308,7 +321,8 @@ def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per
             for j in range(moved):
                 k = tw.path[j]
                 for q in range(moved):
-                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw, tw.path[q], k)
+                    motion = _motion_of_pair(tw.path_twist, tw.path[q])
+                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw.path_wrench, motion, k)
                 for c in range(6):
                     recursion.push[k, c] -= tw.path_wrench[6 + c, k]
             _clear_path(tw, count)

@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
     modal_columns,
     rigid_composite,
 )
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_blocks
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, clear_blocks
 from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements, add_elements_of_joints
 from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
@@ -249,7 +249,7 @@ def turn_row_columns(plan, blocks, move, rows):
         if o >= 0:
             c = _block_of(blocks, c, o)
             if c < blocks.velocity.shape[0]:
-                _turn(move, o, rows, blocks.rows[c], blocks.rows[c + 1])
+                _turn(move, o, rows, *between(blocks.rows, c))
 
 
 @kernel
