@@ -16,12 +16,12 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.reading.tree import move_frames
-from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates
+from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.linear.output_equations import Acceleration, Position, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
-from flexmbd.run.trajectory import Trajectory, motion_at
+from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 #: Where a frame lies in its body: p (3,) m, R (3, 3).

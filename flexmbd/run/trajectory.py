@@ -21,7 +21,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
-from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
+from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from flexmbd.visual import Drawn, Look, StressModel
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,24 +441,3 @@ class Trajectory:
 
 def _single(values: FloatArray) -> FloatArray:
     return values[:, 0] if values.shape[1] == 1 else values
-
-
-def motion_at(
-    coordinates: tuple[IntArray, IntArray, FloatArray, FloatArray],
-    series: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    wanted: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Configurations (k, nx), velocities and accelerations (k, nv) at times ``wanted`` (k,), s.
-
-    Args:
-        coordinates: by ``interpolated_coordinates``.
-        series: t (nt,), x (nt, nx), v, a (nt, nv) of at least two rows.
-        wanted: within t.
-    """
-    at, x, v, a = series
-    n = len(wanted)
-    found = np.zeros((n, x.shape[1])), np.zeros((n, v.shape[1])), np.zeros((n, v.shape[1]))
-    # numpy's clip takes as long as the rest of a short series
-    interval = np.minimum(np.maximum(np.searchsorted(at, wanted, side="right") - 1, 0), len(at) - 2)
-    interpolate_series(*coordinates, at, x, v, a, interval, wanted, *found)
-    return found

@@ -166,3 +166,24 @@ def interpolate_series(plain, quaternions, axes, frequencies, t, x, v, a, interv
                 plain, quaternions, axes, frequencies, h, s, x[k], v[k], a[k], x[k + 1], v[k + 1], a[k + 1],
                 out_x[i], out_v[i], out_a[i],
             )  # fmt: skip
+
+
+def motion_at(
+    coordinates: tuple[IntArray, IntArray, FloatArray, FloatArray],
+    series: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    wanted: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Configurations (k, nx), velocities and accelerations (k, nv) at times ``wanted`` (k,), s.
+
+    Args:
+        coordinates: by ``interpolated_coordinates``.
+        series: t (nt,), x (nt, nx), v, a (nt, nv) of at least two rows.
+        wanted: within t.
+    """
+    t, x, v, a = series
+    n = len(wanted)
+    found = np.zeros((n, x.shape[1])), np.zeros((n, v.shape[1])), np.zeros((n, v.shape[1]))
+    # numpy's clip takes as long as the rest of a short series
+    interval = np.minimum(np.maximum(np.searchsorted(t, wanted, side="right") - 1, 0), len(t) - 2)
+    interpolate_series(*coordinates, t, x, v, a, interval, wanted, *found)
+    return found
