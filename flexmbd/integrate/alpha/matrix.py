@@ -107,7 +107,7 @@ def _keep_stiffness(plan, scratch):
                 scratch.tree_matrix[i, j - first] += stiffness
         for i in range(*between(tw.blocks.rows, c)):
             for j in range(first, last):
-                scratch.rate_stiffness[i, j] = tw.rate_jacobian[i, plan.free[j]]
+                scratch.rate_stiffness[i, j - first] = tw.rate_jacobian[i, plan.free[j]]
 
 
 @kernel
@@ -148,7 +148,7 @@ def _put_shift_columns(plan, scratch, c, per_x, per_v):
             for j in range(first, last):
                 x = scratch.tangent.jacobian[i, plan.free[j]]
                 t += x * scratch.shift_direction[k, j]
-                r += (k_x * per_x * x + k_v * scratch.rate_stiffness[i, j]) * scratch.shift_direction[k, j]
+                r += (k_x * per_x * x + k_v * scratch.rate_stiffness[i, j - first]) * scratch.shift_direction[k, j]
             same = 1.0 if i == k else 0.0
             matrix[pushed + i, pushed + k] = 0.0
             matrix[shifted + i, pushed + k] = -same / total if augmented else 0.0

@@ -99,7 +99,8 @@ class AlphaWorkspace(ArrayStruct):
     ``block_matrix`` of n rows.
     error_x, error_v: (free,), (1, free) a step's local error.  curve: (free,) half the second derivative of a.
     full_tangent: (nv, nv).  tree_matrix: factors of the iteration matrix without rows.
-    stiffness: derivatives by positions alone; both are block matrices of the free unknowns.  rate_stiffness: (m, free).
+    stiffness: derivatives by positions alone; both are block matrices of the free unknowns.  rate_stiffness: (m, k) of
+    the rows, each in the columns of its block.
     tangent_stiffness: (ne, 2) of the force elements where factors were made, none where no element changes its own.
     interior_stiffness: (free, free) derivative by positions of the interiors' forces; (0, 0) where there are none.
     shift_direction: (m, free) B^-1 C^T, along which positions are shifted.
@@ -191,7 +192,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         full_tangent=full,
         tree_matrix=block_matrix(free),
         stiffness=block_matrix(free if m or interiors else free[:1]),
-        rate_stiffness=zeros((m, nu)),
+        rate_stiffness=zeros((m, int(np.diff(free).max(initial=0)))),
         tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
         interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
         shift_direction=zeros((m, nu)),
