@@ -121,3 +121,14 @@ def test_modes_of_generalized_alpha_are_held_to_rtol(hinged):
         allowed.append(error / (rtol * w.max() * t_end))
     assert 0.3 < min(allowed)
     assert max(allowed) < 1.1
+
+
+def test_own_rates_fade_over_half_a_period():
+    """By the largest of three rates, whether an exponential is needed or not."""
+    machine, onset, least = 2.0, 4.0, 0.25
+    for before in (0.0, 0.3, 2.0, 70.0):
+        for shown in (0.0, 0.2, 0.3, 50.0, 1e3):
+            for h in (1e-4, 1e-2, 0.06, 0.0625, 1.0):
+                faded = max(least, np.exp(-h * before / np.pi)) * before
+                rate = max(min(shown, onset * max(before, machine)), faded)
+                assert st.own_rate.py_func(shown, before, machine, h) == pytest.approx(rate, rel=1e-14, abs=0.0)
