@@ -131,4 +131,5 @@ def test_own_rates_fade_over_half_a_period():
             for h in (1e-4, 1e-2, 0.06, 0.0625, 1.0):
                 faded = max(least, np.exp(-h * before / np.pi)) * before
                 rate = max(min(shown, onset * max(before, machine)), faded)
-                assert st.own_rate.py_func(shown, before, machine, h) == pytest.approx(rate, rel=1e-14, abs=0.0)
+                found = st.own_rate.py_func(shown, before, machine, h)  # type: ignore[attr-defined]
+                assert found == pytest.approx(rate, rel=1e-14, abs=0.0)
