@@ -12,7 +12,7 @@ from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.integrate.explicit.tableau import Pair
 from flexmbd.integrate.machine_rates import machine_rates
-from flexmbd.integrate.predicted_cost import CENTRAL, ORDER_5, ORDER_8, RADAU, StepModel, counts
+from flexmbd.integrate.predicted_cost import CENTRAL, ORDER_5, ORDER_8, RADAU, RADAU_GRIPPED, StepModel, counts
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
@@ -42,8 +42,8 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     """Choose an integrator for a scene at its consistent start at time ``t`` (s).
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
-    where nothing in the scene can be stiff; with modes or springs the method that is predicted to take least time
-    (``predicted_cost``); generalized-alpha where forces set in abruptly, Radau IIA where users' laws may be stiff.
+    where nothing in the scene can be stiff; with modes, springs, stops or friction the method that is predicted to
+    take least time (``predicted_cost``); Radau IIA where users' laws may be stiff.
     Bodies with history leave generalized-alpha, or central differences where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
@@ -51,15 +51,13 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     if h is not None:
         return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     elements = dict.fromkeys(force_elements(start.scene.plan).behaviour)
-    abrupt = [one.name for one in elements if one.abrupt]
-    if abrupt:
-        return IntegratorChoice(GeneralizedAlpha(), f"abrupt forces: {', '.join(abrupt)}")
     unseen = _unseen(start, elements)
     if unseen:
         return IntegratorChoice(RadauIIA(), f"stiff: {unseen}")
     elastic = len(start.scene.plan.flex) > 0
-    pair = Pair.DORMAND_PRINCE_8 if elastic or rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
-    if not elastic and not any(one.stiffness is Stiffness.SEEN for one in elements):
+    gripped = any(one.grip is not None for one in elements)
+    pair = Pair.DORMAND_PRINCE_8 if elastic or gripped or rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
+    if not elastic and not gripped and not any(one.stiffness is Stiffness.SEEN for one in elements):
         return IntegratorChoice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
     return _cheapest(start, pair, t=t, rtol=rtol)
 
@@ -72,7 +70,9 @@ def _cheapest(start: Start, pair: Pair, *, t: float, rtol: float) -> IntegratorC
     plan = start.scene.plan
     rates, machine = machine_rates(start, t), counts(plan)
     order = ORDER_8 if pair is Pair.DORMAND_PRINCE_8 else ORDER_5
-    weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), order), (RadauIIA(), RADAU)]
+    gripping = list(dict.fromkeys(one.name for one in force_elements(plan).behaviour if one.grip is not None))
+    radau = RADAU_GRIPPED if gripping and not len(plan.flex) else RADAU
+    weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), order), (RadauIIA(), radau)]
     if len(plan.flex):
         weighed.append((CentralDifference(), CENTRAL))
     costs = [1e-6 * model.steps(rates, rtol) * machine.step(model) for _, model in weighed]
@@ -80,7 +80,9 @@ def _cheapest(start: Start, pair: Pair, *, t: float, rtol: float) -> IntegratorC
     method, model = weighed[int(np.argmin(costs))]
     steps = model.steps(rates, rtol)
     limited = "stability" if steps * model.reach <= rates.fastest * (1.0 + 1e-12) else "accuracy"
-    why = f"vibrations up to {rates.fastest:.3g} 1/s in a motion of {rates.motion:.3g} 1/s, rtol = {rtol:g}"
+    fastest = f"{'rates' if gripping else 'vibrations'} up to {rates.fastest:.3g} 1/s"
+    held = f", under the motion's load on {', '.join(gripping)}," if gripping else ""
+    why = f"{fastest}{held} in a motion of {rates.motion:.3g} 1/s, rtol = {rtol:g}"
     said = f"{why}; predicted s a simulated second at equal errors: {told}; its steps are limited by {limited}"
     return IntegratorChoice(method, said)
 
@@ -101,4 +103,5 @@ def _unseen(start: Start, elements: Collection[Behaviour]) -> str:
         return ""
     if len(start.scene.plan.flex):
         return "modes of flexible bodies in a large machine"
-    return "springs in a large machine" if any(one.stiffness is Stiffness.SEEN for one in elements) else ""
+    stiff = [one.name for one in elements if one.stiffness is Stiffness.SEEN or one.grip is not None]
+    return f"{', '.join(dict.fromkeys(stiff))} in a large machine" if stiff else ""

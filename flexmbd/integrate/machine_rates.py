@@ -2,6 +2,8 @@
 
 The machine linearised about its start, loops eliminated, has vibrations (Bathe 2014, section 9.3).  The start lets go
 of each by what its accelerations and velocities lack of the equilibrium; so much of it an integrator is going to see.
+Stops and friction are taken as they are once they bear what the motion brings against them, whether or not they do at
+the start.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.multibody.kernels.reading.force_tables import gripped_velocities, gripping, grips, keep_forces
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, fastest_rate
@@ -29,7 +32,10 @@ class MachineRates:
 
     Attributes:
         motion: of the machine's motion.
-        fastest: of the fastest vibration, or of the fastest decay by dampers.
+        fastest: of the fastest vibration, contacts included, or of the fastest decay by dampers.
+        contact: of the fastest contact that bears the load of the motion, which every method follows; 0 without one,
+            and with elastic bodies, where it is one of the vibrations (``lasting``).
+        gripped: how many stops and frictions there are.
         vibrations: (k,) those faster than the motion, in ascending order.
         amplitudes: (k,) what the start excites of each: the largest share of a coordinate's size; for modes that is
             what the body deforms by.
@@ -37,20 +43,25 @@ class MachineRates:
 
     motion: float
     fastest: float
+    contact: float
+    gripped: int
     vibrations: FloatArray
     amplitudes: FloatArray
 
 
 def machine_rates(start: Start, t: float) -> MachineRates:
-    """Rates at the start, at time t (s): dense, in O(nv^3)."""
+    """Rates at the start, at time t (s): dense, in O(nv^3).  A start beyond all numbers: infinite."""
     mass, damping, stiffness, along = _linearised(start, t)
     motion = _joint_rate(start)
     if not len(mass):
-        return MachineRates(motion, 0.0, *np.zeros((2, 0)))
+        return MachineRates(motion, 0.0, 0.0, 0, *np.zeros((2, 0)))
+    if not all(np.isfinite(part).all() for part in (mass, damping, stiffness)):
+        return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
-    decay = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()
     motion = max(motion, float(np.sqrt(max(-squares[0], 0.0))))
-    fastest = max(float(np.sqrt(np.abs(squares).max())), float(decay))
+    contact, held = _grips(start, motion, along @ shapes)
+    decay = np.abs(np.linalg.eigvalsh(shapes.T @ damping @ shapes + held)).max()
+    fastest = max(float(np.sqrt(np.abs(squares).max())), contact, float(decay))
     quick = squares > motion**2
     rates = np.sqrt(squares[quick])
     modal = shapes.T @ mass @ np.linalg.pinv(along)
@@ -59,7 +70,26 @@ def machine_rates(start: Start, t: float) -> MachineRates:
     swings = np.hypot(pushes[quick] / squares[quick], runs[quick] / rates)
     moved = np.abs(along @ shapes[:, quick]) * swings  # (free, k): each coordinate by each vibration
     amplitudes = (moved / _sizes(start, moved)[:, None]).max(axis=0, initial=0.0)
-    return MachineRates(motion, fastest, rates, amplitudes)
+    followed = 0.0 if len(start.scene.plan.flex) else contact
+    gripped = int(np.count_nonzero(gripping(start.scene.plan)))
+    return MachineRates(motion, fastest, followed, gripped, rates, amplitudes)
+
+
+def _grips(start: Start, motion: float, shapes: FloatArray) -> tuple[float, FloatArray]:
+    """The fastest contact's rate (1/s), and the damping (k, k) of stops and friction by unit shapes (free, k).
+
+    Each is taken to bear what it needs to turn the motion of its coordinate within 1 rad of it: the inertia that it
+    feels, all else being free, by the coordinate's size and the square of the motion's rate (1/s).
+    """
+    scene = start.scene
+    every = np.zeros((scene.nv, shapes.shape[1]))
+    every[scene.plan.free] = shapes
+    on = gripped_velocities(scene.plan)
+    felt = every[on]
+    mobility = np.sum(felt**2, axis=1)
+    inertia = np.divide(1.0, mobility, out=np.zeros(len(on)), where=mobility > 0.0)
+    stiffness, damping = grips(scene.plan, inertia * scene.group_full[scene.group_of[on]] * motion**2).T
+    return float(np.sqrt((stiffness * mobility).max(initial=0.0))), (felt.T * damping) @ felt
 
 
 def _sizes(start: Start, moved: FloatArray) -> FloatArray:
@@ -75,9 +105,9 @@ def _sizes(start: Start, moved: FloatArray) -> FloatArray:
 
 
 def _linearised(start: Start, t: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Symmetric M, D and K of the motions that loops leave, and these (free, k)."""
+    """Symmetric M, D and K of the motions that loops leave, without stops and friction, and these (free, k)."""
     scene = start.scene
-    plan, n = scene.plan, scene.nv
+    plan, n = keep_forces(scene.plan, range(len(scene.plan.forces)), ~gripping(scene.plan)), scene.nv
     sizes = np.stack([coordinate_sizes(scene), np.zeros(n)])
     work, tangent_work = new_work(plan), new_tangent_work(plan, n, sizes=sizes)
     evaluate_times(plan, t, work.time)

@@ -8,7 +8,7 @@ ratios.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ class StepModel:
     Attributes:
         order: by which steps shorten with rtol: an error of (rate h)^order a radian.
         vibration, motion: steps over those for an error of rtol a radian of a vibration, or of the motion.
+        contact: steps over the rate of a contact, which no method steps over, however short it is.
         care: the tolerance at which it errs as the others at rtol, over rtol.
         reach: the longest stable step times the fastest rate; infinite where it is implicit.
         dynamics, residuals, factors: evaluations of forward dynamics and of residuals, and factorisations, a step.
@@ -33,6 +34,7 @@ class StepModel:
     order: float
     vibration: float
     motion: float
+    contact: float
     care: float
     reach: float
     dynamics: float = 0.0
@@ -45,16 +47,19 @@ class StepModel:
         tolerance = self.care * rtol
         seen = rates.amplitudes > tolerance if np.isinf(self.reach) else np.ones(len(rates.amplitudes), bool)
         swings = rates.vibrations[seen] * (rates.amplitudes[seen] / tolerance) ** (1.0 / self.order)
-        needed = max(
-            self.motion * rates.motion * rtol ** (-1.0 / self.order), self.vibration * float(swings.max(initial=0.0))
-        )
-        return max(needed, rates.fastest / self.reach)
+        reversals = _REVERSAL * rates.gripped * rates.motion
+        motion = max(self.motion * rates.motion, reversals, self.contact * rates.contact) * rtol ** (-1.0 / self.order)
+        return max(motion, self.vibration * float(swings.max(initial=0.0)), rates.fastest / self.reach)
 
 
-CENTRAL = StepModel(2.0, 0.45, 0.45, 0.25, 1.8, dynamics=1.0, projections=3.0)
-ORDER_5 = StepModel(4.0, 0.5, 0.15, 30.0, 1.0, dynamics=6.0, projections=1.0)
-ORDER_8 = StepModel(7.0, 0.5, 0.25, 30.0, 3.0, dynamics=12.0, projections=1.0)
-RADAU = StepModel(5.0, 0.23, 0.35, 1.0, np.inf, residuals=11.0, factors=0.5)
+_REVERSAL = 1.5  # steps a radian of the motion, of any method, for each coordinate with a stop or friction
+
+CENTRAL = StepModel(2.0, 0.45, 0.45, 0.05, 0.25, 1.8, dynamics=1.0, projections=3.0)
+ORDER_5 = StepModel(4.0, 0.5, 0.15, 0.08, 30.0, 1.0, dynamics=6.0, projections=1.0)
+ORDER_8 = StepModel(7.0, 0.5, 0.25, 0.27, 30.0, 3.0, dynamics=12.0, projections=1.0)
+RADAU = StepModel(5.0, 0.23, 0.35, 0.18, 1.0, np.inf, residuals=11.0, factors=0.5)
+#: Of rigid bodies with stops or friction, where factors serve few steps and corrections, and steps are taken again.
+RADAU_GRIPPED = replace(RADAU, residuals=30.0, factors=2.0)
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,16 @@ def with_spring(stiffness):
     return scene
 
 
-def with_friction():
+def with_friction(coulomb=0.1):
+    """Sliding under a load of 9.81 N m, or holding it."""
     scene, _, hinge = pendulum()
-    scene.add_force(fm.force.JointFriction(hinge, 0.1, 0.01))
+    scene.add_force(fm.force.JointFriction(hinge, coulomb, 1e-3))
+    return scene
+
+
+def with_stop(*, stiffness=1e4, damping=1.0):
+    scene, _, hinge = pendulum()
+    scene.add_force(fm.force.JointStop(hinge, -0.5, 4.0, stiffness, damping=damping))
     return scene
 
 
@@ -43,6 +50,17 @@ def flexible(*, stiffer=1.0):
     return scene
 
 
+def flexible_at_a_stop():
+    """Modes of 1000 to 1200 rad/s, damped, which nothing but Radau IIA steps over."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    record = particle_body(3, modes=4, damping=0.1).record
+    body = scene.add(fm.FlexibleBody(replace(record, stiffness=1e5 * record.stiffness)), name="flexible")
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame("root"))
+    scene.add_force(fm.force.JointStop(hinge, 0.0, 0.6, 2e4))
+    hinge.position = 0.3
+    return scene
+
+
 @pytest.mark.parametrize(
     ("scene", "arguments", "chosen", "why"),
     [
@@ -52,7 +70,12 @@ def flexible(*, stiffer=1.0):
         (lambda: pendulum()[0], {"h": 1e-3}, "generalized-alpha", "fixed steps"),
         (lambda: with_spring(5.0), {}, "8(5,3)", "vibrations up to 2.24 1/s in a motion of 3.13 1/s"),
         (lambda: with_spring(1e12), {}, "Radau", "vibrations up to 1e+06 1/s in a motion of 3.13 1/s"),
-        (with_friction, {}, "generalized-alpha", "abrupt forces: friction"),
+        (with_friction, {}, "8(5,3)", "under the motion's load on friction"),
+        (lambda: with_friction(100.0), {}, "Radau", "under the motion's load on friction"),
+        (with_stop, {"rtol": 1e-3}, "8(5,3)", "under the motion's load on stops"),
+        (lambda: with_stop(stiffness=1e8), {}, "8(5,3)", "under the motion's load on stops"),
+        (lambda: with_stop(damping=1e5), {}, "Radau", "under the motion's load on stops"),
+        (lambda: flexible_at_a_stop(), {"rtol": 1e-6}, "Radau", "under the motion's load on stops"),
         (with_penalty, {}, "Radau", "penalties"),
         (lambda: flexible(stiffer=1e4), {"rtol": 1e-3}, "central differences", "vibrations up to 1.26e+03 1/s"),
         (flexible, {"rtol": 1e-9}, "8(5,3)", "limited by accuracy"),
@@ -119,6 +142,55 @@ def test_rates_are_those_of_the_linear_machine(geared):
     rates = machine_rates(scene.start(), 0.0)
     np.testing.assert_allclose(rates.vibrations, [np.sqrt(500.0)] if geared else [10.0, 30.0], rtol=1e-9)
     np.testing.assert_allclose(rates.amplitudes, [0.9e-3] if geared else [0.0, 1e-3], rtol=1e-9, atol=1e-15)
+
+
+def test_stops_and_friction_count_as_they_bear_the_load_of_the_motion():
+    """A disc that turns at w: a load J w^2; depth and creeping speed under it by hand, and the laws' slopes there."""
+    inertia, w = 2.0, 3.0
+    load = inertia * w**2
+    stiffness, damping, transition = 1e6, 5.0, 1e-3
+    scene = fm.System()
+    disc = scene.add(fm.RigidBody(1.0, (1.0, 1.0, inertia)))
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), disc.frame())
+    hinge.velocity = w
+    scene.add_force(fm.force.JointStop(hinge, -1.0, 1.0, stiffness, damping=damping, transition=transition))
+    rates = machine_rates(scene.start(), 0.0)
+    depth = np.sqrt(2.0 * transition * load / stiffness)  # in the quadratic part
+    assert depth < transition
+    assert rates.motion == pytest.approx(w)
+    assert rates.contact == pytest.approx(np.sqrt(stiffness * depth / transition / inertia))
+    assert rates.fastest == pytest.approx(max(rates.contact, load * damping / inertia))
+    assert rates.gripped == 1
+
+    static, speed = 40.0, 1e-2
+    scene.add_force(fm.force.JointFriction(hinge, 12.0, speed, static=static, stribeck=1.0, viscous=0.1))
+    creep = speed * np.arctanh(load / static)
+    slope = static / speed / np.cosh(creep / speed) ** 2 + 0.1
+    assert machine_rates(scene.start(), 0.0).fastest == pytest.approx((slope + load * damping) / inertia)
+    hinge.velocity = 2.0 * w  # the load is four times as large, and more than the friction can bear
+    decay = (4.0 * load * damping + 0.1) / inertia
+    rates = machine_rates(scene.start(), 0.0)
+    assert rates.fastest == pytest.approx(max(decay, rates.contact))
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e8])
+def test_stops_cost_no_more_steps_than_a_named_method(stiffness):
+    """A double pendulum between stops: a tenth of the steps of generalized-alpha, and what rtol allows."""
+    def run(**given):
+        scene = fm.System(gravity=(0.0, -9.81, 0.0))
+        before = scene.ground.frame()
+        for _ in range(2):
+            rod = scene.add(fm.RigidBody(1.0, (0.01, 0.1, 0.1), (0.5, 0.0, 0.0)))
+            hinge = scene.connect(fm.joint.Revolute("z"), before, rod.frame())
+            scene.add_force(fm.force.JointStop(hinge, -0.5, 0.5, stiffness, damping=1.0))
+            before = rod.frame(p=(1.0, 0.0, 0.0))
+        found = scene.simulate(0.6, **given)
+        return found.stats.steps, found.beta(hinge)[-1].item()
+
+    steps, angle = run(rtol=1e-6)
+    exact = run(rtol=1e-11, integrator=fm.RadauIIA())[1]
+    assert abs(angle - exact) < 20e-6
+    assert steps < 0.2 * run(rtol=1e-6, integrator=fm.GeneralizedAlpha())[0]
 
 
 @pytest.mark.mpi

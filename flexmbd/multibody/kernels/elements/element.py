@@ -35,7 +35,8 @@ class Behaviour:
     Attributes:
         name: in words, in the plural.
         stiffness: how fast the vibrations are that it makes.
-        abrupt: whether it starts or reverses within a step, which costs a method of high order its order.
+        grip: of a force that sets in and lets go, or reverses, within a step: (its numbers, a load > 0 in N or N m) ->
+            the stiffness and damping at which it bears that load; what remains of both where it lets it go.
         changing: whether the stiffness on its coordinate may change on the way, as that of a stop does.
         given: whether it follows functions of time alone, so that it may be an input of a linear machine.
         calls_user: whether it calls a function of the user at each evaluation.
@@ -46,7 +47,7 @@ class Behaviour:
 
     name: str
     stiffness: Stiffness = Stiffness.NONE
-    abrupt: bool = False
+    grip: Callable[[FloatArray, float], tuple[float, float]] | None = None
     changing: bool = False
     given: bool = False
     calls_user: bool = False

@@ -9,7 +9,7 @@ import math
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.elements.element import Behaviour, CoordinateLaw
+from flexmbd.multibody.kernels.elements.element import Behaviour, CoordinateLaw, FloatArray
 
 
 @kernel
@@ -25,4 +25,11 @@ def _law(plan, row, x, rate):
     return -size * sign - data[o + 4] * rate, 0.0, -slope - data[o + 4]
 
 
-FRICTION = CoordinateLaw(Behaviour("friction", abrupt=True, changing=True), _law)
+def _grip(numbers: FloatArray, load: float) -> tuple[float, float]:
+    """Damping at the speed at which it creeps under the load; under more than it can bear it slides."""
+    _, static, speed, _, viscous = numbers[:5]
+    share = load / static if load < static else 1.0
+    return 0.0, static * (1.0 - share * share) / speed + viscous
+
+
+FRICTION = CoordinateLaw(Behaviour("friction", grip=_grip, changing=True), _law)

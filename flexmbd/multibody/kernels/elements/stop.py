@@ -5,6 +5,8 @@ Their numbers: lower and upper limit, stiffness, damping, transition.
 
 from __future__ import annotations
 
+import math
+
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.element import Behaviour, CoordinateLaw, FloatArray
@@ -72,4 +74,12 @@ def _misplaced(numbers: FloatArray, x: float) -> str:
     )
 
 
-STOP = CoordinateLaw(Behaviour("stops", abrupt=True, changing=True, damper=(3, 1)), _law, _energy, _piece, _misplaced)
+def _grip(numbers: FloatArray, load: float) -> tuple[float, float]:
+    """Stiffness and damping at the depth at which the contact bears the load at rest."""
+    stiffness, damping, transition = numbers[2:5]
+    return min(stiffness, math.sqrt(2.0 * stiffness * load / transition)), load * damping
+
+
+STOP = CoordinateLaw(
+    Behaviour("stops", grip=_grip, changing=True, damper=(3, 1)), _law, _energy, _piece, _misplaced
+)

@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_EN
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
@@ -48,6 +49,27 @@ def stiffness_may_change(plan: Plan) -> bool:
     return any(one.changing for one in behaviours(plan))
 
 
+def gripping(plan: Plan) -> Mask:
+    """(k,) whether each force element sets in and lets go, or reverses, within a step."""
+    return np.array([one.grip is not None for one in behaviours(plan)], bool)
+
+
+def gripped_velocities(plan: Plan) -> IntArray:
+    """(g,) the velocity on which each of those acts."""
+    return plan.elements[gripping(plan), at.EL_V]
+
+
+def grips(plan: Plan, loads: FloatArray) -> FloatArray:
+    """(g, 2) the stiffness and damping at which each of those bears a load (g,), N or N m."""
+    found = np.zeros((len(loads), 2))
+    places = iter(range(len(loads)))
+    for row, one in zip(plan.elements, behaviours(plan), strict=True):
+        if one.grip is not None:
+            k = next(places)
+            found[k] = one.grip(plan.data[row[at.EL_DATA] :], float(loads[k]))
+    return found
+
+
 def can_vibrate(plan: Plan) -> bool:
     """Whether anything makes joints vibrate: springs, users' laws, rows that an augmented Lagrangian enforces.
 
@@ -61,7 +83,7 @@ def _has_springs(plan: Plan) -> bool:
         first, count = one.spring
         numbers = plan.data[row[at.EL_DATA] + first : row[at.EL_DATA] + first + count]
         elastic = storing or one.stiffness is not Stiffness.NONE
-        if elastic and not one.abrupt and (count == 0 or numbers.any()):
+        if elastic and one.grip is None and (count == 0 or numbers.any()):
             return True
     return False
 
