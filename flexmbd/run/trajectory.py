@@ -304,7 +304,7 @@ class Trajectory:
         oscillation of 1 rad takes 20 steps a period.  This lies below rtol for methods up to order 5; one
         of order 8 takes steps so long that it may be some thirty times rtol.  Where that matters take the
         values at the steps' ends, or a fixed step.  Closed loops are open by as much.  Modal coordinates of bodies
-        that vibrate more than once in two steps, which the steps do not resolve, follow straight lines.
+        that vibrate more than once in two steps follow straight lines where their accelerations contradict the rest.
 
         Raises:
             SceneError: a time outside the trajectory, or not a time.

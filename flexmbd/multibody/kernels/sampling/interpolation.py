@@ -6,9 +6,10 @@ by a rotation vector u(t) that is such a quintic, after the steady spin of a bod
 interval h between the instants, that of the velocity 5, that of the acceleration 4: of x it is at most
 h^6 / 46080 times the sixth derivative of the motion.
 
-A mode that vibrates more than once in two intervals is not resolved by them: the quintic would multiply what a method
-leaves of it, by up to (omega h)^2 / 64.  Its coordinate, rate and acceleration follow straight lines between their
-values at the ends, which none of them exceeds.
+A mode that vibrates more than once in two intervals is not resolved by them.  It may follow its loads smoothly all the
+same; but of what a method leaves of its vibration the quintic would make up to (omega h)^2 / 64 times as much.  So where
+accelerations bend such a mode's curve more than velocities do, which on smooth curves it is the other way round, its
+coordinate, rate and acceleration follow straight lines between their values at the ends, which none of them exceeds.
 """
 
 from __future__ import annotations
@@ -75,6 +76,16 @@ def _quintic(h, s, v0, a0, move, v1, a1):
 
 
 @kernel
+def _contradicts(h, v0, a0, move, v1, a1):
+    """Whether accelerations bend the curve more than velocities do: the quintic off the cubic, that off the line."""
+    first = h * v0 - move
+    last = h * v1 - move
+    off_line = 4.0 / 27.0 * (abs(first) + abs(last))
+    off_cubic = (abs(h * h * a0 + 4.0 * first + 2.0 * last) + abs(h * h * a1 - 2.0 * first - 4.0 * last)) / 64.0
+    return off_cubic > off_line
+
+
+@kernel
 def _straight(s, begin, end):
     """On the straight line from one value to another."""
     return (1.0 - s) * begin + s * end
@@ -133,7 +144,7 @@ def interpolate(plain, quaternions, axes, frequencies, h, s, x0, v0, a0, x1, v1,
     for i in range(plain.shape[0]):
         j = plain[i, 0]
         k = plain[i, 1]
-        if frequencies[k] * h > math.pi:
+        if frequencies[k] * h > math.pi and _contradicts(h, v0[k], a0[k], x1[j] - x0[j], v1[k], a1[k]):
             x[j], v[k], a[k] = _straight(s, x0[j], x1[j]), _straight(s, v0[k], v1[k]), _straight(s, a0[k], a1[k])
         else:
             u, v[k], a[k] = _quintic(h, s, v0[k], a0[k], x1[j] - x0[j], v1[k], a1[k])
