@@ -7,9 +7,9 @@ interval h between the instants, that of the velocity 5, that of the acceleratio
 h^6 / 46080 times the sixth derivative of the motion.
 
 A mode that vibrates more than once in two intervals is not resolved by them.  It may follow its loads smoothly all the
-same; but of what a method leaves of its vibration the quintic would make up to (omega h)^2 / 64 times as much.  So where
-accelerations bend such a mode's curve more than velocities do, which on smooth curves it is the other way round, its
-coordinate, rate and acceleration follow straight lines between their values at the ends, which none of them exceeds.
+same; but of what a method leaves of its vibration the quintic would make up to (omega h)^2 / 64 times as much.  Where
+accelerations bend such a mode's curve more than velocities do, as they never do on smooth curves, its coordinate, rate
+and acceleration follow straight lines between their values at the ends, which none of them exceeds.
 """
 
 from __future__ import annotations
