@@ -56,6 +56,7 @@ FORCES = {
 def test_an_interrupt_at_any_instruction_ends_the_run(kind, method, capsys):
     scene, _ = wheel(FORCES[kind])
     whole = scene.simulate(0.5, integrator=method)
+    capsys.readouterr()  # what is compiled first is told
     n, before = 0, sys.gettrace()
     while True:
         interrupter, kept = Interrupter(n), None

@@ -36,3 +36,15 @@ def test_other_types_than_before_are_refused(table):
     Pair(np.zeros((2, 3)), 1.0)
     with pytest.raises(TypeError, match="Pair has fields of other types"):
         Pair(table, 1.0)
+
+
+def test_ctrl_c_while_a_structure_is_handed_over_ends_the_call(monkeypatch):
+    """Its words are written by Python at the first call, where an interrupt may strike."""
+
+    def strike(pair):
+        raise KeyboardInterrupt
+
+    assert scaled_entry(Pair(np.ones((2, 3)), 0.5), 0, 0) == 0.5
+    monkeypatch.setattr(Pair, "_block", property(strike))
+    with pytest.raises(KeyboardInterrupt):
+        scaled_entry(Pair(np.ones((2, 3)), 0.5), 0, 0)

@@ -224,6 +224,10 @@ def _load_field(context: Any, builder: Any, kind: StructType, pointer: Any, name
 @unbox(StructType)
 def _unbox_struct(kind: StructType, value: Any, c: Any) -> NativeValue:
     address = c.pyapi.object_getattr_string(value, "_address")
-    pointer = c.builder.inttoptr(c.pyapi.long_as_longlong(address), _WORD.as_pointer())
-    c.pyapi.decref(address)
+    number = cgutils.alloca_once_value(c.builder, ir.Constant(_WORD, 0))
+    # the words may be written by Python, where Ctrl-C may strike: then there is no address
+    with c.builder.if_then(cgutils.is_not_null(c.builder, address), likely=True):
+        c.builder.store(c.pyapi.long_as_longlong(address), number)
+        c.pyapi.decref(address)
+    pointer = c.builder.inttoptr(c.builder.load(number), _WORD.as_pointer())
     return NativeValue(pointer, is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred()))
