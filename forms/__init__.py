@@ -12,6 +12,7 @@ from flexmbd.forms import j2_plasticity as j2_plasticity
 from flexmbd.forms import neo_hookean as neo_hookean
 from flexmbd.forms import plate_mitc as plate_mitc
 from flexmbd.forms import solid_linear as solid_linear
+from flexmbd.forms import solid_micropolar as solid_micropolar
 from flexmbd.forms import solid_mixed as solid_mixed
 from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible
 from flexmbd.forms import solid_orthotropic as solid_orthotropic

@@ -19,6 +19,7 @@ import numpy as np
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.gram_matrix import check_inertia
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import (
     boundary_triangles,
@@ -79,6 +80,7 @@ class Contents:
             ReductionError: on all ranks: loads, damping or `keep` that are not well formed, or stress modes of a
                 prestressed body.
             MeshError: on all ranks: a load's facet group.
+            FormulationError: on all ranks: an inertia that no record can hold.
         """
         if not isinstance(self.keep, Keep):
             raise ReductionError(f"keep must be Keep(modes=..., surface=..., stress=...), got {self.keep!r:.100}")
@@ -93,6 +95,7 @@ class Contents:
             )
         check_loads(model, self.loads)
         check_damping(model, self.damping)
+        check_inertia(model)
 
 
 @dataclass(frozen=True, eq=False)

@@ -332,7 +332,7 @@ def test_what_cell_means_are_handed_to_must_take_them(load_text):
         ("def motion(u, xi, p):\n    return u\n", ["motion goes with section_inertia"]),
         (
             "def motion(u, xi, p):\n    return u\n\ndef section_inertia(p):\n    return ((p.rho, 0), (0, 1))\n",
-            ["motion: is for lines and surfaces", r"section_inertia: must have .*\(1, 1\), got \(2, 2\)"],
+            [r"section_inertia: must have .*\(4, 4\), got \(2, 2\)"],
         ),
     ],
 )

@@ -45,10 +45,12 @@ class OptionalEntries:
         strain_energy: (u, p) see `formulation.Formulation`; this or `residual`.
         residual: (u, v, state, p) in place of `strain_energy`, where there is no energy: terms of the virtual work
             of the internal forces, linear in v.
-        motion: (u, xi, p) with `section_inertia`, where the mass is not that of a plain displacement (beams, shells):
-            displacement, m, (3,), of the material point at the section coordinates xi (m), (2,) of a beam, (1,) of
-            a shell, linear in u and affine in xi.
-        section_inertia: (p) the section's moments, integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2).
+        motion: (u, xi, p) with `section_inertia`, where the mass is not that of a plain displacement (beams, shells,
+            solids whose micro-structure turns): displacement, m, (3,), of the material point at the section
+            coordinates xi (m), (2,) of a beam, (1,) of a shell, (3,) from the centre of a solid's element of
+            structure, linear in u and affine in xi.
+        section_inertia: (p) the section's moments, integral of rho {1, xi} {1, xi} dA, (3, 3) or (2, 2); of a solid
+            with micro-structure those per volume, (4, 4).
         dissipation: (v, p) Rayleigh's function as terms: half the power, W per unit of the body's measure, that
             viscosity takes where it is quadratic; its derivative by the rates v of the unknown is the viscous force.
             Convex, and zero for rigid motions.

@@ -135,11 +135,7 @@ def _reference(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 
 
 def _motion(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
-    sections = _section_dimension(unknown)
-    if sections == 0:
-        yield "is for lines and surfaces: a solid has no section"
-        return
-    xi = ufl.as_vector([0.1, 0.2][:sections])
+    xi = ufl.as_vector([0.1, 0.2, 0.3][: _section_dimension(unknown)])
     moved = module.motion(unknown.u, xi, unknown.parameters)
     yield from _expression_faults(moved, (GDIM,), "the shape of a displacement")
 
@@ -151,7 +147,9 @@ def _section_inertia(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]
 
 
 def _section_dimension(unknown: TrialSymbols) -> int:
-    return GDIM - topological_dimension(unknown.domain)
+    """How many coordinates a material point has beside its place on the cells."""
+    # a solid's are those of its micro-structure
+    return (GDIM - topological_dimension(unknown.domain)) or GDIM
 
 
 def _update(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:

@@ -4,8 +4,8 @@ For the scalar fields {1, x, y, z, phi_1x, phi_1y, phi_1z, phi_2x, ...} it holds
 density times one field times another.  All blocks of the mass matrix M(xi) of a floating frame, its
 derivatives, and gravity follow from it (compare Ambrosio & Nikravesh 1992, eq. 33-34).
 
-Where a formulation has cross-sections (`motion`, `section_inertia`) the fields are those of the
-material points of the sections; see `flexmbd.continuum.finite_elements.section_inertia`.
+Where a formulation has cross-sections or micro-inertia (`motion`, `section_inertia`) the fields are those
+of the material points of the sections; see `flexmbd.continuum.finite_elements.section_inertia`.
 """
 
 from __future__ import annotations
@@ -59,6 +59,18 @@ def gram_matrix(
     return symmetric(gram)
 
 
+def check_inertia(model: LinearModel) -> None:
+    """Refuse a body whose inertia has no Gram matrix. Collective.
+
+    Raises:
+        FormulationError: on all ranks: as `gram_matrix`.
+    """
+    if model.has_sections:
+        _check_sections(model)
+    else:
+        _scalar_mass(model).destroy()
+
+
 def _nodes(model: LinearModel) -> tuple[NDArray[np.int32], FloatArray]:
     """Dofs (n, 3) and positions (n, 3) of this rank's own nodes, in the order of the dofs."""
     dofs = model.displacement_dofs[: model.n_owned_nodes]
@@ -101,7 +113,8 @@ def _check_sections(model: LinearModel) -> None:
 def _no_gram(model: LinearModel, off: float, what: str) -> str:
     return (
         f"{model.form_name}: the kinetic energy is not {what} (off by {off:.1e}), so its inertia has "
-        "no Gram matrix"
+        "no Gram matrix; where unknowns beside the displacement have mass, motion and section_inertia say which "
+        "material points it is of"
     )
 
 

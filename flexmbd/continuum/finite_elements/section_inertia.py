@@ -1,8 +1,10 @@
-"""The Gram matrix of bodies with cross-sections: beams, whose cells are lines, and shells.
+"""The Gram matrix of bodies with cross-sections: beams, whose cells are lines, and shells; and with micro-inertia.
 
 A material point lies at section coordinates xi from its axis or mid-surface, and moves linearly in
 them: u(x, xi) = u_0(x) + sum_k xi_k u_k(x).  So a mass integral over the volume is one over the cells,
 of the products of the fields' parts with the section's moments, integral of rho {1, xi} {1, xi} dA.
+In a solid whose micro-structure turns (Cosserat's) xi is the place from the centre of an element of
+structure, in three coordinates, and the moments are those per volume.
 """
 
 from __future__ import annotations
@@ -64,10 +66,10 @@ class _Sections:
         form: Any = group.formulation
         inertia = ufl.as_matrix(form.section_inertia(group.symbols))
         self.moments = m = inertia.ufl_shape[0]
-        if inertia.ufl_shape not in ((2, 2), (3, 3)):
+        if inertia.ufl_shape not in ((2, 2), (3, 3), (4, 4)):
             raise FormulationError(
-                f"{group.form_name}: section_inertia must have the shape (3, 3) for beams, (2, 2) for shells, "
-                f"got {inertia.ufl_shape}"
+                f"{group.form_name}: section_inertia must have the shape (3, 3) for beams, (2, 2) for shells, (4, 4) "
+                f"for solids, got {inertia.ufl_shape}"
             )
         points_of_section = np.vstack([np.zeros(m - 1), np.eye(m - 1)]).tolist()
         at = [form.motion(u, ufl.as_vector(xi), group.symbols) for xi in points_of_section]
