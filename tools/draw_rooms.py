@@ -47,9 +47,9 @@ SHOWN = (
         PACKAGE,
         {
             "command": ("cli", "__main__"),
-            "scene_file": ("result_table", "toml_file"),
+            "scene_file": ("toml_file",),
             "system": ("joint", "force", "output", "parameter", "compiled_machine", "linearized"),
-            "leaves": ("errors", "given", "array_file", "rotation", "coupling"),
+            "leaves": ("errors", "given", "rotation", "coupling"),
         },
         {
             "continuum": "mesh + form: K, M",

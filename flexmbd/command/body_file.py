@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flexmbd.errors import ExportError, FlexmbdError
 from flexmbd.export import FORMATS, Format, format_named
-from flexmbd.record.file import check_destination
+from flexmbd.files.tree_file import check_destination
 from flexmbd.record.reduced_body import ReducedBody
 
 #: The name of flexmbd's own file format, beside those of `FORMATS`.

@@ -11,7 +11,7 @@ import numpy as np
 from flexmbd.command.body_file import read_body
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import InterfaceError
-from flexmbd.record.file import VERSION
+from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -88,7 +88,7 @@ def facts(body: ReducedBody, *, file: Path, clamped: dict[str, tuple[str, ...]])
         held = {"interfaces": clamped, "hz": body.frequencies(clamped)}
     return {
         "file": file,
-        "record_version": VERSION,
+        "record_version": RECORD.version,
         "fingerprint": body.fingerprint(),
         "mass": body.mass,
         "com": body.com,

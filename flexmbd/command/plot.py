@@ -13,7 +13,7 @@ import numpy as np
 from flexmbd.command.body_file import check_free, read_body
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import ExportError, PictureError
-from flexmbd.result_table import SUFFIXES, NoTableError, ResultTable, read_table
+from flexmbd.files.result_table import SUFFIXES, NoTableError, ResultTable, read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

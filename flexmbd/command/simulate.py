@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from flexmbd.command.body_file import check_free
 from flexmbd.command.terminal import add_json, print_json, print_line, print_warning
 from flexmbd.errors import SceneError
-from flexmbd.result_table import ResultTable, write_table
+from flexmbd.files.result_table import ResultTable, write_table
 from flexmbd.run.stopped import SimulationError
 from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
 from flexmbd.scene_file.entry_kinds import INTEGRATORS

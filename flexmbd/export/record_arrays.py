@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.archive import read_archive, write_archive
 from flexmbd.export.loss import Capabilities, check_body
-from flexmbd.record.file import Tree
+from flexmbd.files.archive import read_archive, write_archive
+from flexmbd.files.tree_file import Tree
 from flexmbd.record.reduced_body import ReducedBody
 
 CAPABILITIES = Capabilities(stiffening=True, nodes=True, stress=True)

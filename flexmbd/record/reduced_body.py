@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from flexmbd.errors import InterfaceError, RecordError
-from flexmbd.record.file import Tree, read_tree, write_tree
+from flexmbd.files.tree_file import Tree, read_tree, write_tree
+from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
 from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
@@ -333,7 +334,7 @@ class ReducedBody:
         Raises:
             RecordError: the destination cannot be written.
         """
-        write_tree(Path(path), self.tree())
+        write_tree(Path(path), self.tree(), kind=RECORD)
 
     @classmethod
     def load(cls, path: str | Path) -> ReducedBody:
@@ -342,7 +343,7 @@ class ReducedBody:
         Raises:
             RecordError: the file is missing, truncated, foreign, or of another version.
         """
-        tree = read_tree(Path(path))
+        tree = read_tree(Path(path), kind=RECORD)
         try:
             return cls.from_tree(tree)
         except (KeyError, TypeError, ValueError, RecordError) as error:

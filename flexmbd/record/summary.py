@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from flexmbd.record.file import VERSION
+from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import (
     FRAME_DOFS,
     DistributedLoads,
@@ -101,7 +101,7 @@ def summary(body: _Record) -> str:
 
 def _title(body: _Record) -> Iterable[str]:
     yield f"reduced body: {body.n_modes} modes, {_count(len(body.interfaces), 'interface')}, SI units"
-    yield _entry("file format", f"version {VERSION}")
+    yield _entry("file format", f"version {RECORD.version}")
     yield _entry("fingerprint", body.fingerprint())
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.files.array_file import read_arrays, write_arrays
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.continuum_body import Memory

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from flexmbd.errors import SceneError
-from flexmbd.result_table import SUFFIXES
+from flexmbd.files.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
 from flexmbd.scene_file.scene_description import (

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.files.result_table import ResultTable
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.result_table import ResultTable
 from flexmbd.rotation import to_quaternion
 from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file.scene_builder import Built

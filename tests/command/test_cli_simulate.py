@@ -14,7 +14,7 @@ from flexmbd.cli import main
 from flexmbd.command import doctor
 from flexmbd.command.plot import _over_time
 from flexmbd.errors import ExportError
-from flexmbd.result_table import ResultTable, read_table, write_table
+from flexmbd.files.result_table import ResultTable, read_table, write_table
 
 PENDULUM = """\
 gravity = [0, 0, -9.81]

@@ -10,7 +10,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.cli import SUBCOMMANDS, main
-from flexmbd.result_table import read_table
+from flexmbd.files.result_table import read_table
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS
 
 gmsh = pytest.importorskip("gmsh")

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import RecordError
-from flexmbd.record.file import read_tree, write_tree
+from flexmbd.files.tree_file import read_tree, write_tree
+from flexmbd.record.file_kind import RECORD
 
 TREE = {
     "gram": np.array([[1.0, np.pi, -0.0], [5e-324, np.inf, np.nan]]),
@@ -39,19 +40,19 @@ def assert_same(found, expected):
 
 
 def test_round_trip_is_bit_for_bit(tmp_path):
-    write_tree(tmp_path / "a.h5", TREE)
-    assert_same(read_tree(tmp_path / "a.h5"), TREE)
+    write_tree(tmp_path / "a.h5", TREE, kind=RECORD)
+    assert_same(read_tree(tmp_path / "a.h5", kind=RECORD), TREE)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
 def test_strided_arrays_are_written_in_order(tmp_path):
     array = np.arange(12.0).reshape(3, 4).T[::2]
-    write_tree(tmp_path / "a.h5", {"a": array})
-    assert np.array_equal(read_tree(tmp_path / "a.h5")["a"], array)
+    write_tree(tmp_path / "a.h5", {"a": array}, kind=RECORD)
+    assert np.array_equal(read_tree(tmp_path / "a.h5", kind=RECORD)["a"], array)
 
 
 def test_other_readers_see_hdf5(tmp_path):
-    write_tree(tmp_path / "a.h5", TREE)
+    write_tree(tmp_path / "a.h5", TREE, kind=RECORD)
     with h5py.File(tmp_path / "a.h5") as file:
         assert file.attrs["format"] == "flexmbd record"
         assert file.attrs["version"] == 1
@@ -63,9 +64,9 @@ def test_other_readers_see_hdf5(tmp_path):
 def test_symbolic_link_is_followed(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "link.h5").symlink_to(tmp_path / "there" / "a.h5")
-    write_tree(tmp_path / "link.h5", {"frame": "root"})
+    write_tree(tmp_path / "link.h5", {"frame": "root"}, kind=RECORD)
     assert (tmp_path / "link.h5").is_symlink()
-    assert read_tree(tmp_path / "there" / "a.h5") == {"frame": "root"}
+    assert read_tree(tmp_path / "there" / "a.h5", kind=RECORD) == {"frame": "root"}
 
 
 def test_of_a_foreign_file_the_head_alone_is_read(tmp_path):
@@ -73,23 +74,23 @@ def test_of_a_foreign_file_the_head_alone_is_read(tmp_path):
     with open(tmp_path / "a.h5", "wb") as file:
         file.truncate(2**40)
     with pytest.raises(RecordError, match="is not a flexmbd record"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
     os.mkfifo(tmp_path / "b.h5")
     with pytest.raises(RecordError, match="not a regular file"):
-        read_tree(tmp_path / "b.h5")
+        read_tree(tmp_path / "b.h5", kind=RECORD)
 
 
 def test_every_truncation_is_found(tmp_path):
-    write_tree(tmp_path / "a.h5", TREE)
+    write_tree(tmp_path / "a.h5", TREE, kind=RECORD)
     data = (tmp_path / "a.h5").read_bytes()
     for size in [*range(0, 600, 7), *range(600, len(data), 211), len(data) - 1]:
         (tmp_path / "cut.h5").write_bytes(data[:size])
         with pytest.raises(RecordError, match=r"cut\.h5 is truncated"):
-            read_tree(tmp_path / "cut.h5")
+            read_tree(tmp_path / "cut.h5", kind=RECORD)
 
 
 def test_every_damaged_byte_is_found(tmp_path):
-    write_tree(tmp_path / "a.h5", {"a": np.arange(4.0)})
+    write_tree(tmp_path / "a.h5", {"a": np.arange(4.0)}, kind=RECORD)
     data = (tmp_path / "a.h5").read_bytes()
     used = len(data[:512].rstrip(b"\0"))
     for position in [*range(used), *range(512, len(data), 13), len(data) - 1]:
@@ -97,15 +98,15 @@ def test_every_damaged_byte_is_found(tmp_path):
         damaged[position] ^= 0x10
         (tmp_path / "bad.h5").write_bytes(damaged)
         with pytest.raises(RecordError, match=r"bad\.h5"):
-            read_tree(tmp_path / "bad.h5")
+            read_tree(tmp_path / "bad.h5", kind=RECORD)
 
 
 def test_other_version_is_named(tmp_path):
-    write_tree(tmp_path / "a.h5", TREE)
+    write_tree(tmp_path / "a.h5", TREE, kind=RECORD)
     data = (tmp_path / "a.h5").read_bytes().replace(b"version 1\n", b"version 7\n", 1)
     (tmp_path / "a.h5").write_bytes(data)
     with pytest.raises(RecordError, match="of version 7, and this flexmbd reads version 1"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
 
 
 @pytest.mark.parametrize(
@@ -114,14 +115,14 @@ def test_other_version_is_named(tmp_path):
 def test_foreign_file_is_refused(tmp_path, content):
     (tmp_path / "a.h5").write_bytes(content)
     with pytest.raises(RecordError, match=r"a\.h5 is not a flexmbd record"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
 
 
 def test_foreign_hdf5_is_refused(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["gram"] = np.eye(4)
     with pytest.raises(RecordError, match="is not a flexmbd record"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
 
 
 @pytest.mark.parametrize(("parts", "size"), [(1, 10**12), (1000, 10**4)])
@@ -137,12 +138,12 @@ def test_claimed_size_beyond_the_file_is_refused(tmp_path, parts, size):
     (tmp_path / "a.h5").write_bytes(head.encode().ljust(512, b"\0") + body)
     assert parts == 1 or len(body) > 8 * size
     with pytest.raises(RecordError, match=f"claims {8 * parts * size} bytes of data, and has"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
 
 
 def test_missing_file(tmp_path):
     with pytest.raises(RecordError, match=r"cannot read .*a\.h5: No such file"):
-        read_tree(tmp_path / "a.h5")
+        read_tree(tmp_path / "a.h5", kind=RECORD)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +160,7 @@ def test_unwritable_destination(tmp_path, where, why):
     (tmp_path / "file").write_text("here before")
     (tmp_path / "folder").mkdir()
     with pytest.raises(RecordError, match=rf"(?s)cannot write .*({why}).*choose a folder"):
-        write_tree(tmp_path / where, TREE)
+        write_tree(tmp_path / where, TREE, kind=RECORD)
     assert (tmp_path / "file").read_text() == "here before"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
 
@@ -170,10 +171,11 @@ import sys
 from pathlib import Path
 import numpy as np
 from flexmbd.errors import RecordError
-from flexmbd.record.file import write_tree
+from flexmbd.files.tree_file import write_tree
+from flexmbd.record.file_kind import RECORD
 resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
 try:
-    write_tree(Path(sys.argv[1]), {"a": np.ones(10000)})
+    write_tree(Path(sys.argv[1]), {"a": np.ones(10000)}, kind=RECORD)
 except RecordError as error:
     print(error)
 """
@@ -182,12 +184,12 @@ except RecordError as error:
 def test_full_destination_leaves_the_old_file(tmp_path):
     """The limit on a file's size stops the write in the middle, as a full disk does."""
     path = tmp_path / "a.h5"
-    write_tree(path, TREE)
+    write_tree(path, TREE, kind=RECORD)
     done = subprocess.run(
         [sys.executable, "-c", FULL, str(path)], capture_output=True, text=True, check=True
     )
     assert f"cannot write {path}: File too large; nothing was changed there" in done.stdout
-    assert_same(read_tree(path), TREE)
+    assert_same(read_tree(path, kind=RECORD), TREE)
     assert [found.name for found in tmp_path.iterdir()] == ["a.h5"]
 
 
@@ -206,17 +208,17 @@ def test_full_destination_leaves_the_old_file(tmp_path):
 )
 def test_what_a_record_cannot_hold(tmp_path, tree, message):
     with pytest.raises(RecordError, match=message):
-        write_tree(tmp_path / "a.h5", tree)
+        write_tree(tmp_path / "a.h5", tree, kind=RECORD)
     assert not list(tmp_path.iterdir())
 
 
 def test_h5py_loads_on_call_only():
-    code = "import sys, flexmbd.record.file, flexmbd.record.reduced_body; assert 'h5py' not in sys.modules"
+    code = "import sys, flexmbd.files.tree_file, flexmbd.record.reduced_body; assert 'h5py' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     with pytest.raises(RecordError, match="it is not a regular file"):
-        write_tree(tmp_path / "fifo", TREE)
+        write_tree(tmp_path / "fifo", TREE, kind=RECORD)
     assert (tmp_path / "fifo").is_fifo()

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import RecordError
-from flexmbd.record.file import FORMAT, VERSION, read_tree, write_tree
+from flexmbd.files.tree_file import read_tree, write_tree
+from flexmbd.record.file_kind import RECORD
 from flexmbd.record.reduced_body import (
     DistributedLoads,
     FurtherUnknowns,
@@ -105,7 +106,7 @@ def test_the_page_lists_every_dataset_with_its_type_and_shape(tmp_path):
     full_record().save(tmp_path / "a.h5")
     there = {}
     with h5py.File(tmp_path / "a.h5") as file:
-        assert dict(file.attrs) == {"format": FORMAT, "version": VERSION}
+        assert dict(file.attrs) == {"format": RECORD.format, "version": RECORD.version}
         file.visititems(
             lambda name, item: (
                 there.update({name: (item.dtype.str, item.shape)}) if isinstance(item, h5py.Dataset) else None
@@ -118,23 +119,23 @@ def test_the_page_lists_every_dataset_with_its_type_and_shape(tmp_path):
 
 
 def test_the_page_names_the_version():
-    assert f"`version` = {VERSION}" in PAGE
-    assert f"`flexmbd record, version {VERSION}`" in PAGE
+    assert f"`version` = {RECORD.version}" in PAGE
+    assert f"`flexmbd record, version {RECORD.version}`" in PAGE
 
 
 @pytest.mark.parametrize("extra", [{"prestress": np.zeros(3)}, {"other": {"a": "b"}}])
 def test_what_the_page_does_not_list_is_refused(tmp_path, extra):
     full_record().save(tmp_path / "a.h5")
-    write_tree(tmp_path / "a.h5", {**read_tree(tmp_path / "a.h5"), **extra})
+    write_tree(tmp_path / "a.h5", {**read_tree(tmp_path / "a.h5", kind=RECORD), **extra}, kind=RECORD)
     with pytest.raises(RecordError, match=rf"a\.h5 is .*it holds {next(iter(extra))}, which this flexmbd"):
         ReducedBody.load(tmp_path / "a.h5")
 
 
 def test_a_group_with_a_further_array_is_refused(tmp_path):
     full_record().save(tmp_path / "a.h5")
-    tree = read_tree(tmp_path / "a.h5")
+    tree = read_tree(tmp_path / "a.h5", kind=RECORD)
     tree["stress"]["mask"] = np.zeros(3)
-    write_tree(tmp_path / "a.h5", tree)
+    write_tree(tmp_path / "a.h5", tree, kind=RECORD)
     with pytest.raises(RecordError, match=r"a\.h5 is .*mask"):
         ReducedBody.load(tmp_path / "a.h5")
 

@@ -26,7 +26,8 @@ from two_crosses_body import (
 )
 
 from flexmbd.errors import InterfaceError, RecordError
-from flexmbd.record.file import read_tree, write_tree
+from flexmbd.files.tree_file import read_tree, write_tree
+from flexmbd.record.file_kind import RECORD
 from flexmbd.record.reduced_body import InterfaceFrame, NodalModes, ReducedBody
 
 
@@ -275,7 +276,7 @@ def test_all_faults_are_listed():
 
 @pytest.mark.parametrize("tree", [{}, {"gram": np.eye(4)}, {"gram": "text"}])
 def test_record_of_something_else(tmp_path, tree):
-    write_tree(tmp_path / "body.h5", tree)
+    write_tree(tmp_path / "body.h5", tree, kind=RECORD)
     with pytest.raises(RecordError, match=r"body\.h5 is a record, but not of a reduced body"):
         ReducedBody.load(tmp_path / "body.h5")
 
@@ -283,7 +284,7 @@ def test_record_of_something_else(tmp_path, tree):
 def test_record_whose_parts_do_not_fit(tmp_path):
     body = two_crosses()
     body.save(tmp_path / "body.h5")
-    tree = read_tree(tmp_path / "body.h5")
-    write_tree(tmp_path / "body.h5", {**tree, "stiffness": np.ones(3)})
+    tree = read_tree(tmp_path / "body.h5", kind=RECORD)
+    write_tree(tmp_path / "body.h5", {**tree, "stiffness": np.ones(3)}, kind=RECORD)
     with pytest.raises(RecordError, match=r"body\.h5 is .*gram has shape"):
         ReducedBody.load(tmp_path / "body.h5")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.files.array_file import read_arrays, write_arrays
 
 _VERSION = 2
 

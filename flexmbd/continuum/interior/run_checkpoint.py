@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.array_file import read_arrays, write_arrays
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.history_file import fingerprint
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.files.array_file import read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
 

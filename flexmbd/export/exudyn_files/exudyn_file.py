@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.archive import write_archive
 from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.files.archive import write_archive
 from flexmbd.record.groups import FloatArray, InterfaceFrame
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody

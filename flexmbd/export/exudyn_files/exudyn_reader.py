@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.archive import read_archive
-from flexmbd.export.files import finite
 from flexmbd.export.normal_modes import normal_modes
+from flexmbd.files.archive import read_archive
+from flexmbd.files.whole_file import finite
 from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes, Surface
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
-from flexmbd.export.archive import write_archive
 from flexmbd.export.exudyn_files.exudyn_file import exudyn_arrays
 from flexmbd.export.exudyn_files.exudyn_reader import read_exudyn
+from flexmbd.files.archive import write_archive
 from flexmbd.record.reduced_body import ReducedBody
 
 

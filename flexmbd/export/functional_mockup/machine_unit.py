@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import write_file
 from flexmbd.export.functional_mockup.kernel_code import MemoryImage, bind_deferred, c_call, lay_out
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
 from flexmbd.export.functional_mockup.machine_ports import (
@@ -24,6 +23,7 @@ from flexmbd.export.functional_mockup.machine_ports import (
 from flexmbd.export.functional_mockup.model_description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.export.functional_mockup.unit_build import compile_library, layer_sources, source, zipped
+from flexmbd.files.whole_file import write_file
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.kernels.base.arrays import Plan

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import write_file
 from flexmbd.export.functional_mockup.model_description import (
     Causality,
     Description,
@@ -29,6 +28,7 @@ from flexmbd.export.functional_mockup.unit_build import (
     zipped,
 )
 from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.files.whole_file import write_file
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 CAPABILITIES = Capabilities(large_motion=False, floating=False)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import write_file
 from flexmbd.export.mbdyn_files.mbdyn_file import check_label, check_modes, number, vector
+from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import write_file
 from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.files import finite, read_text
 from flexmbd.export.mbdyn_files.mbdyn_file import OURS
 from flexmbd.export.normal_modes import normal_modes
+from flexmbd.files.whole_file import finite, read_text
 from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 

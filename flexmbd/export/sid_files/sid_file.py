@@ -11,7 +11,6 @@ from urllib.parse import unquote
 import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.files import write_file
 from flexmbd.export.loss import Capabilities, check_body, check_losses
 from flexmbd.export.sid_files.sid_text import SidModal, SidNode, parse_sid, sid_text
 from flexmbd.export.sid_files.taylor_blocks import (
@@ -24,6 +23,7 @@ from flexmbd.export.sid_files.taylor_blocks import (
     stiffening_loads,
     taylor_blocks,
 )
+from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_text
 from flexmbd.export.sid_files.taylor_blocks import BLOCKS, Taylor
+from flexmbd.files.whole_file import read_text
 from flexmbd.record.groups import FloatArray
 
 #: More modes or numbers than a reduced body has; a short file could claim any.

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_text, write_file
 from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -27,6 +26,7 @@ from flexmbd.export.superelements.superelement_frames import (
     commented_interfaces,
     position,
 )
+from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_text, write_file
 from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.superelement import Superelement, superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -23,6 +22,7 @@ from flexmbd.export.superelements.superelement_frames import (
     comment,
     commented_interfaces,
 )
+from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_text
 from flexmbd.export.superelements.matrix_text import blocks, triplets
 from flexmbd.export.superelements.superelement import Superelement, rigid_motion
 from flexmbd.export.superelements.superelement_body import reduced_body, resistance
+from flexmbd.files.whole_file import read_text
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.groups import FloatArray, NodalModes
 from flexmbd.record.reduced_body import ReducedBody

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_file
+from flexmbd.files.whole_file import read_file
 from flexmbd.record.groups import FloatArray
 
 #: Bytes that the compressed variables of a file may come to.

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import write_file
 from flexmbd.export.loss import Capabilities, check_losses
 from flexmbd.export.superelements.mat_file import read_mat
 from flexmbd.export.superelements.superelement import superelement
@@ -24,6 +23,7 @@ from flexmbd.export.superelements.superelement_frames import (
     position,
     unit_quaternion,
 )
+from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion

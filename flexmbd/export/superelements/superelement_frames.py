@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import LARGEST
 from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.export.superelements.superelement_body import reduced_body
+from flexmbd.files.whole_file import LARGEST
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.files import read_file, write_file
+from flexmbd.files.whole_file import read_file, write_file
 
 #: Arrays in one archive, and bytes of them all together; an archive may claim any size at no cost in the file.
 MOST_ARRAYS = 10_000

@@ -1,4 +1,4 @@
-"""Files of other programs: written whole or not at all, read within bounds.
+"""Files from anywhere: written whole or not at all, read within bounds.
 
 A reader here takes a file from anywhere: sizes are checked before anything is allocated, numbers before
 they are used, and whatever is wrong ends in one `ExportError` that names the file.
@@ -6,17 +6,49 @@ they are used, and whatever is wrong ends in one `ExportError` that names the fi
 
 from __future__ import annotations
 
+import errno
 import os
+import secrets
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.record.file import replace_file
 
 #: No file of a reduced body is larger (bytes); what claims more is refused before it is read.
 LARGEST = 2**31
+
+
+def replace_file(path: Path, *parts: bytes) -> None:
+    """Put the parts into a new file and rename it to `path`.
+
+    Raises:
+        OSError: it cannot be written; what was there is there still.
+    """
+    if path.exists() and not path.is_file():
+        # the rename would put a file in the place of a device
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    # another name for each writer, so that two at once do not meet
+    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with open(temporary, "xb") as file:
+            for part in parts:
+                file.write(part)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        # the rename itself must survive a power cut; some network file systems cannot promise it
+        os.fsync(folder)
+    except OSError:
+        pass
+    finally:
+        os.close(folder)
 
 
 def write_file(path: str | Path, content: bytes | str) -> Path:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.archive import read_archive, write_archive
-from flexmbd.export.files import finite, read_text, write_file
+from flexmbd.files.archive import read_archive, write_archive
+from flexmbd.files.whole_file import finite, read_text, write_file
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ The schema, which any HDF5 library can read (docs/record.md lists what a reduced
 
     bytes 0-511   user block, ASCII: what the file is, its version, the number of bytes after the
                   user block and their SHA-256; h5dump and h5py skip it by themselves
-    /             attributes `format` = "flexmbd record" and `version` = 1
+    /             attributes `format` and `version`, as "flexmbd record" and 1
     arrays        datasets of little-endian 64-bit floats or integers, contiguous
     texts         scalar datasets of UTF-8 strings of variable length
     text tuples   one-dimensional datasets of such strings
@@ -16,19 +16,19 @@ never return.  No pickle, no compression.
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import io
 import os
 import re
-import secrets
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexmbd.errors import RecordError
+from flexmbd.files.whole_file import replace_file
 
 if TYPE_CHECKING:
     import h5py
@@ -36,18 +36,27 @@ if TYPE_CHECKING:
 #: A dictionary of float64 and int64 arrays, texts, tuples of texts, and further such dictionaries.
 Tree = dict[str, Any]
 
-FORMAT = "flexmbd record"
-#: Raised by whatever is added or changed after the first release; until then 1.
-VERSION = 1
-
 _HEAD = 512
-_HEADLINE = re.compile(
-    rb"flexmbd record, version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n"
-)
+_HEADLINE = re.compile(rb"([a-z ]+), version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n")
 _KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.int64): "<i8"}
 
 
-def write_tree(path: Path, tree: Mapping[str, Any]) -> None:
+@dataclass(frozen=True)
+class FileKind:
+    """What a file is.
+
+    Attributes:
+        format: its name, small letters and blanks.
+        version: raised by whatever is added or changed after the first release.
+        writer: what a user calls to write one.
+    """
+
+    format: str
+    version: int
+    writer: str
+
+
+def write_tree(path: Path, tree: Mapping[str, Any], *, kind: FileKind) -> None:
     """Write a tree to a file; an existing file survives until the new one is complete.
 
     Not collective: under MPI, call it on one rank.
@@ -55,14 +64,15 @@ def write_tree(path: Path, tree: Mapping[str, Any]) -> None:
     Args:
         path: destination; a symbolic link is followed.
         tree: see `Tree`; a key is a non-empty text without "/" and NUL, and not ".".
+        kind: what the file is.
 
     Raises:
         RecordError: the destination cannot be written, or the tree holds something else.
     """
-    image = _image(tree)
+    image = _image(tree, kind)
     body = image[_HEAD:]
     digest = hashlib.sha256(body).hexdigest()
-    head = f"{FORMAT}, version {VERSION}\nHDF5 after {_HEAD} bytes\nbytes {len(body)}\n"
+    head = f"{kind.format}, version {kind.version}\nHDF5 after {_HEAD} bytes\nbytes {len(body)}\n"
     head += f"sha256 {digest}\n"
     try:
         replace_file(Path(os.path.realpath(path)), head.encode("ascii").ljust(_HEAD, b"\0"), body)
@@ -92,13 +102,13 @@ def check_destination(path: Path) -> None:
     raise RecordError(f"cannot write {path}: {fault}; choose a file in a folder of yours")
 
 
-def read_tree(path: Path) -> Tree:
+def read_tree(path: Path, *, kind: FileKind) -> Tree:
     """Read a tree written by `write_tree`, bit for bit. Not collective.
 
     Raises:
         RecordError: the file is missing, foreign, of another version, truncated or damaged.
     """
-    data = _read_bytes(Path(path))
+    data = _read_bytes(Path(path), kind)
     import h5py
 
     try:
@@ -108,10 +118,10 @@ def read_tree(path: Path) -> Tree:
                 raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {len(data)}")
             return _read_group(file)
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise RecordError(f"{path} does not hold what a {FORMAT} should: {error}") from error
+        raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
 
 
-def _image(tree: Mapping[str, Any]) -> bytes:
+def _image(tree: Mapping[str, Any], kind: FileKind) -> bytes:
     """The complete HDF5 file, its user block still empty."""
     import h5py
 
@@ -119,8 +129,8 @@ def _image(tree: Mapping[str, Any]) -> bytes:
     # a file, too late for a clean error
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", userblock_size=_HEAD) as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
+        file.attrs["format"] = kind.format
+        file.attrs["version"] = kind.version
         _write_group(file, tree, where="")
     return buffer.getvalue()
 
@@ -131,7 +141,7 @@ def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> N
     for key, value in tree.items():
         item = f"{where}/{key}"
         if not isinstance(key, str) or key in ("", ".") or "/" in key or "\0" in key:
-            raise RecordError(f"a record cannot have an item named {key!r}")
+            raise RecordError(f"a file cannot have an item named {key!r}")
         if isinstance(value, Mapping):
             _write_group(group.create_group(key), value, where=item)
         elif isinstance(value, np.ndarray) and value.dtype in _KINDS:
@@ -140,7 +150,7 @@ def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> N
             group.create_dataset(key, data=value, dtype=h5py.string_dtype("utf-8"))
         else:
             raise RecordError(
-                f"a record holds float64 and int64 arrays, texts without NUL and tuples of them; "
+                f"a file holds float64 and int64 arrays, texts without NUL and tuples of them; "
                 f"item {item} is {getattr(value, 'dtype', type(value).__name__)}"
             )
 
@@ -149,70 +159,40 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and "\0" not in value
 
 
-def replace_file(path: Path, *parts: bytes) -> None:
-    """Put the parts into a new file and rename it to `path`.
-
-    Raises:
-        OSError: it cannot be written; what was there is there still.
-    """
-    if path.exists() and not path.is_file():
-        # the rename would put a file in the place of a device
-        raise OSError(errno.EINVAL, "it is not a regular file")
-    # another name for each writer, so that two at once do not meet
-    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
-    try:
-        with open(temporary, "xb") as file:
-            for part in parts:
-                file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        # the rename itself must survive a power cut; some network file systems cannot promise it
-        os.fsync(folder)
-    except OSError:
-        pass
-    finally:
-        os.close(folder)
-
-
-def _read_bytes(path: Path) -> bytes:
+def _read_bytes(path: Path, kind: FileKind) -> bytes:
     """All of a file whose head is sound; of a foreign one, however long, nothing but the head is read."""
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             raise RecordError(f"cannot read {path}: it is not a regular file")
         with open(path, "rb") as file:
             head = file.read(_HEAD)
-            _headline(path, head)
+            _headline(path, head, kind)
             data = head + file.read()
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
-    _check_head(path, data)
+    _check_head(path, data, kind)
     return data
 
 
-def _headline(path: Path, data: bytes) -> re.Match[bytes]:
+def _headline(path: Path, data: bytes, kind: FileKind) -> re.Match[bytes]:
     found = _HEADLINE.match(data[:_HEAD])
-    if found is None:
-        if FORMAT.encode().startswith(data[: len(FORMAT)]):
-            raise RecordError(
-                f"{path} is truncated or damaged at its beginning ({len(data)} bytes are left); "
-                "copy it or write it again"
-            )
-        raise RecordError(f"{path} is not a {FORMAT}; pass a file that ReducedBody.save wrote")
+    name = kind.format.encode()
+    if found is None and name.startswith(data[: len(name)]):
+        raise RecordError(
+            f"{path} is truncated or damaged at its beginning ({len(data)} bytes are left); "
+            "copy it or write it again"
+        )
+    if found is None or found.group(1) != name:
+        raise RecordError(f"{path} is not a {kind.format}; pass a file that {kind.writer} wrote")
     return found
 
 
-def _check_head(path: Path, data: bytes) -> None:
-    found = _headline(path, data)
-    version, head, size = (int(number) for number in found.groups()[:3])
-    if version != VERSION:
+def _check_head(path: Path, data: bytes, kind: FileKind) -> None:
+    found = _headline(path, data, kind)
+    version, head, size = (int(number) for number in found.groups()[1:4])
+    if version != kind.version:
         raise RecordError(
-            f"{path} is a {FORMAT} of version {version}, and this flexmbd reads version {VERSION}: "
+            f"{path} is a {kind.format} of version {version}, and this flexmbd reads version {kind.version}: "
             "use the flexmbd that wrote it, or make it again"
         )
     if len(data) != head + size:
@@ -220,7 +200,7 @@ def _check_head(path: Path, data: bytes) -> None:
             f"{path} is truncated or was added to: it has {len(data)} bytes of {head + size}; "
             "copy it or write it again"
         )
-    if hashlib.sha256(data[head:]).hexdigest().encode() != found.group(4):
+    if hashlib.sha256(data[head:]).hexdigest().encode() != found.group(5):
         raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
 
 

@@ -1,0 +1,6 @@
+"""What the file of a reduced body calls itself."""
+
+from flexmbd.files.tree_file import FileKind
+
+#: The version stays 1 until the first release.
+RECORD = FileKind("flexmbd record", 1, "ReducedBody.save")
