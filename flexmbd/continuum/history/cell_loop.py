@@ -24,6 +24,9 @@ LEAST = 1e-3
 #: A change of local unknowns below this, over their size, that a step no longer halves is round-off, and good.
 ROUND_OFF = 1e-6
 
+#: The least part of a Newton step of local unknowns that is tried where the whole does not lessen what they lack.
+SHORTEST = 2.0**-10
+
 
 class Kernels(NamedTuple):
     """The kernels of a group of cells.
@@ -73,6 +76,8 @@ class Room(NamedTuple):
         tensor: what it returns.
         matrix: (n, 2 n) of the equations of n local unknowns.
         sizes: (2, n) of the local unknowns in the cell: their largest values and their last changes.
+        steps: (points, n + 2) the last step of a point's unknowns where steps are shortened, how much of Newton's it
+            is, and what the equations lacked before it.
         where: cell and point where they changed most.
     """
 
@@ -82,6 +87,7 @@ class Room(NamedTuple):
     tensor: FloatArray
     matrix: FloatArray
     sizes: FloatArray
+    steps: FloatArray
     where: NDArray[np.int64]
 
 
@@ -132,9 +138,19 @@ def _invert(matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _note_change(room, point, i, value, change):  # type: ignore[no-untyped-def]
+    """Note the size of a local unknown and of its change; written so that NaN is kept."""
+    if not abs(change) <= room.sizes[1, i]:
+        room.sizes[1, i] = abs(change)
+        room.where[1] = point
+    if not abs(value) <= room.sizes[0, i]:
+        room.sizes[0, i] = abs(value)
+
+
+@kernel
 def _change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyped-def]
     """A Newton step of the local unknowns of one point, in the cell's row; its sizes are noted."""
-    matrix, sizes = room.matrix, room.sizes
+    matrix = room.matrix
     n = matrix.shape[0]
     first, weight = point * n * (n + 1), kernels.weights[point]
     for i in range(n):
@@ -148,29 +164,51 @@ def _change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyp
             change += matrix[i, n + j] * room.tensor[first + j] / weight
         value = room.row[begin + n * point + i] - change
         room.row[begin + n * point + i] = value
-        # written so that NaN is kept
-        if not abs(change) <= sizes[1, i]:
-            sizes[1, i] = abs(change)
-            room.where[1] = point
-        if not abs(value) <= sizes[0, i]:
-            sizes[0, i] = abs(value)
+        room.steps[point, i] = change
+        _note_change(room, point, i, value, change)
 
 
 @kernel
-def _solve_local(kernels, room, begin, slopes, sweeps, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the local unknowns of a cell, in its row.
+def _shorten_or_change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyped-def]
+    """Take half of the last step of one point back if the equations lack no less after it, else a new Newton step."""
+    n = room.matrix.shape[0]
+    first, step = point * n * (n + 1), room.steps[point]
+    lack, moved = 0.0, 0.0
+    for i in range(n):
+        lack += (room.tensor[first + i] / kernels.weights[point]) ** 2
+        moved = max(moved, abs(step[i]) / max(room.sizes[0, i], LEAST))
+    share = step[n]
+    if not lack <= (1.0 - 1e-4 * share) * step[n + 1] and share > SHORTEST and not moved <= ROUND_OFF:
+        step[n] = 0.5 * share
+        for i in range(n):
+            step[i] *= 0.5
+            room.row[begin + n * point + i] += step[i]
+            _note_change(room, point, i, room.row[begin + n * point + i], step[i])
+        return
+    step[n], step[n + 1] = 1.0, lack
+    _change_point(kernels, room, point, begin, slopes)
+
+
+@kernel
+def _solve_local(kernels, room, begin, slopes, sweeps, tolerance, shorten):  # type: ignore[no-untyped-def]
+    """Solve for the local unknowns of a cell, in its row; ``shorten``: steps where they do not lessen what is lacking.
 
     Returns:
         The last change, each unknown's over its size in the cell; 0 where they are solved.
     """
     points, n = kernels.weights.shape[0], room.matrix.shape[0]
     room.sizes[0] = 0.0
+    room.steps[:, n] = 1.0
+    room.steps[:, n + 1] = np.inf
     before = np.inf
     for _ in range(sweeps):
         _tabulate(kernels, LOCAL, room, points * n * (n + 1))
         room.sizes[1] = 0.0
         for point in range(points):
-            _change_point(kernels, room, point, begin, slopes)
+            if shorten:
+                _shorten_or_change_point(kernels, room, point, begin, slopes)
+            else:
+                _change_point(kernels, room, point, begin, slopes)
         change = 0.0
         for i in range(n):
             size = max(room.sizes[0, i], LEAST)
@@ -223,7 +261,7 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         kernels: of the group.
         room: to work in.
         forces: (dofs,) N, to which they are added.
-        sweeps: the most local Newton steps.
+        sweeps: the most local Newton steps: whole ones, and shortened ones where these fail.
         tolerance: change of the local unknowns over their sizes at which they end.
 
     Returns:
@@ -241,7 +279,11 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         if locals_ > 0:
             for i in range(locals_):
                 room.row[begin + i] = fields.local[cell, i]
-            change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps, tolerance)
+            change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[0], tolerance, False)
+            if change != 0.0:
+                for i in range(locals_):
+                    room.row[begin + i] = fields.local[cell, i]
+                change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[1], tolerance, True)
             for i in range(locals_):
                 fields.local[cell, i] = room.row[begin + i]
             if change != 0.0:

@@ -27,8 +27,9 @@ from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
-# Local Newton steps, and the change of the local unknowns, over their size in the cell, at which they end.
-_SWEEPS = 30
+# Local Newton steps, whole ones, then, from the start again, shortened where they do not lessen what is lacking; and
+# the change of the local unknowns, over their size in the cell, at which they end.
+_SWEEPS = (30, 120)
 _LOCAL = 1e-10
 
 _NONE = np.zeros(0)
@@ -122,6 +123,7 @@ class CellPass:
             tensor=np.zeros(max(row, local.shape[1] + slopes.shape[1]) + 1),
             matrix=np.zeros((n, 2 * n)),
             sizes=np.zeros((2, n)),
+            steps=np.zeros((len(weights), n + 2)),
             where=np.zeros(2, dtype=np.int64),
         )
 
@@ -141,8 +143,9 @@ class CellPass:
             place = ", ".join(f"{x:.4g}" for x in centre)
             state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
             raise ConvergenceError(
-                f"{self._group.form_name}: the equations at a quadrature point were not solved in {_SWEEPS} steps "
-                f"(last relative change {change:.1e}): point {point} of the cell around ({place}) m, whose history is "
+                f"{self._group.form_name}: the equations at a quadrature point were not solved, in {_SWEEPS[0]} whole "
+                f"steps of Newton's method and {_SWEEPS[1]} that were shortened where they did not help (last "
+                f"relative change {change:.1e}): point {point} of the cell around ({place}) m, whose history is "
                 f"[{', '.join(f'{value:.4g}' for value in state)}]; take a smaller step"
             )
 
