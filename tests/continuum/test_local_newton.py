@@ -27,7 +27,7 @@ def cube(form, parameters):
 
 
 def running_away():
-    """z is the shear du_x/dy, as the zero of an arc tangent: from 0 whole Newton steps grow without bound beyond 0.7 %."""
+    """z is the shear du_x/dy, as the zero of an arc tangent: whole Newton steps from 0 run away beyond 0.7 %."""
     module = types.ModuleType("running_away")
     vars(module).update({name: value for name, value in vars(j2).items() if name[:2] not in ("__", "lo")})
 

@@ -5,11 +5,11 @@ Unknown: displacement u (m). In the initial configuration, tension positive:
     sigma = C : (eps - eps_p),    f = h(sigma, phi) <= 0,    d eps_p = d lam dg/d sigma,    g = h(sigma, psi)
     h(sigma, alpha) = p sin(alpha) + sqrt(J2 K(theta)^2 + a^2 sin(alpha)^2) - c cos(alpha)
 
-with the mean stress p, Lode's angle theta, sin(3 theta) = -(3 sqrt(3) / 2) J3 / J2^(3/2), the friction angle phi and the
-dilatancy psi. K is Mohr and Coulomb's, cos(theta) - sin(alpha) sin(theta) / sqrt(3), up to the transition angle theta_T,
-and beyond it the parabola in sin(3 theta) that has the same value, slope and curvature there; a rounds the apex.
-A step is integrated by the implicit Euler method: seven equations at each point, for the plastic strain that
-it adds and the multiplier lam. History: eps_p (xx, yy, zz, yz, xz, xy, tensor components), and the plastic work per volume.
+with the mean stress p, Lode's angle theta, sin(3 theta) = -(3 sqrt(3) / 2) J3 / J2^(3/2), the friction angle phi and
+the dilatancy psi. K is Mohr and Coulomb's, cos(theta) - sin(alpha) sin(theta) / sqrt(3), up to the transition angle
+theta_T, and beyond it the parabola in sin(3 theta) that has the same value, slope and curvature there; a rounds the
+apex. A step is integrated by the implicit Euler method: seven equations at each point, for the plastic strain that it
+adds and the multiplier lam. History: eps_p (xx, yy, zz, yz, xz, xy, tensor components), plastic work per volume.
 
 References: Abbo, Lyamin, Sloan & Hambleton 2011, doi:10.1016/j.ijsolstr.2011.06.021 (edges); Abbo & Sloan 1995,
 doi:10.1016/0045-7949(94)00339-5 (apex).
@@ -109,7 +109,7 @@ def local_residual(z: Any, u: Any, state: Any, p: Any) -> Any:
     """Flow rule and yield condition where the trial stress yields, else z itself; without dimension."""
     sigma = ufl.variable(_stress(u, tensor(state) + tensor(z), p))
     flow = ufl.diff(_surface(sigma, p, p.dilatancy), sigma)
-    lacks = components(tensor(z) - z[6] * flow) + [_surface(sigma, p, p.friction) / (2 * shear_modulus(p))]
+    lacks = [*components(tensor(z) - z[6] * flow), _surface(sigma, p, p.friction) / (2 * shear_modulus(p))]
     yields = ufl.gt(_surface(_stress(u, tensor(state), p), p, p.friction), 0.0)
     return ufl.as_vector([ufl.conditional(yields, lack, z[i]) for i, lack in enumerate(lacks)])
 
