@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.command.terminal import add_json, launched_ranks, print_json, print_line
-from flexmbd.multibody.kernels.base.compiling import cache_folder
+from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
 
 _BROKEN = 1
 _PATIENCE = 120.0  # s, for libraries that load from a slow disk

@@ -165,11 +165,22 @@ class StructType(types.Type):
             self.places[name] = at, kind
             at += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
         super().__init__(name=f"{qualified.rpartition('.')[2]}*")
+        self._hash = hash(self.key)  # numba asks for it some hundred thousand times as it finds a method's types
 
     @property
     def key(self) -> Any:
         """What tells one structure from another."""
         return self.qualified, self.fields
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, StructType) and self.key == other.key)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> Any:
+        """Hashes of strings differ from process to process: it is made anew."""
+        return StructType, (self.qualified, self.fields)
 
 
 @register_model(StructType)

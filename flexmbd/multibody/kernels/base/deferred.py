@@ -24,6 +24,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from flexmbd.multibody.kernels.base.compiling import separate_kernel
+from flexmbd.multibody.kernels.base.kernel_stamp import stands_for
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,7 +58,9 @@ def deferred_kernel(returns: types.Type = types.none) -> Callable[[F], F]:
         own = inspect.signature(function)
         context = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
         typing.__signature__ = own.replace(parameters=[context, *own.parameters.values()])  # type: ignore[attr-defined]
-        return intrinsic(typing)
+        caller = intrinsic(typing)
+        stands_for(caller, f"deferred {'.'.join(name)}{own} -> {returns}")
+        return caller
 
     return decorate
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core import typed_passes, untyped_passes
-from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, CompileResult, Flags, compile_result
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
@@ -164,25 +163,22 @@ class _PartBackend(LoweringPass):
         return True
 
 
-class PartCache(CompileResultCacheImpl):
-    """Keeps functions as they were translated."""
+def part_payload(compiled: CompileResult) -> tuple[Any, ...]:
+    """What is written of a function that was translated."""
+    compiled.fndesc.typemap = compiled.fndesc.calltypes = None
+    compiled.library._ensure_finalized()
+    return compiled.library.name, compiled.library._final_module.as_bitcode(), compiled.fndesc, compiled.signature
 
-    def reduce(self, cres: CompileResult) -> Any:
-        """What is written."""
-        cres.fndesc.typemap = cres.fndesc.calltypes = None
-        cres.library._ensure_finalized()
-        return cres.library.name, cres.library._final_module.as_bitcode(), cres.fndesc, cres.signature
 
-    def rebuild(self, target_context: Any, payload: Any) -> CompileResult:
-        """What was written, as if compiled."""
-        name, bitcode, fndesc, sig = payload
-        return compile_result(
-            typing_context=target_context.typing_context,
-            target_context=target_context,
-            entry_point=_Part(),
-            library=PartLibrary.of(target_context.codegen(), name, bitcode),
-            signature=sig,
-            objectmode=False,
-            fndesc=fndesc,
-            lifted=(),
-        )
+def part_from(target_context: Any, name: str, bitcode: bytes, fndesc: Any, sig: Any) -> CompileResult:
+    """The function of which this was written, as if compiled."""
+    return compile_result(
+        typing_context=target_context.typing_context,
+        target_context=target_context,
+        entry_point=_Part(),
+        library=PartLibrary.of(target_context.codegen(), name, bitcode),
+        signature=sig,
+        objectmode=False,
+        fndesc=fndesc,
+        lifted=(),
+    )
