@@ -214,7 +214,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         pivot=zeros(max(1, n), np.int32),
         tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(N_SIZES, np.int32),
-        ancestors=_ancestor_table(plan, tangent.blocks)[: 0 if interiors else None],
+        ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or len(recursion.number))),
         recursion=recursion,
         kernels=np.array(kernels),
         tangent=tangent,
@@ -223,11 +223,12 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     )
 
 
-def _ancestor_table(plan: Plan, blocks: DiagonalBlocks) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where factoring by the tree is cheaper than as a whole; (0, ...) elsewhere."""
+def _ancestor_table(plan: Plan, blocks: DiagonalBlocks, *, serves: bool) -> NDArray[np.int64]:
+    """Ancestors of the unknowns where it ``serves`` and to factor by the tree is cheaper than as a whole; else none."""
+    if not serves or len(plan.rows) or len(blocks.velocity) != 1:
+        return np.zeros((0, 1), np.int64)
     lines = ancestors(plan)
-    whole = len(plan.rows) == 0 and len(blocks.velocity) == 1
-    return lines if whole and is_cheaper_than_dense(lines) else lines[:0]
+    return lines if is_cheaper_than_dense(lines) else lines[:0]
 
 
 @kernel

@@ -9,7 +9,7 @@ from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
-from flexmbd.integrate.radau.matrix import solve_real
+from flexmbd.integrate.radau.matrix import put_imbalance, solve_real
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -51,14 +51,9 @@ def _estimate(plan, state, groups, scratch, h):
         # the frequency of a vibration with that curvature of its acceleration
         size = groups.acceleration[groups.of[k]]
         scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
+    put_imbalance(plan, scratch, step)
     for c in range(blocks.velocity.shape[0]):
         first, last = between(blocks.free, c)
-        for i in range(first, last):
-            total = 0.0
-            for j in range(first, last):
-                k = j - first
-                total += scratch.mass[i, k] * scratch.error_v[j] - step * scratch.stiffness[i, k] * scratch.error_x[j]
-            scratch.rhs_real[0, i] = total
         for r in range(*between(blocks.rows, c)):
             opening = 0.0
             swing = 0.0

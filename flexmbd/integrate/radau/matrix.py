@@ -6,7 +6,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
-from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, evaluate_stage
+from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, TREE_TANGENT, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
@@ -14,6 +14,16 @@ from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
+from flexmbd.multibody.kernels.tangent.recursion_parts import (
+    DAMPING,
+    MASS,
+    N_PARTS,
+    STIFFNESS,
+    add_product,
+    keep_part,
+    set_shift,
+)
+from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
 
 @kernel
@@ -62,6 +72,10 @@ def take_tangent(plan, work, state, scratch, stage):
     evaluate_stage(plan, work, state, scratch, stage)
     if scratch.tangent_stiffness.shape[0] > 0:
         take_stiffness(plan, work, scratch.scale_x, scratch.x[stage], scratch.v[stage], scratch.tangent_stiffness)
+    scratch.memory.tangent_serves[0] = 1
+    scratch.memory.step_factored[0] = 0.0
+    if recurs(scratch):
+        return _take_parts(plan, work, scratch, stage)
     derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
     _take_free(plan, scratch, scratch.stiffness)
     _take_rows(plan, scratch.tangent.blocks, scratch.tangent.rate_jacobian, scratch.rate_jacobian)
@@ -70,8 +84,6 @@ def take_tangent(plan, work, state, scratch, stage):
     derive(plan, work, scratch, stage, 0.0, 0.0, 1.0)
     _take_free(plan, scratch, scratch.mass)
     _take_rows(plan, scratch.tangent.blocks, scratch.tangent.jacobian, scratch.jacobian)
-    scratch.memory.tangent_serves[0] = 1
-    scratch.memory.step_factored[0] = 0.0
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
         first, last = between(blocks.free, c)
@@ -80,6 +92,81 @@ def take_tangent(plan, work, state, scratch, stage):
                 if not np.isfinite(scratch.stiffness[i, j] + scratch.damping[i, j] + scratch.mass[i, j]):
                     return False
     return True
+
+
+@kernel
+def recurs(scratch):
+    """Whether the matrices are factored by the recursion over the tree."""
+    return scratch.recursion.number.shape[0] > 0
+
+
+@deferred_kernel(FLAG)
+def _take_parts(plan, work, scratch, i):
+    """The tangent's parts at stage i, for the recursion; whether all is finite."""
+    finite = True
+    for part in range(N_PARTS):
+        per_x, per_v = 1.0 if part == STIFFNESS else 0.0, 1.0 if part == DAMPING else 0.0
+        per_a = 1.0 if part == MASS else 0.0
+        call_separate(
+            scratch.kernels[TREE_TANGENT],
+            (
+                plan,
+                work,
+                scratch.tangent,
+                scratch.recursion,
+                scratch.x[i],
+                scratch.v[i],
+                scratch.a[i],
+                per_x,
+                per_v,
+                per_a,
+            ),
+        )
+        finite = keep_part(scratch.recursion, scratch.parts, part) and finite
+    return finite
+
+
+@deferred_kernel(FLAG)
+def _factor_recursions(plan, scratch, h):
+    """Factor both iteration matrices by the recursion; False if a pivot is too small."""
+    set_shift(scratch.parts, h / REAL, scratch.recursion)
+    set_shift(scratch.parts, h / COMPLEX, scratch.complex_recursion)
+    return factor_recursion(plan, scratch.recursion) and factor_recursion(plan, scratch.complex_recursion)
+
+
+@deferred_kernel()
+def _solve_real_recursion(plan, scratch):
+    solve_recursion(plan, scratch.recursion, scratch.rhs_real)
+
+
+@deferred_kernel()
+def _solve_complex_recursion(plan, scratch):
+    solve_recursion(plan, scratch.complex_recursion, scratch.rhs_complex)
+
+
+@deferred_kernel()
+def _put_tree_imbalance(plan, scratch, step):
+    scratch.rhs_real[0, :] = 0.0
+    parts, recursion, out = scratch.parts, scratch.recursion, scratch.rhs_real[0]
+    add_product(plan, parts, MASS, recursion, 1.0, scratch.error_v, out)
+    add_product(plan, parts, STIFFNESS, recursion, -step, scratch.error_x, out)
+
+
+@kernel
+def put_imbalance(plan, scratch, step):
+    """Write M ``s.error_v`` - ``step`` K ``s.error_x`` into the coordinates' part of ``s.rhs_real``."""
+    if recurs(scratch):
+        _put_tree_imbalance(plan, scratch, step)
+        return
+    blocks = scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        first, last = between(blocks.free, c)
+        for i in range(first, last):
+            total = 0.0
+            for j in range(first, last):
+                k = j - first
+                total += scratch.mass[i, k] * scratch.error_v[j] - step * scratch.stiffness[i, k] * scratch.error_x[j]
+            scratch.rhs_real[0, i] = total
 
 
 @kernel
@@ -176,6 +263,8 @@ def factor_step(plan, state, scratch, h):
     """Factor both iteration matrices for the step h with the tangent at hand; False if singular."""
     state.counts[st.FACTORISATIONS] += 1
     scratch.memory.step_factored[0] = h
+    if recurs(scratch):
+        return _factor_recursions(plan, scratch, h)
     if plan.rows.shape[0] > 0 and not _shift_directions(plan, scratch, h):
         return False
     _fill_matrix(plan, scratch, h / REAL + 0.0, scratch.real_matrix)
@@ -189,6 +278,9 @@ def factor_step(plan, state, scratch, h):
 @kernel
 def solve_real(plan, scratch):
     """Solve with the real iteration matrix for ``s.rhs_real``, in place."""
+    if recurs(scratch):
+        _solve_real_recursion(plan, scratch)
+        return
     if scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
         return
@@ -198,7 +290,10 @@ def solve_real(plan, scratch):
 
 
 @kernel
-def _solve_complex(scratch):
+def _solve_complex(plan, scratch):
+    if recurs(scratch):
+        _solve_complex_recursion(plan, scratch)
+        return
     if scratch.bounds.shape[0] == 2:
         matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
         solve(scratch.lapack_complex, matrix, pivot, scratch.sizes, scratch.rhs_complex)
@@ -257,7 +352,7 @@ def correct_stages(plan, scratch, h):
             BASIS_INVERSE[2, 0] * e0 + BASIS_INVERSE[2, 1] * e1 + BASIS_INVERSE[2, 2] * e2,
         )
     solve_real(plan, scratch)
-    _solve_complex(scratch)
+    _solve_complex(plan, scratch)
     for j in range(n):
         w0 = scratch.rhs_real[0, j]
         w1 = scratch.rhs_complex[0, j].real

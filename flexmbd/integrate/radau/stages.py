@@ -29,15 +29,22 @@ from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, unknown_bounds
-from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent.recursion_parts import (
+    ComplexRecursion,
+    RecursionParts,
+    new_complex_recursion,
+    new_recursion_parts,
+)
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 # Entries of RadauWorkspace.kernels: kernels called by their addresses.
-RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, N_KERNELS = range(4)
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, N_KERNELS = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +120,8 @@ class RadauWorkspace(ArrayStruct):
     row_residual, reaction, row_scratch: (m,).  tree_matrix: factors of B.
     own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
+    recursion, complex_recursion, parts: the tangent and its factors where ``tree_recursion`` serves; the matrices have
+    no entries there, the others none elsewhere.
     """
 
     x: FloatArray
@@ -174,6 +183,9 @@ class RadauWorkspace(ArrayStruct):
     bounds: IntArray
     sorted_real: FloatArray
     sorted_complex: ComplexArray
+    recursion: TreeRecursion
+    complex_recursion: ComplexRecursion
+    parts: RecursionParts
     tangent: TangentWork
     data: DataLoads
     memory: RadauMemory
@@ -187,15 +199,21 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     scales = zeros((2, nv))
     tangent = new_tangent_work(plan, nv, sizes=scales)
     bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
-    phi, full = zeros((3, m)), zeros((nv, nv))
+    recursion = new_tree_recursion(plan, np.diff(free))
+    if len(recursion.number):  # no matrix
+        bounds = free = free[:1]
+    phi, full = zeros((3, m)), zeros((0, 0) if len(recursion.number) else (nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
     kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
     if m > 0:
         kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
-    kernels[TANGENT_AFTER_RESIDUAL] = address_of(
-        tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
-    )
+    if len(recursion.number):
+        by_tree = (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
+        kernels[TREE_TANGENT] = address_of(tree_tangent_after_residual, by_tree)
+    else:
+        whole = (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
+        kernels[TANGENT_AFTER_RESIDUAL] = address_of(tangent_after_residual, whole)
     return RadauWorkspace(
         x=zeros((STAGES, nx)),
         v=zeros((STAGES, nv)),
@@ -256,6 +274,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         bounds=bounds,
         sorted_real=zeros((1, n)),
         sorted_complex=zeros((1, n), np.complex128),
+        recursion=recursion,
+        complex_recursion=new_complex_recursion(recursion),
+        parts=new_recursion_parts(recursion),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),

@@ -113,7 +113,7 @@ def _joints_between(plan: Plan, one: int, other: int) -> int:
 
 
 @kernel
-def _felt(twist, wrench):
+def felt(twist, wrench):
     """A wrench (force, torque) projected on a twist (translation, rotation)."""
     total = 0.0
     for c in range(_WRENCH):
@@ -122,7 +122,8 @@ def _felt(twist, wrench):
 
 
 @kernel
-def _times(row, motion):
+def times(row, motion):
+    """A row of a body's answer times a motion."""
     total = 0.0
     for c in range(_MOTION):
         total += row[c] * motion[c]
@@ -170,7 +171,7 @@ def put_joints(plan, tw, recursion, per_x):
         for r in range(link[at.JOINT_SIZE]):
             if is_slide(plan, link, r):  # its axis does not turn with the wrench
                 for k in range(link[at.JOINT_SIZE]):
-                    recursion.own[o + r, k] += _felt(recursion.twist[o + r], recursion.push[o + k])
+                    recursion.own[o + r, k] += felt(recursion.twist[o + r], recursion.push[o + k])
 
 
 @entry_kernel
@@ -200,7 +201,7 @@ def _eliminate(recursion, answer, first, size):
         for c in range(_MOTION):
             gain[first + k, c] = 0.0
         for r in range(_WRENCH):
-            wrench = _times(answer[r], recursion.motion[first + k])
+            wrench = times(answer[r], recursion.motion[first + k])
             push[first + k, r] += wrench
             kept[k] += abs(recursion.twist[first + k, r] * wrench)
             for j in range(size):
@@ -220,7 +221,7 @@ def _eliminate(recursion, answer, first, size):
 def _factor_joint(own, gain, first, size, kept):
     """LU of a joint's entries in place, and ``gain`` divided by them; False if a pivot is small against ``kept``."""
     for k in range(first, first + size):
-        if not abs(own[k, k - first]) > _LEAST_PIVOT * kept[k - first]:
+        if not abs(own[k, k - first]) > _LEAST_PIVOT * abs(kept[k - first]):
             return False
         for j in range(k + 1, first + size):
             share = own[j, k - first] / own[k, k - first]
@@ -256,7 +257,7 @@ def _gather(plan, recursion, i, values):
     if size > 0 and recursion.number[first] >= 0:
         begin, own = recursion.number[first], recursion.own
         for k in range(size):
-            values[begin + k] -= _felt(recursion.twist[first + k], bias)
+            values[begin + k] -= felt(recursion.twist[first + k], bias)
         for k in range(size):
             for j in range(k):
                 values[begin + k] -= own[first + k, j] * values[begin + j]
@@ -285,7 +286,7 @@ def _spread(plan, recursion, i, values):
     begin = recursion.number[first]
     if parent >= 0:
         for k in range(size):
-            values[begin + k] -= _times(recursion.gain[first + k], recursion.moved[parent])
+            values[begin + k] -= times(recursion.gain[first + k], recursion.moved[parent])
     for k in range(size):
         for c in range(_MOTION):
             moved[c] += recursion.motion[first + k, c] * values[begin + k]
