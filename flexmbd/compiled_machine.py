@@ -124,6 +124,14 @@ class CompiledMachine:
         except SceneError as reason:
             raise SceneError(f"with {told(values)}: {reason}") from reason
 
+    def resulting(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
+        """What a trajectory of this machine with these values is of; for ``Trajectory.load``.
+
+        Raises:
+            SceneError: as ``variant``.
+        """
+        return self.variant(values), self.bodies, self.team
+
     def _refuse_unknown(self, names: Iterable[object]) -> None:
         unknown = [name for name in names if name not in self.parameters]
         if unknown:

@@ -18,6 +18,7 @@ from flexmbd.errors import SceneError as SceneError
 from flexmbd.errors import StartWarning as StartWarning
 from flexmbd.errors import TableWarning as TableWarning
 from flexmbd.errors import VersionError as VersionError
+from flexmbd.files.result_table import ResultTable as ResultTable
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference as CentralDifference
@@ -76,6 +77,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint as WorkingPoint
 from flexmbd.multibody.motion.instant import Instant as Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene as CompiledScene
 from flexmbd.multibody.results.energy import Energy as Energy
+from flexmbd.multibody.results.momentum import Momentum as Momentum
 from flexmbd.multibody.start.consistent_start import Start as Start
 from flexmbd.multibody.team import Team as Team
 from flexmbd.record.groups import DistributedLoads as DistributedLoads

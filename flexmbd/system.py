@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
 from flexmbd.machine_assembly import MachineAssembly
+from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.energy_force import EnergyForce
 from flexmbd.multibody.force.protocol import Force
@@ -35,6 +36,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
+from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
@@ -91,6 +93,14 @@ class System(MachineAssembly):
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
         forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
+
+    def resulting(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
+        """What a trajectory of this machine is of; for ``Trajectory.load``.
+
+        Raises:
+            SceneError: as ``compile``; or there are values, and a System has no parameters.
+        """
+        return self.compile().resulting(values)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.

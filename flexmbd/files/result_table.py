@@ -7,6 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from flexmbd.errors import ExportError
 from flexmbd.files.archive import read_archive, write_archive
 from flexmbd.files.whole_file import finite, read_text, write_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +40,37 @@ class ResultTable:
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: FloatArray
+
+    def __repr__(self) -> str:
+        """How many rows and columns; the numbers are asked for by name."""
+        return f"<ResultTable of {len(self.values)} rows, {len(self.names)} columns: {', '.join(self.names[:6])}, ...>"
+
+    def save(self, path: str | Path) -> Path:
+        """As ``write_table``. Not collective: under MPI, call it on one rank."""
+        return write_table(self, Path(path))
+
+    @staticmethod
+    def load(path: str | Path) -> ResultTable:
+        """As ``read_table``."""
+        return read_table(Path(path))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A frame of pandas with the headings "name [unit]", the time its index.
+
+        Raises:
+            ExportError: pandas is not installed.
+        """
+        try:
+            import pandas as pd  # only where it is asked for
+        except ImportError as reason:
+            raise ExportError("a table for pandas needs pandas: pip install pandas") from reason
+        frame = pd.DataFrame(self.values, columns=self.headings)
+        return frame.set_index(self.headings[0])
+
+    @property
+    def headings(self) -> list[str]:
+        """Of each column, as "crank.x [m]"."""
+        return [f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
 
     def column(self, name: str) -> FloatArray:
         """The values (nt,) of a column.
@@ -64,7 +99,7 @@ def write_table(table: ResultTable, path: Path) -> Path:
         raise ExportError(f"{path}: a table is written as {' or '.join(SUFFIXES)}")
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(f"{name} [{unit}]" for name, unit in zip(table.names, table.units, strict=True))
+    lines.writerow(table.headings)
     lines.writerows([repr(float(value)) for value in row] for row in table.values)
     return write_file(path, text.getvalue())
 

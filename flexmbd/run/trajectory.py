@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.files.result_table import ResultTable
+from flexmbd.given import is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
@@ -21,19 +22,22 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
-from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.results.energy import Energy
+from flexmbd.multibody.results.momentum import Momentum, momentum_of
 from flexmbd.multibody.scene_index import Slots
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
+from flexmbd.run.columns import table_columns, table_times, tabulate
+from flexmbd.run.dense_output import motion_between
 from flexmbd.run.departure import Departure
 from flexmbd.run.recording import BodyRecording
+from flexmbd.run.result_file import Resultant, SavedRun, load_run, save_run
 from flexmbd.run.stats import Stats
 
 if TYPE_CHECKING:
@@ -309,30 +313,76 @@ class Trajectory:
         Raises:
             SceneError: a time outside the trajectory, or not a time.
         """
-        wanted = np.atleast_1d(numbers(t))
-        if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():
-            raise SceneError(f"a time, or an array (k,) of times, in s is wanted, got {t!r:.100}")
-        slack = 1e-12 * float(np.abs(self.t[[0, -1]]).max())
-        if wanted.min() < self.t[0] - slack or wanted.max() > self.t[-1] + slack:
-            raise SceneError(
-                f"time {wanted.min():g} to {wanted.max():g} s lies outside the trajectory, "
-                f"{self.t[0]:g} to {self.t[-1]:g} s"
-            )
-        n = len(wanted)
-        if len(self.t) == 1:
-            x, v, a = (np.repeat(part, n, axis=0) for part in (self.x, self.v, self.a))
-            return x, v, a
-        return motion_at(interpolated_coordinates(self.scene.plan), self._with_departures(), wanted)
+        return motion_between(self.scene.plan, (self.t, self.x, self.v, self.a), self.departures, t)
 
-    def _with_departures(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """t, x, v, a with a second row at each break: just after it."""
-        if not self.departures:
-            return self.t, self.x, self.v, self.a
-        rows = np.array([one.row for one in self.departures])
-        v, a = (np.array([getattr(one, name) for one in self.departures]) for name in ("v", "a"))
-        places = rows + 1
-        t, x = (np.insert(part, places, part[rows], axis=0) for part in (self.t, self.x))
-        return t, x, np.insert(self.v, places, v, axis=0), np.insert(self.a, places, a, axis=0)
+    def momentum(self, *, t: ArrayLike | None = None) -> Momentum:
+        """Centre of mass, momentum and angular momentum of all bodies together at each instant, or at times ``t``.
+
+        Raises:
+            SceneError: the machine has no mass, or bodies with history, whose interiors have momenta of their own.
+        """
+        x, v = (self.x, self.v) if t is None else self.motion(t)[:2]
+        return momentum_of(self.scene, x, v)
+
+    def table(
+        self,
+        *things: Connection | Frame | Body,
+        reactions: Sequence[Connection] = (),
+        energies: bool | None = None,
+        t: ArrayLike | None = None,
+        every: float | None = None,
+    ) -> ResultTable:
+        """Series as a table with units: ``.values``, ``.column(name)``, ``.save("run.csv")``, ``.to_pandas()``.
+
+        Args:
+            things: joints (coordinates, rates), frames (position, quaternion scalar first, velocity, angular velocity,
+                acceleration) and bodies (their frames; modal coordinates of flexible ones).  Without any: all joints
+                that have coordinates, and all bodies.
+            reactions: joints whose reactions are told, at the ends of steps alone.
+            energies: whether the energies are told; by default where no things are named.
+            t: (k,) s, when; by default at the ends of steps.
+            every: s between equal times from the start, and the end, in place of ``t``.
+
+        Raises:
+            SceneError: times outside the trajectory, ``t`` and ``every`` together, a thing of another machine, or two
+                columns of one name.
+        """
+        columns = table_columns(self, things, reactions, energies=energies)
+        return tabulate(self, columns, t=table_times(self.t, t, every))
+
+    def save(self, path: str | Path) -> Path:
+        """Write what ran to an HDF5 file, whole or not at all, on rank 0.  Collective over the team.
+
+        It is read back by ``Trajectory.load``, and by any HDF5 library: t, x, v, a, the names of the coordinates, and
+        under "series" the table of all joints, bodies and energies.  Checkpoints are files of their own.
+
+        Raises:
+            RecordError: it cannot be written.
+        """
+        saved = SavedRun(**{one.name: getattr(self, one.name) for one in fields(SavedRun)})
+        save_run(Path(path), saved, self.table(), scene=self.scene, team=self.team)
+        return Path(path)
+
+    @staticmethod
+    def load(path: str | Path, machine: Resultant, **values: Any) -> Trajectory:
+        """The trajectory that ``save`` wrote, of a machine that is at hand: all questions are answered as before.
+
+        Not collective: each rank reads the file.
+
+        Args:
+            path: of the file.
+            machine: the System, or what its ``compile`` gave, with the same bodies, joints and forces.
+            values: of the parameters with which it ran, of a compiled machine.
+
+        Raises:
+            RecordError: the file is missing, damaged, of another kind, or of another machine.
+            SceneError: a value does not fit.
+        """
+        refuse_other(machine, Resultant, "machine", wanted="a System, or what its compile() gave")
+        scene, bodies, team = machine.resulting(values)
+        saved = load_run(Path(path), scene)
+        parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
+        return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)
 
     def plot(
         self,

@@ -181,7 +181,7 @@ def test_a_run_that_fails_keeps_what_it_computed(folder, capsys):
         (PENDULUM.replace("every = 0.05", "every = 1e-9"), "output.every: would make 2e+09 rows; 1e+07 are the most"),
         (PENDULUM.replace('child = "bob"', 'child = "bob"\nparent = "bob"'), "connects body 'bob' to itself"),
         (PENDULUM.replace("[output]", "[output]\njoints = []\nrotations = []\nmodal = [3]"), "output.modal"),
-        (PENDULUM.replace("[output]", '[output]\nrotations = ["bob", "bob"]'), "two columns would be called 'bob.q0'"),
+        (PENDULUM.replace("[output]", '[output]\nrotations = ["bob", "bob"]'), "two columns would be called 'bob.e0'"),
         (JAMMED + '[output]\njoints = ["slot"]\n', "joint 'slot' closes a loop and has no coordinates to tell"),
     ],
 )
@@ -221,8 +221,8 @@ def test_every_series(folder):
         found = np.column_stack([table.column(stem + axis) for axis in "xyz"])
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
     half = table.column("hinge.angle") / 2
-    np.testing.assert_allclose(table.column("bob.q0"), np.cos(half), atol=1e-14)
-    np.testing.assert_allclose(table.column("bob.q2"), np.sin(half), atol=1e-14)
+    np.testing.assert_allclose(table.column("bob.e0"), np.cos(half), atol=1e-14)
+    np.testing.assert_allclose(table.column("bob.e2"), np.sin(half), atol=1e-14)
 
 
 TABLE = ResultTable(

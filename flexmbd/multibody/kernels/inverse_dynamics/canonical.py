@@ -47,7 +47,7 @@ _ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
-def _body_momentum(plan, work, i, x, v, none, row, out):
+def body_momentum(plan, work, i, x, v, none, row, out):
     """Write the momentum of body i about its origin as its wrench, and its modal momenta.
 
     The momentum is the wrench that the velocities would require as accelerations from rest.
@@ -68,7 +68,7 @@ def _body_momentum(plan, work, i, x, v, none, row, out):
 
 @deferred_kernel()
 def _modal_momentum(plan, work, i, x, v, none, row, out):
-    """``_body_momentum`` of flexible body i, whose work row is that of a body at rest."""
+    """``body_momentum`` of flexible body i, whose work row is that of a body at rest."""
     tree = plan.tree[i]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     qx = tree[at.MODAL_X]
@@ -82,12 +82,12 @@ def momenta(plan, work, x, v, none, out):
     """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
     forward_kinematics(plan, work, x, v, none)
     for i in range(plan.tree.shape[0]):
-        _body_momentum(plan, work, i, x, v, none, work.body[i], out)
+        body_momentum(plan, work, i, x, v, none, work.body[i], out)
     backward_forces(plan, work, out)
 
 
 @kernel
-def _first_moment(plan, i, x):
+def first_moment_of(plan, i, x):
     """First moment of mass of body i, deformed, about its origin in its axes."""
     first = load3(plan.rigid[i], at.FIRST_MOMENT)
     tree = plan.tree[i]
@@ -105,7 +105,7 @@ def potential_energy(plan, work, x):
     for i in range(plan.tree.shape[0]):
         row = work.body[i]
         mass = plan.rigid[i, at.MASS]
-        moment = rotate(load9(row, at.B_R), _first_moment(plan, i, x))
+        moment = rotate(load9(row, at.B_R), first_moment_of(plan, i, x))
         energy -= mass * dot3(g, load3(row, at.B_P)) + dot3(g, moment)
         tree = plan.tree[i]
         if tree[at.FLEX] >= 0:
@@ -133,14 +133,14 @@ def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         row = work.body[i]
-        _body_momentum(plan, work, i, x, v, none, row, p)
+        body_momentum(plan, work, i, x, v, none, row, p)
         for k in range(6):
             wrench[i, k] = row[at.B_F + k]
         weight = rotate_back(load9(row, at.B_R), scale3(-1.0, g))
         if tree[at.FLEX] >= 0:
             _write_modal_gradient(plan, work, i, x, v, half, none, weight, out)
         store3(row, at.B_F, scale3(plan.rigid[i, at.MASS], weight))
-        store3(row, at.B_T, cross3(_first_moment(plan, i, x), weight))
+        store3(row, at.B_T, cross3(first_moment_of(plan, i, x), weight))
 
 
 @deferred_kernel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
+    cross3,
     dot3,
     load3,
     load9,
@@ -12,16 +13,14 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     store9,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.inverse_dynamics.canonical import body_momentum, first_moment_of
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import elements_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
-from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
-from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
@@ -44,41 +43,26 @@ def frame_series(plan, work, f, x, v, a, out):
 
 
 @kernel
-def _body_energy(plan, work, i, x, v, none, out):
-    """(kinetic, elastic, gravitational) energy of body i, its motion being in ``work``.
-
-    Kinetic energy is half of velocity times momentum, and the momentum is the wrench that the
-    same velocities would require as accelerations from rest.
-    """
-    tree = plan.tree[i]
+def _kinetic_energy(plan, work, i, x, v, none, scratch):
+    """Kinetic energy of body i, half of velocity times momentum; its work row holds its momentum afterwards."""
     row = work.body[i]
-    w = load3(row, at.B_W)
     velocity = load3(row, at.B_V)
-    store3(row, at.B_DW, w)
-    store3(row, at.B_A, velocity)
-    store3(row, at.B_W, (0.0, 0.0, 0.0))
-    rigid = plan.rigid[i]
-    first = load3(rigid, at.FIRST_MOMENT)
-    elastic = 0.0
-    kinetic = 0.0
-    if tree[at.FLEX] < 0:
-        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
-    else:
-        flex = plan.flex[tree[at.FLEX]]
-        n = flex[at.N_MODES]
-        q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
-        qd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
-        flexible_inertia(plan, work.moments, i, q, none[:n], qd, kinds.FREE_ROTATION, row, out[:n])
-        elastic = elastic_energy(plan, flex, q)
-        for j in range(n):
-            kinetic += 0.5 * qd[j] * out[j]
-        first = deformed_first_moment(plan, i, q)
-    kinetic += 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(w, load3(row, at.B_T)))
-    g = load3(plan.gravity, 0)
-    moment = add3(
-        scale3(rigid[at.MASS], load3(row, at.B_P)), rotate(load9(row, at.B_R), first)
-    )
-    return kinetic, elastic, -dot3(g, moment)
+    body_momentum(plan, work, i, x, v, none, row, scratch)
+    kinetic = 0.5 * (dot3(velocity, load3(row, at.B_F)) + dot3(load3(row, at.B_W), load3(row, at.B_T)))
+    tree = plan.tree[i]
+    if tree[at.FLEX] >= 0:
+        first = tree[at.MODAL_V]
+        for j in range(first, first + plan.flex[tree[at.FLEX], at.N_MODES]):
+            kinetic += 0.5 * v[j] * scratch[j]
+    return kinetic
+
+
+@kernel
+def _moment_of_mass(plan, work, i, x):
+    """First moment of mass (kg m) of body i about the inertial origin, in inertial axes."""
+    row = work.body[i]
+    about_origin = rotate(load9(row, at.B_R), first_moment_of(plan, i, x))
+    return add3(scale3(plan.rigid[i, at.MASS], load3(row, at.B_P)), about_origin)
 
 
 @entry_kernel
@@ -87,17 +71,41 @@ def energy_series(plan, work, x, v, none, scratch, out):
 
     ``none`` is (nv,) zeros, ``scratch`` (nv,).
     """
+    g = load3(plan.gravity, 0)
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], none)
         for i in range(plan.tree.shape[0]):
-            kinetic, elastic, gravitational = _body_energy(
-                plan, work, i, x[k], v[k], none, scratch
-            )
-            out[k, 0] += kinetic
-            out[k, 1] += elastic
-            out[k, 2] += gravitational
+            out[k, 0] += _kinetic_energy(plan, work, i, x[k], v[k], none, scratch)
+            tree = plan.tree[i]
+            if tree[at.FLEX] >= 0:
+                flex = plan.flex[tree[at.FLEX]]
+                q = x[k][tree[at.MODAL_X] : tree[at.MODAL_X] + flex[at.N_MODES]]
+                out[k, 1] += elastic_energy(plan, flex, q)
+            out[k, 2] -= dot3(g, _moment_of_mass(plan, work, i, x[k]))
         if plan.elements.shape[0] > 0:
             out[k, 3] += elements_energy(plan, work, x[k])
+
+
+@entry_kernel
+def momentum_series(plan, work, x, v, none, scratch, out):
+    """out[k] = first moment of mass (kg m), momentum (N s) and angular momentum (N m s) of the machine.
+
+    All about the inertial origin, in inertial axes.  ``none`` is (nv,) zeros, ``scratch`` (nv,).
+    """
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v[k], none)
+        moment, linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        for i in range(plan.tree.shape[0]):
+            moment = add3(moment, _moment_of_mass(plan, work, i, x[k]))
+            row = work.body[i]
+            body_momentum(plan, work, i, x[k], v[k], none, row, scratch)
+            R = load9(row, at.B_R)
+            l_W = rotate(R, load3(row, at.B_F))
+            linear = add3(linear, l_W)
+            angular = add3(angular, add3(rotate(R, load3(row, at.B_T)), cross3(load3(row, at.B_P), l_W)))
+        store3(out[k], 0, moment)
+        store3(out[k], 3, linear)
+        store3(out[k], 6, angular)
 
 
 @entry_kernel

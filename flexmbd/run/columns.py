@@ -1,0 +1,256 @@
+"""Columns of a table of results: their names, units and values, from a trajectory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.files.result_table import ResultTable
+from flexmbd.given import is_number, numbers
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.energy import Energy
+from flexmbd.rotation import to_quaternion
+
+FloatArray = NDArray[np.float64]
+
+_XYZ = ("x", "y", "z")
+_ENERGIES = ("kinetic", "elastic", "gravitational", "spring", "total")
+
+
+class Answers(Protocol):
+    """What is asked of a trajectory."""
+
+    @property
+    def t(self) -> FloatArray:
+        """(nt,) s."""
+
+    @property
+    def scene(self) -> CompiledScene:
+        """The machine."""
+
+    @property
+    def bodies(self) -> Mapping[str, Body]:
+        """By name."""
+
+    def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m."""
+
+    def rotation(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3, 3)."""
+
+    def velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m/s."""
+
+    def angular_velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) rad/s."""
+
+    def acceleration(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, 3) m/s^2."""
+
+    def beta(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
+        """Joint coordinates."""
+
+    def beta_rate(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
+        """Joint velocities."""
+
+    def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
+        """Modal coordinates."""
+
+    def energy(self, *, t: ArrayLike | None = None) -> Energy:
+        """Energies."""
+
+    def reaction(self, connection: Connection) -> FloatArray:
+        """(nt, 6) N, N m."""
+
+
+@dataclass(frozen=True)
+class ResultColumns:
+    """Columns that come together.
+
+    Attributes:
+        names, units: of each.
+        values: of a trajectory, at given times or at the ends of its steps: (nt, k) or, of one column, (nt,).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Callable[[Answers, FloatArray | None], FloatArray]
+
+
+@dataclass(frozen=True)
+class FrameSeries:
+    """What can be asked of a frame."""
+
+    endings: tuple[str, ...]
+    unit: str
+    values: Callable[[Answers, Frame, FloatArray | None], FloatArray]
+
+
+def _quaternions(run: Answers, frame: Frame, t: FloatArray | None) -> FloatArray:
+    return np.array([to_quaternion(R) for R in run.rotation(frame, t=t)])
+
+
+FRAME_SERIES = {
+    "positions": FrameSeries(_XYZ, "m", lambda run, frame, t: run.position(frame, t=t)),
+    "rotations": FrameSeries(("e0", "e1", "e2", "e3"), "1", _quaternions),
+    "velocities": FrameSeries(("vx", "vy", "vz"), "m/s", lambda run, frame, t: run.velocity(frame, t=t)),
+    "angular_velocities": FrameSeries(
+        ("wx", "wy", "wz"), "rad/s", lambda run, frame, t: run.angular_velocity(frame, t=t)
+    ),
+    "accelerations": FrameSeries(("ax", "ay", "az"), "m/s^2", lambda run, frame, t: run.acceleration(frame, t=t)),
+}
+
+
+def table_columns(
+    run: Answers,
+    things: Sequence[Connection | Frame | Body],
+    reactions: Sequence[Connection],
+    *,
+    energies: bool | None,
+) -> tuple[ResultColumns, ...]:
+    """The columns of ``Trajectory.table``.
+
+    Raises:
+        SceneError: a thing of another machine, or two columns of one name.
+    """
+    bodies = tuple(run.bodies.values())
+    index = run.scene.index
+    if not things:
+        joints = (joint for joint in index.joints if joint.joint.velocity_names)
+        things = (*joints, *(body for body in bodies if body in index.bodies))
+        energies = energies is not False
+    columns = [column for thing in things for column in columns_of(thing, bodies)]
+    columns += [reaction_columns(joint) for joint in reactions]
+    columns += [energy_columns()] if energies else []
+    refuse_equal_names(columns)
+    return tuple(columns)
+
+
+def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> FloatArray | None:
+    """(k,) s of the rows of a table; None for the ends of steps.
+
+    Raises:
+        SceneError: both are given, or the time between two is not positive.
+    """
+    if every is None:
+        return None if t is None else np.atleast_1d(numbers(t))
+    if t is not None or not (is_number(every) and every > 0.0):
+        raise SceneError(f"a table wants times t, or every as a positive time (s), not t = {t!r} and every = {every!r}")
+    return equal_times(float(ends[0]), float(ends[-1]), every)
+
+
+def columns_of(thing: Connection | Frame | Body, bodies: Collection[Body]) -> Iterator[ResultColumns]:
+    """All that a joint, a frame or one of a trajectory's bodies tells.
+
+    Of a joint coordinates and rates; of a frame position, quaternion, velocity, angular velocity and acceleration; of
+    a body that of its own frame and, of a flexible one, the modal coordinates.
+
+    Raises:
+        SceneError: it is something else, or a body with history, which has no frame of its own.
+    """
+    if isinstance(thing, Connection):
+        yield from joint_columns(thing)
+    elif isinstance(thing, Frame):
+        yield from (frame_columns(thing.label, thing, series) for series in FRAME_SERIES.values())
+    elif any(thing is body for body in bodies):
+        own = Frame(thing, np.zeros(3), np.eye(3), None, thing.name)
+        yield from (frame_columns(thing.name, own, series) for series in FRAME_SERIES.values())
+        if isinstance(thing, FlexibleBody):
+            yield modal_columns(thing)
+    else:
+        raise SceneError(f"a table is of this machine's joints, frames and bodies of one frame, not of {thing!r}")
+
+
+def joint_columns(connection: Connection) -> Iterator[ResultColumns]:
+    """Coordinates of a joint and their rates; nothing of one that has none."""
+    joint = connection.joint
+    rates = [name.replace(" ", "_") for name in joint.velocity_names]
+    turns = ["rad" if angular else "m" for angular in joint.angular]
+    if len(joint.start) == len(rates):
+        names, units, rates = rates, turns, [f"{name}_rate" for name in rates]
+    else:  # a quaternion, after the displacements of a free joint
+        places = len(joint.start) - 4
+        names, units = [*_XYZ[:places], "e0", "e1", "e2", "e3"], ["m"] * places + ["1"] * 4
+    if names:
+        yield _named(connection.name, names, units, lambda run, t: run.beta(connection, t=t))
+        per_second = [f"{unit}/s" for unit in turns]
+        yield _named(connection.name, rates, per_second, lambda run, t: run.beta_rate(connection, t=t))
+
+
+def frame_columns(label: str, frame: Frame, series: FrameSeries) -> ResultColumns:
+    """One of ``FRAME_SERIES`` of a frame."""
+    units = [series.unit] * len(series.endings)
+    return _named(label, series.endings, units, lambda run, t: series.values(run, frame, t))
+
+
+def modal_columns(body: FlexibleBody) -> ResultColumns:
+    """Modal coordinates."""
+    endings = [f"q{i + 1}" for i in range(body.record.n_modes)]
+    return _named(body.name, endings, ["kg^(1/2) m"] * len(endings), lambda run, t: run.q(body, t=t))
+
+
+def reaction_columns(joint: Connection) -> ResultColumns:
+    """What a joint passes on, as ``Trajectory.reaction``, at the ends of steps alone."""
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        if t is not None:
+            raise SceneError(f"reactions of joint {joint.name!r} are told at the ends of steps; leave out the times")
+        return run.reaction(joint)
+
+    endings = ("fx", "fy", "fz", "mx", "my", "mz")
+    return _named(f"{joint.name}.reaction", endings, ["N"] * 3 + ["N m"] * 3, values)
+
+
+def energy_columns() -> ResultColumns:
+    """The machine's energies."""
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        energy = run.energy(t=t)
+        return np.column_stack([getattr(energy, name) for name in _ENERGIES])
+
+    return _named("energy", _ENERGIES, ["J"] * len(_ENERGIES), values)
+
+
+def refuse_equal_names(columns: Iterable[ResultColumns]) -> None:
+    """Raise SceneError where two columns have one name."""
+    names = ["t", *(name for part in columns for name in part.names)]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"two columns would be called {name!r}; give a frame a name of its own")
+
+
+def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | None) -> ResultTable:
+    """The table of a trajectory, at times (s) or at the ends of its steps.
+
+    Raises:
+        SceneError: a time outside the trajectory, or columns that know the ends of steps alone.
+    """
+    at = run.t if t is None else t
+    parts = [np.asarray(one.values(run, t)).reshape(len(at), len(one.names)) for one in columns]
+    names = ("t", *(name for one in columns for name in one.names))
+    units = ("s", *(unit for one in columns for unit in one.units))
+    return ResultTable(names, units, np.hstack([at[:, None], *parts]))
+
+
+def equal_times(begin: float, end: float, every: float) -> FloatArray:
+    """(k,) s: equal steps from the beginning, and the end."""
+    t = begin + every * np.arange(math.floor((end - begin) / every * (1 + 1e-12)) + 1)
+    t[-1] = min(t[-1], end)
+    return t if end - t[-1] <= 1e-9 * every else np.append(t, end)
+
+
+def _named(
+    owner: str,
+    endings: Sequence[str],
+    units: Sequence[str],
+    values: Callable[[Answers, FloatArray | None], FloatArray],
+) -> ResultColumns:
+    return ResultColumns(tuple(f"{owner}.{ending}" for ending in endings), tuple(units), values)
