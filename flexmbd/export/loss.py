@@ -24,6 +24,7 @@ class Capabilities:
         interfaces: the largest number of interface frames, None for any number.
         rotations: whether an interface frame's rotation is carried, not only its displacement.
         damping: whether a damping matrix is carried.
+        gyroscopic: whether the forces of rotors inside the body are carried.
         large_motion: whether the inertia of the moving body is carried: the integrals from which
             velocity-dependent forces follow. Else the file is good for small motions of B.
         stiffening: whether stiffening by load or stretch is carried.
@@ -35,6 +36,7 @@ class Capabilities:
     interfaces: int | None = None
     rotations: bool = True
     damping: bool = True
+    gyroscopic: bool = False
     large_motion: bool = True
     stiffening: bool = False
     floating: bool = True
@@ -87,6 +89,8 @@ def _losses_of_the_body(body: ReducedBody, capabilities: Capabilities) -> list[s
         losses.append("the rotations of the interface frames")
     if not capabilities.damping and np.any(body.damping):
         losses.append("the damping matrix")
+    if not capabilities.gyroscopic and body.gyroscopic is not None:
+        losses.append("the gyroscopic forces of the rotors inside it")
     if not capabilities.floating and body.frame is None and body.n_modes > 0:
         losses.append("the floating frame: it takes bodies whose frame sits on an interface")
     return losses

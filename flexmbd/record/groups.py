@@ -135,6 +135,25 @@ class ModalStretch:
 
 
 @dataclass(frozen=True, eq=False)
+class Gyroscopic:
+    """Optional group ``gyroscopic/``: kinetic energy linear in the rates, as of rotors that spin inside the body.
+
+    The body's parts carry the angular momentum h + H q beside that of their own motion, in B, and the kinetic energy
+    has the part w . (h + H q) + qd^T A q, w being the angular velocity of B.  Its forces take no power: the
+    moment -(w x (h + H q) + H qd) on B, and H^T w - G qd on the modes, G = A - A^T.
+
+    Attributes:
+        momentum: (3,) N m s, h of the undeformed body, in B.
+        slope: (3, n) H, N m s per unit modal coordinate, in B.
+        G: (n, n) 1/s, skew.
+    """
+
+    momentum: FloatArray
+    slope: FloatArray
+    G: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class DistributedLoads:
     """Optional group ``loads/``: generalised forces of named loads that turn with the body.
 
@@ -169,7 +188,14 @@ class StressModes:
 
 
 RecordGroup = (
-    NodalModes | FurtherUnknowns | Surface | GeometricStiffness | ModalStretch | DistributedLoads | StressModes
+    NodalModes
+    | FurtherUnknowns
+    | Surface
+    | GeometricStiffness
+    | ModalStretch
+    | Gyroscopic
+    | DistributedLoads
+    | StressModes
 )
 
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
@@ -179,6 +205,7 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "surface": Surface,
     "geometric": GeometricStiffness,
     "stretch": ModalStretch,
+    "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
     "stress": StressModes,
 }
@@ -224,6 +251,8 @@ def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
         low, high = group.triangle.min(), group.triangle.max()
         if low < 0 or high >= len(group.x):
             yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
+    if isinstance(group, Gyroscopic) and group.G.shape == (n, n) and not np.array_equal(group.G, -group.G.T):
+        yield f"{kind} has a G that is not skew, whose forces would do work"
     for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
             yield f"{kind} names a load twice: {names}"
@@ -245,6 +274,8 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case ModalStretch():
             s = len(group.strain)
             return {"strain": (s, n), "P": (s, n, n)}
+        case Gyroscopic():
+            return {"momentum": (3,), "slope": (3, n), "G": (n, n)}
         case DistributedLoads():
             k = len(group.names)
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}

@@ -28,6 +28,7 @@ from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, froz
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
+from flexmbd.record.groups import Gyroscopic as Gyroscopic
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalModes as NodalModes
@@ -64,6 +65,7 @@ class ReducedBody:
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
         stretch: optional membrane strains, by which its modes' rotations stretch the body.
+        gyroscopic: optional forces of rotors inside the body, which take no power.
         loads: optional distributed loads.
         stress: optional stress modes.
     """
@@ -83,6 +85,7 @@ class ReducedBody:
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
     stretch: ModalStretch | None = None
+    gyroscopic: Gyroscopic | None = None
     loads: DistributedLoads | None = None
     stress: StressModes | None = None
 
@@ -230,6 +233,8 @@ class ReducedBody:
     def frequencies(self, clamped: Iterable[str] | Mapping[str, Iterable[str]] = ()) -> FloatArray:
         """Natural frequencies (Hz) of the free body, or with named interfaces clamped.
 
+        Of stiffness and mass alone: what damping and gyroscopic forces make of them, `System.linearize` says.
+
         Args:
             clamped: names of clamped interfaces; or a mapping from name to the clamped
                 components among ``x y z rx ry rz`` (in the interface's own axes), as in
@@ -293,7 +298,7 @@ class ReducedBody:
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        for group in (self.geometric, self.stretch, self.loads):
+        for group in (self.geometric, self.stretch, self.gyroscopic, self.loads):
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

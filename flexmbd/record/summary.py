@@ -19,6 +19,7 @@ from flexmbd.record.groups import (
     FloatArray,
     FurtherUnknowns,
     GeometricStiffness,
+    Gyroscopic,
     InterfaceFrame,
     ModalStretch,
     NodalModes,
@@ -45,6 +46,7 @@ _PURPOSE = {
     "surface": "pictures and films without the mesh",
     "geometric": "stiffening and softening by motion and load, in other programs",
     "stretch": "the same in a machine here; without it a spinning slender body is too soft",
+    "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
     "stress": "stress at the nodes without the model",
 }
@@ -257,6 +259,8 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.loads), "load")
         case ModalStretch():
             return _count(len(group.strain), "membrane strain")
+        case Gyroscopic():
+            return f"angular momentum {_vector(group.momentum, scale=float(np.linalg.norm(group.momentum)))} N m s"
         case DistributedLoads():
             return _count(len(group.names), "load")
 

@@ -33,6 +33,7 @@ from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping
+from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
@@ -96,6 +97,7 @@ class Contents:
         check_loads(model, self.loads)
         check_damping(model, self.damping)
         check_inertia(model)
+        check_gyroscopic(model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +151,9 @@ def optional_parts(
     parts: dict[str, Any] = {
         "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
     }
+    rotors = gyroscopic_group(model, modes=own, p=p, R=R)
+    if rotors is not None:
+        parts["gyroscopic"] = rotors
     provenance = {}
     if model.state is not None:
         provenance["prestress"] = "\n".join([*model.state.loads, model.state.note])

@@ -46,7 +46,7 @@ def test_a_sound_form(check):
     lines = out.splitlines()
     assert lines[0] == "my_form: tetrahedron 1"
     assert lines[1].startswith("PASS  names, signatures and results")
-    assert len(lines) == 17
+    assert len(lines) == 18
     ranks = "needs two ranks: mpirun -n 2 flexmbd check ..." if COMM.size == 1 else "K, off by"
     assert ranks in lines[-2]
     assert lines[-1] == f"my_form: {13 if COMM.size == 1 else 14} passed, 0 failed"

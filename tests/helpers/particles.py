@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexmbd.record.reduced_body import InterfaceFrame, ModalStretch, ReducedBody
+from flexmbd.record.reduced_body import Gyroscopic, InterfaceFrame, ModalStretch, ReducedBody
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,18 @@ class Particles:
 
 
 def particle_body(
-    seed: int, *, modes: int, damping: float = 0.0, size: float = 0.3, stretched: tuple[int, ...] = ()
+    seed: int,
+    *,
+    modes: int,
+    damping: float = 0.0,
+    size: float = 0.3,
+    stretched: tuple[int, ...] = (),
+    rotors: bool = False,
 ) -> Particles:
     """A body of random particles with mass-orthonormal random modes and two interfaces.
 
     "root" carries the body frame; "tip" moves and turns with the modes. The modes ``stretched`` have a strain of
-    second order.
+    second order; ``rotors``: angular momentum of its own, that the particles have no part in.
     """
     rng = np.random.default_rng(seed)
     k = 12
@@ -59,6 +65,13 @@ def particle_body(
         turn = np.linalg.qr(np.random.default_rng(0).standard_normal((len(stretched), len(stretched))))[0]
         strain, second = turn @ np.diag(size)[list(stretched)], np.tensordot(turn, P + P.transpose(0, 2, 1), 1)
         record = replace(record, stretch=ModalStretch(strain, second))
+    if rotors:
+        rng = np.random.default_rng(100 + seed)
+        half = rng.standard_normal((modes, modes))
+        record = replace(
+            record,
+            gyroscopic=Gyroscopic(rng.standard_normal(3), rng.standard_normal((3, modes)), half - half.T),
+        )
     return Particles(mass, x, phi, record)
 
 

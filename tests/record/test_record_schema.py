@@ -15,6 +15,7 @@ from flexmbd.record.reduced_body import (
     DistributedLoads,
     FurtherUnknowns,
     GeometricStiffness,
+    Gyroscopic,
     InterfaceFrame,
     ModalStretch,
     NodalModes,
@@ -36,6 +37,7 @@ def full_record():
     n, k, s, v, t, g = (SIZE[size] for size in "nksvtg")
     fields = rng.normal(size=(40, 4 + 3 * n))
     fields[:, 0] = 1.0
+    half = rng.normal(size=(n, n))
     return ReducedBody(
         gram=fields.T @ fields,
         stiffness=np.sort(rng.uniform(1, 2, n)),
@@ -55,6 +57,7 @@ def full_record():
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
         stretch=ModalStretch(rng.normal(size=(3, n)), rng.normal(size=(3, n, n))),
+        gyroscopic=Gyroscopic(rng.normal(size=3), rng.normal(size=(3, n)), half - half.T),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
@@ -62,7 +65,7 @@ def full_record():
     )
 
 
-GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "loads", "stress")
+GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")
 
 
 def assert_same(one, other):

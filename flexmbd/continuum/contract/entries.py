@@ -54,6 +54,8 @@ class OptionalEntries:
         dissipation: (v, p) Rayleigh's function as terms: half the power, W per unit of the body's measure, that
             viscosity takes where it is quadratic; its derivative by the rates v of the unknown is the viscous force.
             Convex, and zero for rigid motions.
+        gyroscopic: (u, v, p) the part of the kinetic energy that is linear in the unknown u and in its rates v, as
+            terms: that of rotors that spin inside the body. It has none where either is a translation of the whole.
         state: (p) with `update`: the history at a quadrature point at rest, (n,). Where the stress depends on rates
             residual, update, stress and local_residual take the length of the step as the keyword `dt`, s, at least
             0: at 0 no time passes, and nothing flows or relaxes.
@@ -79,6 +81,7 @@ class OptionalEntries:
     motion: Entry = field(default=None, metadata={"arguments": 3})
     section_inertia: Entry = field(default=None, metadata={"arguments": 1})
     dissipation: Entry = field(default=None, metadata={"arguments": 2})
+    gyroscopic: Entry = field(default=None, metadata={"arguments": 3})
     state: Entry = field(default=None, metadata={"arguments": 1})
     update: Entry = field(default=None, metadata={"arguments": 3})
     local_unknowns: Entry = field(default=None, metadata={"arguments": 1})

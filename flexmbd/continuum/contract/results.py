@@ -13,6 +13,7 @@ import ufl
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dissipation import dissipation_faults
 from flexmbd.continuum.contract.entries import STEP, is_rate_dependent, optional_entries
+from flexmbd.continuum.contract.gyroscopic import gyroscopic_faults
 from flexmbd.continuum.contract.terms import term_faults
 from flexmbd.continuum.contract.trial_symbols import GDIM, POINT, TrialSymbols, rest_faults, slope_at_rest, symbols_of
 from flexmbd.errors import FormulationError
@@ -75,8 +76,8 @@ def _kinetic_energy(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
         yield from rest_faults(integrand, unknown, derivatives=2)
         if slope_at_rest(integrand, unknown):
             yield (
-                "the integrand has a part linear in v: its gyroscopic forces are carried neither by bodies nor by "
-                "records; leave it out, or let a rotor of its own carry the angular momentum"
+                "the integrand has a part linear in v: write what is linear in v and in u as gyroscopic(u, v, p); "
+                "without u it makes no force"
             )
 
     yield from term_faults(module.kinetic_energy(unknown.u, unknown.parameters), unknown.cell, look)
@@ -86,6 +87,13 @@ def _dissipation(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     terms = module.dissipation(unknown.u, unknown.parameters)
     faults = list(term_faults(terms, unknown.cell, lambda integrand: rest_faults(integrand, unknown, derivatives=2)))
     yield from faults or dissipation_faults(terms, unknown, rigid_motion=module.rigid_motion)
+
+
+def _gyroscopic(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    rates = ufl.Coefficient(unknown.space)
+    terms = module.gyroscopic(unknown.u, rates, unknown.parameters)
+    faults = list(term_faults(terms, unknown.cell, lambda integrand: iter(())))
+    yield from faults or gyroscopic_faults(terms, unknown, rates, rigid_motion=module.rigid_motion)
 
 
 def _residual(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
@@ -233,6 +241,7 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "residual": _residual,
     "kinetic_energy": _kinetic_energy,
     "dissipation": _dissipation,
+    "gyroscopic": _gyroscopic,
     "rigid_motion": _rigid_motion,
     "stress": _stress,
     "reference": _reference,

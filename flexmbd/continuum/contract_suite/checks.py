@@ -193,6 +193,24 @@ def viscous_forces(trial: Trial) -> Outcome:
     ]
 
 
+def gyroscopic_forces(trial: Trial) -> Outcome:
+    """The kinetic energy linear in the rates is linear in both of its fields, and does not know translations."""
+    if not trial.has_gyroscopic:
+        return Remark(Verdict.SKIP, "the form has no kinetic energy linear in the rates")
+    energy, u, v, w = trial.gyroscopic_energy, trial.some(1), trial.some(2), trial.some(3)
+    size = abs(energy(u, w)) + abs(energy(v, w))
+    sums = [
+        energy(u + 2.0 * v, w) - energy(u, w) - 2.0 * energy(v, w),
+        energy(w, u + 2.0 * v) - energy(w, u) - 2.0 * energy(w, v),
+    ]
+    moved = [t * largest(u) for t in trial.rigid[:, :3].T]
+    pushed = [energy(u, t) - energy(t, u) for t in moved]
+    return [
+        Figure("a sum of fields off by", ratio(largest(np.array(sums)), size), EXACT),
+        Figure("force of a translation", ratio(largest(np.array(pushed)), size), EXACT),
+    ]
+
+
 def frame_indifference(trial: Trial) -> Outcome:
     """A finite rotation on top of any displacement turns the forces and changes no energy."""
     if trial.dim < 3:
@@ -306,6 +324,11 @@ CHECKS = (
         "viscous forces",
         viscous_forces,
         "dissipation(v, p) must be a convex function of rates of strain, smooth, and zero where nothing moves",
+    ),
+    Check(
+        "gyroscopic forces",
+        gyroscopic_forces,
+        "gyroscopic(u, v, p) must be linear in u and in v, and written in rotations, of which translations have none",
     ),
     Check(
         "frame indifference",

@@ -66,6 +66,7 @@ class Trial:
         self.space: fem.FunctionSpace = fem.functionspace(self.mesh, form.element(cell, 3, degree))
         self.u = fem.Function(self.space)
         self._assemblers: dict[str, list[Callable[[], Any]]] = {}
+        self._gyroscopic: list[fem.Form] | None = None
 
     @cached_property
     def layout(self) -> DofLayout:
@@ -184,6 +185,20 @@ class Trial:
     def damping(self, rates: FloatArray) -> FloatArray:
         """Derivative of the viscous forces by the rates, as a dense matrix."""
         return _dense_sum(self._assembled("damping", rates))
+
+    @property
+    def has_gyroscopic(self) -> bool:
+        """Whether the form has kinetic energy linear in the rates."""
+        return optional_entries(self.form).gyroscopic is not None
+
+    def gyroscopic_energy(self, at: FloatArray, rates: FloatArray) -> float:
+        """T1(u, v), J, by the terms' own rules."""
+        u, v = self._directions
+        u.x.array[:], v.x.array[:] = at, rates
+        if self._gyroscopic is None:
+            terms = cast(Any, self.form).gyroscopic(u, v, self.parameters)
+            self._gyroscopic = [fem.form(self._integral(*term), jit_options=_QUICK) for term in terms]
+        return float(sum(fem.assemble_scalar(form) for form in self._gyroscopic))
 
     def scalar_of(self, density: ufl.core.expr.Expr, *, degree: int) -> Callable[[FloatArray], float]:
         """Integral of a density that may hold `u`, by a rule of that degree, as a function of `u`."""

@@ -62,6 +62,26 @@ def dissipation(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.Form]:
     ]
 
 
+def gyroscopic(groups: Sequence[CellGroup], space: fem.FunctionSpace) -> list[fem.Form]:
+    """Virtual work of the gyroscopic forces that rates require, bilinear and skew, of the groups that have such.
+
+    Of the kinetic energy T1(u, v): T1(w, d) - T1(d, w), w the trial function (rates), d the test function. Collective.
+    """
+    u, v = fem.Function(space), fem.Function(space)
+    w, d = ufl.TrialFunction(space), ufl.TestFunction(space)
+
+    def energy(term: ufl.Form, along_u: ufl.core.expr.Expr, along_v: ufl.core.expr.Expr) -> ufl.Form:
+        return ufl.algorithms.expand_derivatives(ufl.derivative(ufl.derivative(term, u, along_u), v, along_v))
+
+    terms = [
+        integral(term, group, space.mesh)
+        for group in groups
+        if group.optional.gyroscopic is not None
+        for term in group.optional.gyroscopic(u, v, group.symbols)
+    ]
+    return _compiled(energy(term, w, d) - energy(term, d, w) for term in terms)
+
+
 def integral(term: IntegralTerm, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
     """A term integrated over the cells of its group by its own rule; not collective."""
     density, rule = term

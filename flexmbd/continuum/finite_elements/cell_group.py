@@ -90,6 +90,24 @@ def refuse_dissipation(groups: Sequence[CellGroup], *, by: str) -> None:
             )
 
 
+def refuse_gyroscopic(groups: Sequence[CellGroup], *, by: str) -> None:
+    """Refuse bodies whose gyroscopic forces would be left out; the same on every rank, not collective.
+
+    Args:
+        groups: of the body.
+        by: what takes the body and has no such forces.
+
+    Raises:
+        FormulationError: a formulation has kinetic energy linear in the rates.
+    """
+    for group in groups:
+        if group.optional.gyroscopic is not None:
+            raise FormulationError(
+                f"{group.form_name} has gyroscopic(u, v, p), whose forces {by} would leave out; reduce the body "
+                "(craig_bampton), or give it a form without"
+            )
+
+
 def pair_cells(
     mesh: TaggedMesh,
     formulation: Source | Pairs,

@@ -91,6 +91,8 @@ def _of_form(source: Any, parameters: Any, F: Expr, domain: ufl.Mesh) -> tuple[s
         raise FormulationError(f"{name}: a pseudo-rigid body needs the strain energy of a solid's displacement alone")
     if optional_entries(form).dissipation is not None:
         raise FormulationError(f"{name} has a dissipation, whose forces a pseudo-rigid body would leave out")
+    if optional_entries(form).gyroscopic is not None:
+        raise FormulationError(f"{name} has gyroscopic(u, v, p), whose forces a pseudo-rigid body would leave out")
     u = ufl.Coefficient(ufl.FunctionSpace(domain, element))
     W = sum((term for term, _ in form.strain_energy(u, parameters)), ufl.as_ufl(0.0))
     return name, ufl.replace(W, {u: ufl.dot(F - ufl.Identity(3), ufl.SpatialCoordinate(domain))})

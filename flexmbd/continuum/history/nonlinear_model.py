@@ -29,7 +29,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
+from flexmbd.continuum.finite_elements.cell_group import Pairs, Source, refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody, discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -110,6 +110,7 @@ class NonlinearModel(DiscretisedBody):
         """
         forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True)
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
+        refuse_gyroscopic(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)

@@ -105,7 +105,7 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
     """F*_r (nv,) of all bodies, and the active forces of their weight with ``gravity`` (3,) m/s^2.
 
     Rigid bodies: -m a* . v*_r - (I alpha + w x I w) . w_r at the centre of mass (eq. 3.2-3.4); flexible ones:
-    -m a . v_r over the point masses that have all their inertia integrals.
+    -m a . v_r over the point masses that have all their inertia integrals, and the moments of rotors inside them.
     """
     g = np.asarray(gravity, dtype=np.float64)
     total = np.zeros(len(kinematics.v))
@@ -120,7 +120,7 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
 
 
 def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
-    """F_r (nv,) of the strain energy and the modal damping of all flexible bodies."""
+    """F_r (nv,) of the strain energy, the modal damping and the modal gyroscopic forces of all flexible bodies."""
     out = np.zeros(len(kinematics.v))
     for place in modal_places(scene.plan):
         q, qd = kinematics.x[place.x], kinematics.v[place.v]
@@ -162,6 +162,12 @@ def _flexible_inertia(kinematics: Kinematics, body: Body, record: ReducedBody, g
     force = -points.mass[:, None] * (acceleration - g)
     total = linear[0].T @ force.sum(axis=0) + angular[0].T @ np.cross(arm, force).sum(axis=0)
     total[slots.v] += np.einsum("kin,ki->n", points.phi, force @ R)
+    if record.gyroscopic is not None:
+        rotors, turning = record.gyroscopic, R.T @ w
+        momentum = rotors.momentum + rotors.slope @ kinematics.q(body)
+        moment = np.cross(turning, momentum) + rotors.slope @ kinematics.q_rate(body)
+        total -= angular[0].T @ (R @ moment)
+        total[slots.v] += rotors.slope.T @ turning
     return total
 
 

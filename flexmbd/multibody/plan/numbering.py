@@ -207,15 +207,17 @@ class Numbering:
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""
         n = record.n_modes
-        damped = bool(record.damping.any())
+        rotors = record.gyroscopic
+        by_rates = record.damping if rotors is None else record.damping + rotors.G
         self.flex.append(
             [
                 n,
                 self.add_modal(record.gram[0, 4:].reshape(n, 3).T),
                 self.add_modal(modal_moments(record.gram, n)),
                 self.add_modal(record.stiffness),
-                self.add_modal(record.damping) if damped else -1,
+                self.add_modal(by_rates) if by_rates.any() else -1,
                 *self.add_stretch(record),
+                -1 if rotors is None else self.add_modal(np.concatenate([rotors.momentum, rotors.slope.ravel()])),
             ]
         )
         return len(self.flex) - 1

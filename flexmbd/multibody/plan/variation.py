@@ -149,7 +149,7 @@ class _Variation:
                 self._array("modal")[place : place + now.modes.size] = now.modes.ravel()
 
     def _write_record(self, body: FlexibleBody) -> None:
-        """The mass integrals, stiffness, damping and membrane strains of another record."""
+        """The mass integrals, stiffness, damping, membrane strains and rotors of another record."""
         row = self._plan.flex[self._plan.tree[self._index.bodies[body], at.FLEX]]
         record, label = self._index.now(body).record, f"body {body.name!r}"
         there, here = ({i.name for i in r.interfaces} for r in (record, body.record))
@@ -159,7 +159,9 @@ class _Variation:
         laid.modal_size = first = int(row[at.MODAL_FIRST])
         laid.add_flex(record)
         if laid.flex[0] != row.tolist():
-            raise SceneError(f"{label}: one record has damping or membrane strains that the other has not")
+            raise SceneError(
+                f"{label}: one record has damping, membrane strains or gyroscopic forces that the other has not"
+            )
         self._array("modal")[first : laid.modal_size] = np.concatenate(laid.modal)
 
     def _write_turning(self, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:

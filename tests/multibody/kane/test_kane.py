@@ -61,10 +61,11 @@ def test_partial_velocities_are_slopes_of_the_motion():
         np.testing.assert_allclose(angular[k] @ v, here.angular_velocity(frame), atol=1e-12)
 
 
+@pytest.mark.parametrize("rotors", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_kane_is_the_recursion(seed):
-    """F_r + F*_r - C^T nu = -residual on a machine of all joints, rigid and flexible, with loops."""
-    scene, bodies, _, _ = mixed_scene()
+def test_kane_is_the_recursion(seed, rotors):
+    """F_r + F*_r - C^T nu = -residual on a machine of all joints, rigid and flexible, with loops and rotors inside."""
+    scene, bodies, _, _ = mixed_scene(rotors=rotors)
     compiled = scene.compile().scene
     x, v, a = moving(compiled, seed)
     rng = np.random.default_rng(seed + 10)

@@ -76,10 +76,11 @@ def compare(plan, state, *, speed_step=0.5):
         assert error.max() < 1e-10, (which, error.max(), np.unravel_index(error.argmax(), error.shape))
 
 
+@pytest.mark.parametrize("rotors", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_tree_of_every_joint_and_body(seed):
-    """Rigid and flexible parents, stretch, damping, a reversed joint, children on deforming frames."""
-    scene, *_ = mixed_scene()
+def test_tree_of_every_joint_and_body(seed, rotors):
+    """Rigid and flexible parents, stretch, damping, rotors inside, a reversed joint, children on deforming frames."""
+    scene, *_ = mixed_scene(rotors=rotors)
     compiled = scene.compile().scene
     state = random_state(compiled, seed, spread=(0.5, 0.01, 1.0, 2.0)[seed])
     compare(tree_only(compiled), state)

@@ -34,12 +34,13 @@ N_MODES = 0
 MODAL_FIRST = 1  # (3, n) integrals of rho phi_i
 MODAL_MOMENTS = 2  # (1 + n, 9, n) moments of the modes with x and with each mode, see physics.modal_moments
 MODAL_STIFFNESS = 3  # (n,) diagonal of K_qq
-MODAL_DAMPING = 4  # (n, n) D_qq, or -1 where it is zero
+MODAL_DAMPING = 4  # (n, n) D_qq and the skew G of gyroscopic forces, or -1 where both are zero
 # Rows of stretch: a membrane strain's slope c (n), and the lower triangle of its C (n (n + 1) / 2); their number, 0
 # where there are none.
 STRETCH = 5
 N_STRETCH = 6
-N_FLEX = 7
+GYROSCOPIC = 7  # angular momentum h (3) of rotors inside, and its slope H (3, n) by the modes; -1 where there are none
+N_FLEX = 8
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
 # parameters in Plan.data, whether it holds positions or velocities alone, the function of time (-1: none) that is

@@ -40,6 +40,7 @@ from flexmbd.multibody.kernels.forward_dynamics.modes import (
 )
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
+from flexmbd.multibody.kernels.physics.gyroscopic import rotor_forces
 from flexmbd.multibody.kernels.physics.modal_moments import COUPLING
 from flexmbd.multibody.kernels.physics.reduced_inertia import add_velocity_forces, deform_body
 
@@ -106,6 +107,8 @@ def prepare_body(plan, aw, k, x, v, w):
     force = torque
     if spins:
         torque, force = add_velocity_forces(plan, i, w, qd, second, first, table, bias)
+    if flex[at.GYROSCOPIC] >= 0:
+        torque = add3(torque, rotor_forces(plan.modal, flex, w, q, qd, bias))
     row = aw.body[k]
     xx, xy, xz, yy, yz, zz = second
     store6(row, to.B_INERTIA, (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy))

@@ -36,7 +36,12 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
     load_elements,
     subtract_coordinate_forces,
 )
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import backward_forces, forward_kinematics, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
+    backward_forces,
+    forward_kinematics,
+    frame_motion,
+    load_rotors,
+)
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
@@ -141,6 +146,8 @@ def _write_momenta(plan, work, x, v, half, none, wrench, p, out):
             _write_modal_gradient(plan, work, i, x, v, half, none, weight, out)
         store3(row, at.B_F, scale3(plan.rigid[i, at.MASS], weight))
         store3(row, at.B_T, cross3(first_moment_of(plan, i, x), weight))
+        if tree[at.FLEX] >= 0 and plan.flex[tree[at.FLEX], at.GYROSCOPIC] >= 0:
+            load_rotors(plan, work, i, x, v, out)
 
 
 @deferred_kernel()

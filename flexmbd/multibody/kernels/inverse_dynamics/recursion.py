@@ -30,6 +30,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
+from flexmbd.multibody.kernels.physics.gyroscopic import rotor_forces
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import joint_force, joint_motion, joint_pose
 from flexmbd.multibody.kernels.physics.reduced_inertia import flexible_inertia
@@ -195,6 +196,22 @@ def _write_flexible_wrench(plan, work, i, x, v, a, out):
     q, qd, force = x[qx : qx + n], v[qv : qv + n], out[qv : qv + n]
     flexible_inertia(plan, work.moments, i, q, qd, a[qv : qv + n], tree[at.ROTATION], work.body[i], force)
     elastic_forces(plan.modal, flex, q, qd, work.generalized[qv : qv + n], force)
+    if flex[at.GYROSCOPIC] >= 0:
+        load_rotors(plan, work, i, x, v, out)
+
+
+@kernel
+def load_rotors(plan, work, i, x, v, out):
+    """Add what the rotors inside flexible body i require: to its wrench, and the modal forces to ``out`` (nv,)."""
+    tree = plan.tree[i]
+    flex = plan.flex[tree[at.FLEX]]
+    n = flex[at.N_MODES]
+    qx = tree[at.MODAL_X]
+    qv = tree[at.MODAL_V]
+    body = work.body[i]
+    w = load3(body, at.B_W)
+    moment = rotor_forces(plan.modal, flex, w, x[qx : qx + n], v[qv : qv + n], out[qv : qv + n])
+    store3(body, at.B_T, add3(load3(body, at.B_T), moment))
 
 
 @entry_kernel

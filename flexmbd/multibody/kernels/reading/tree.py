@@ -128,7 +128,7 @@ def flexible_row(plan: Plan, row: int) -> IntArray:
 
 
 def has_modal_damping(plan: Plan) -> bool:
-    """Whether some body's modes are damped."""
+    """Whether some body's modes have forces by their rates: damping, or gyroscopic ones."""
     return bool((plan.flex[:, at.MODAL_DAMPING] >= 0).any())
 
 

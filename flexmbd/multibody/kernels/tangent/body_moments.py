@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
+from flexmbd.multibody.kernels.physics.gyroscopic import momentum_slope, rotor_momentum
 from flexmbd.multibody.kernels.physics.inertial_forces import rigid_second_moment
 from flexmbd.multibody.kernels.physics.modal_moments import FORCE, add_pair_products, first_moments, sum_pairs
 from flexmbd.multibody.kernels.physics.reduced_inertia import deform_body
@@ -128,6 +129,9 @@ def flexible_composite(plan, work, tw, i, q, qd, qdd):
         V = _moments(sums, 0, j)
         V = (V[0], V[3], V[6], V[1], V[4], V[7], V[2], V[5], V[8])
         flow = add9(flow, scale9(qd[j], V))
+    if flex[at.GYROSCOPIC] >= 0:
+        # the particles of rotors move as well: h is the integral of rho r x r', twice the skew part
+        flow = add9(flow, scale9(-0.5, skew(rotor_momentum(plan.modal, flex, q))))
     _put_composite(tw.body[i], tw.origin, body, plan.rigid[i, at.MASS], first, rest, second, flow)
 
 
@@ -170,6 +174,10 @@ def modal_columns(plan, work, tw, i, per_x, per_v, per_a):
         met = add9(met, scale9(2.0, (*u0, *u1, *u2)))
         shifted = add3(cross3(c, a), scale3(-1.0, axial(met)))
         torque = add3(scale3(per_x, shifted), axial(compose(G, V)))
+        if flex[at.GYROSCOPIC] >= 0:
+            slope = momentum_slope(plan.modal, flex, j)
+            f0 = sub3(f0, rotate(R, scale3(0.5, slope)))
+            torque = add3(torque, add3(scale3(per_v, slope), scale3(per_x, cross3(w, slope))))
         fw = rotate(R, force)
         torque_o = add3(rotate(R, torque), cross3(p, fw))
         k = tree[at.MODAL_V] + j
