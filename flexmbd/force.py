@@ -17,6 +17,8 @@ from flexmbd.multibody.force.joint_stop import JointStop as JointStop
 from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
 from flexmbd.multibody.force.kane_body import KaneBody as KaneBody
 from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
+from flexmbd.multibody.force.plastic_joint_spring import PlasticJointSpring as PlasticJointSpring
+from flexmbd.multibody.force.plastic_spring import PlasticSpring as PlasticSpring
 from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
 from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember_step
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 
 FloatArray = NDArray[np.float64]
@@ -107,13 +109,17 @@ class Groups(ArrayStruct):
 
 @dataclass(frozen=True, eq=False)
 class Record(ArrayStruct):
-    """Output buffer: STORED rows are filled when a stepper returns."""
+    """Output buffer: STORED rows are filled when a stepper returns.
+
+    work: in which what elements remember is brought up to date.
+    """
 
     t: FloatArray
     x: FloatArray
     v: FloatArray
     a: FloatArray
     multipliers: FloatArray
+    work: Work
 
 
 @kernel
@@ -252,6 +258,8 @@ def store(plan, state, groups, record, h):
     state.numbers[TIME] = state.numbers[STEP_END]
     state.numbers[STEP_BEFORE] = h
     state.counts[STEPS] += 1
+    if record.work.trial.shape[0] > 0:
+        remember_step(plan, record.work, state.x, state.v, state.numbers[TIME])
     r = state.counts[STORED]
     record.t[r] = state.numbers[TIME]
     for k in range(state.x.shape[0]):

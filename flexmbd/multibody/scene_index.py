@@ -86,6 +86,7 @@ class SceneIndex:
         closures: rows of F and G in ``Plan.frames`` of joints held by constraints.
         modes: modal coordinates of flexible bodies.
         forces: rows of force elements; not of those that are solved together.
+        memories: of force elements with memory, the places in x of what they remember, by name.
         substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
             compiled: objects that have the numbers of this variant.
     """
@@ -96,6 +97,7 @@ class SceneIndex:
     closures: IdentityMap[Connection, tuple[int, int]] = field(default_factory=IdentityMap)
     modes: IdentityMap[Body, Slots] = field(default_factory=IdentityMap)
     forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
+    memories: IdentityMap[object, dict[str, int]] = field(default_factory=IdentityMap)
     substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
 
     def now(self, thing: T) -> T:

@@ -14,6 +14,7 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
@@ -69,6 +70,9 @@ class Answers(Protocol):
 
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) N, N m."""
+
+    def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
+        """What a force element remembers, by name."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +211,16 @@ def reaction_columns(joint: Connection) -> ResultColumns:
 
     endings = ("fx", "fy", "fz", "mx", "my", "mz")
     return _named(f"{joint.name}.reaction", endings, ["N"] * 3 + ["N m"] * 3, values)
+
+
+def memory_columns(label: str, force: Force, names: Sequence[str], units: Sequence[str]) -> ResultColumns:
+    """What a force element remembers under these names."""
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        found = run.remembered(force, t=t)
+        return np.column_stack([found[name] for name in names])
+
+    return _named(label, names, units, values)
 
 
 def energy_columns() -> ResultColumns:

@@ -21,6 +21,7 @@ from flexmbd.integrate.controller import NO_KNOTS, SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -108,7 +109,8 @@ class PreparedRuns:
         self._bare, self._dense, self._placed = without_forces(plan), new_dense_work(plan), placed_elements(plan)
         sizes = (scene.nx, scene.nv, scene.nv, 0)
         whole = [np.empty(1 + MOST_ROWS), *(np.empty((1 + MOST_ROWS, size)) for size in sizes)]
-        self._series, self._record = whole[:4], st.Record(*(part[1:] for part in whole))
+        t, x, v, a, multipliers = (part[1:] for part in whole)
+        self._series, self._record = whole[:4], st.Record(t, x, v, a, multipliers, self._work)
 
     @property
     def is_of_use(self) -> bool:
@@ -148,6 +150,8 @@ class PreparedRuns:
             evaluate_inputs(self.scene, self._work, self._settings.t_start)
         except FlexmbdError:
             return False
+        if self._work.trial.size:
+            remember(plan, self._work, s.x, s.v, self._settings.t_start)
         if not tree_accelerations(plan, self._bare, self._work, self._dense, s.x, s.v, s.a):
             return False
         if self._placed and any(misplaced_elements(plan, self._placed, s.x)):

@@ -17,6 +17,7 @@ from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
@@ -107,7 +108,8 @@ class Integration:
         self.state.counts[st.WATCH_ROWS] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
-        self.record = st.Record(np.empty(rows), *(np.empty((rows, size)) for size in sizes))
+        room = [np.empty((rows, size)) for size in sizes]
+        self.record = st.Record(np.empty(rows), room[0], room[1], room[2], room[3], self.work)
         self.record.lay_out()
         self.stored: list[tuple[FloatArray, ...]] = []
         self._taken = 0
@@ -251,6 +253,8 @@ class Integration:
         number[st.STEP_BEFORE] = 0.0
         for part in arrays_of(self._stepper.memory).values():
             part[...] = 0
+        if self.work.trial.size:  # rates may have jumped
+            remember(self.scene.plan, self.work, self.state.x, self.state.v, self.t)
         self._begin()
 
     def _begin(self) -> None:
@@ -262,7 +266,8 @@ class Integration:
         stored, before = int(self.state.counts[st.STORED]), self.rows
         self.departures.extend(replace(one, row=before + one.row) for one in self._departed)
         self._departed.clear()
-        *motion, multipliers = (part[:stored].copy() for part in self.record.fields().values())
+        r = self.record
+        *motion, multipliers = (part[:stored].copy() for part in (r.t, r.x, r.v, r.a, r.multipliers))
         self.stored.append((*motion, self._of_all_rows(multipliers)))
         self._taken += stored
         if self._interiors is not None:

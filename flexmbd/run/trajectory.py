@@ -17,6 +17,7 @@ from flexmbd.given import is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -24,6 +25,7 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant
+from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.results.energy import Energy
@@ -234,6 +236,17 @@ class Trajectory:
         first = sum(len(other.interior.frames) for other in bodies[:k])
         row = first + [frame.name for frame in body.interior.frames].index(interface)
         return np.array([one.wrenches[row] for one in self.interior_rows])
+
+    def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
+        """What a force element with memory remembers, by name, each (nt,); or of the step's beginning at times ``t``.
+
+        Of elasto-plastic springs ``deformation`` (m or rad), ``plastic_deformation``, ``plastic_way``, the sum of its
+        changes, and ``dissipated`` (J); of a law of one's own what it has named.
+
+        Raises:
+            SceneError: the force remembers nothing, or is not in the scene.
+        """
+        return memory_series(self.scene.index, force, self.x if t is None else self.motion(t)[0])
 
     def recorded(self, body: ContinuumBody) -> BodyRecording:
         """The fields of a body with history over time: nodes' motion, stress, what its form remembers.

@@ -71,6 +71,15 @@ FORCES: dict[str, Kind] = {
     "joint_spring": _kind(
         force.JointSpring, joint=_JOINT, stiffness=v.stiffness, rest=v.number, damping=v.number, coordinate=v.whole
     ),
+    "plastic_joint_spring": _kind(
+        force.PlasticJointSpring,
+        joint=_JOINT,
+        deformation=v.numbers,
+        force=v.numbers,
+        rest=v.number,
+        kinematic=v.number,
+        coordinate=v.whole,
+    ),
     "joint_damper": _kind(force.JointDamper, joint=_JOINT, damping=v.number, coordinate=v.whole),
     "joint_stop": _kind(
         force.JointStop,
@@ -96,6 +105,9 @@ FORCES: dict[str, Kind] = {
         force.BearingFriction, joint=_JOINT, coefficient=v.number, regularisation=v.number, radius=v.number
     ),
     "spring_damper": _kind(force.SpringDamper, **_ENDS, stiffness=v.number, length=v.number, damping=v.number),
+    "plastic_spring": _kind(
+        force.PlasticSpring, **_ENDS, deformation=v.numbers, force=v.numbers, length=v.number, kinematic=v.number
+    ),
     "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six),
     "frame_force": _kind(
         force.FrameForce, frame=v.frame, force=v.three_time_functions, torque=v.three_time_functions

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
+from flexmbd.force import PlasticJointSpring, PlasticSpring
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.run import columns as table
 from flexmbd.run.columns import ResultColumns
@@ -26,6 +27,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
         *_of_frames(built, output),
         *_of_modes(built, output),
         *(table.reaction_columns(built.joints[name.name]) for name in output.reactions),
+        *_of_memories(built),
         *([table.energy_columns()] if output.energies else []),
     )
     table.refuse_equal_names(columns)
@@ -65,3 +67,13 @@ def _of_modes(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
         body = built.bodies[name.name]
         if isinstance(body, FlexibleBody):
             yield table.modal_columns(body)
+
+
+def _of_memories(built: Built) -> Iterator[ResultColumns]:
+    """What elasto-plastic springs remember."""
+    memories = built.system.compile().scene.index.memories
+    for place, force in built.forces.items():
+        if isinstance(force, PlasticJointSpring | PlasticSpring) and force in memories:
+            turns = isinstance(force, PlasticJointSpring) and force.connection.joint.angular[force.coordinate]
+            units = ["J" if name == "dissipated" else "rad" if turns else "m" for name in memories[force]]
+            yield table.memory_columns(place, force, list(memories[force]), units)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.force import Force
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.record.reduced_body import ReducedBody
@@ -24,11 +25,13 @@ class Built:
         system: the machine.
         bodies: by their names, the ground too.
         joints: by their names.
+        forces: by their places in the file.
     """
 
     system: System
     bodies: Mapping[str, RigidBody | FlexibleBody | Ground]
     joints: Mapping[str, Connection]
+    forces: Mapping[str, Force]
 
     def frame(self, place: FramePlace) -> Frame:
         """The frame at a place.
@@ -51,7 +54,8 @@ def build(scene: SceneFile) -> Built:
     system = System(gravity=scene.gravity)
     bodies: dict[str, RigidBody | FlexibleBody | Ground] = {system.ground.name: system.ground}
     joints: dict[str, Connection] = {}
-    built = Built(system, bodies, joints)
+    forces: dict[str, Force] = {}
+    built = Built(system, bodies, joints, forces)
     for body in scene.bodies:
         with _at(scene, body.place, body.name):
             if isinstance(body, RigidEntry):
@@ -73,7 +77,8 @@ def build(scene: SceneFile) -> Built:
             joints[joint.name] = connection
     for element in scene.forces:
         with _at(scene, element.place, element.kind):
-            system.add_force(FORCES[element.kind].make(**_resolved(built, element.arguments)))
+            force = FORCES[element.kind].make(**_resolved(built, element.arguments))
+            forces[element.place] = system.add_force(force)
     for element in scene.couplings:
         with _at(scene, element.place, element.kind):
             system.couple(COUPLINGS[element.kind].make(**_resolved(built, element.arguments)))

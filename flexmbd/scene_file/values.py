@@ -36,6 +36,11 @@ def number(section: TomlSection, key: str, names: Names) -> float:
     return section.number(key)
 
 
+def numbers(section: TomlSection, key: str, names: Names) -> tuple[float, ...]:
+    """A list of finite numbers."""
+    return section.numbers(key)
+
+
 def whole(section: TomlSection, key: str, names: Names) -> int:
     """A whole number."""
     return section.whole(key)

@@ -45,7 +45,8 @@ def module(folder, name):
 def test_all_files_are_used_and_none_looks_behind_the_doors():
     """Public names alone: rooms of `flexmbd`, and what UFL files may import."""
     assert set(FILES) == {
-        "own_spring.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py", "sloshing.py",
+        "own_spring.py", "stick.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py",
+        "sloshing.py",
     }  # fmt: skip
     for name, text in FILES.items():
         assert len(text.splitlines()) <= 100, name
@@ -70,6 +71,28 @@ def test_a_force(folder):
     np.testing.assert_allclose(own.x, theirs.x, rtol=0.0, atol=1e-13)
     run = hanging(spring, 40.0, 0.3, 900.0).simulate(0.5, h=5e-3, integrator=fm.EnergyMomentum())
     assert np.ptp(run.energy().total) < 1e-11 * np.ptp(run.energy().kinetic)
+
+
+def test_a_force_with_memory(folder, tmp_path):
+    """A mass that slips to rest: the way that Coulomb's friction gives it, less what the stick springs back."""
+    speed, mass, stiffness, most = 3.0, 2.0, 5e4, 40.0
+    ends = []
+    for method in (fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(), fm.RadauIIA(), fm.EnergyMomentum()):
+        scene = fm.System(gravity=(0.0, 0.0, 0.0))
+        body = scene.add(fm.RigidBody(mass, (1.0, 1.0, 1.0)), name="body")
+        joint = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), body.frame())
+        force = scene.add_force(module(folder, "stick").Stick(joint, stiffness, most))
+        joint.velocity = speed
+        run = scene.simulate(0.2, rtol=1e-5, integrator=method, checkpoints=[0.1])
+        again = scene.simulate(0.2, rtol=1e-5, integrator=method, restart=run.checkpoints[0])
+        np.testing.assert_array_equal(again.x, run.x[-len(again.t) :])
+        kept = run.remembered(force)
+        # the work of the sliding force and what is stored in the stretched stick are all there is
+        slipped = (0.5 * mass * speed**2 - 0.5 * most**2 / stiffness) / most
+        assert kept["slipped"][-1] == pytest.approx(slipped, rel=2e-4)
+        assert kept["dissipated"][-1] == pytest.approx(most * slipped, rel=2e-4)
+        ends.append(kept["slipped"][-1])
+    assert np.ptp(ends) < 1e-4 * max(ends)
 
 
 def test_an_integrator(folder, tmp_path):

@@ -146,6 +146,16 @@ FORCE_TEXTS = {
             b.joints["hinge"], fm.Table((-1.0, 0.0, 1.0), (-5.0, 0.0, 9.0), beyond=fm.Beyond.LINEAR), 0.2
         ),
     ),
+    "plastic_joint_spring": (
+        'joint = "hinge"\ndeformation = [0, 0.1, 0.3]\nforce = [0, 5, 6]\nrest = 0.2\nkinematic = 0.5',
+        lambda b: fm.force.PlasticJointSpring(b.joints["hinge"], (0.0, 0.1, 0.3), (0.0, 5.0, 6.0), 0.2, 0.5),
+    ),
+    "plastic_spring": (
+        'from = "ground"\nto = "bob"\ndeformation = [0.1, 0.3]\nforce = [5, 6]\nlength = 0.4',
+        lambda b: fm.force.PlasticSpring(
+            b.system.ground.frame(), b.bodies["bob"].frame(), (0.1, 0.3), (5.0, 6.0), 0.4
+        ),
+    ),
     "joint_damper": ('joint = "hinge"\ndamping = 2', lambda b: fm.force.JointDamper(b.joints["hinge"], 2.0)),
     "joint_stop": (
         'joint = "slide"\nlower = -1\nupper = 1\nstiffness = 1e4\ndamping = 0.1\ntransition = 0.01',

@@ -114,7 +114,8 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     plan = scene.plan.replace(lapack=np.zeros_like(scene.plan.lapack))  # addresses in this process
     breaks = find_breaks(scene.time_rows, scene.declared_breaks(), rtol=NEWTON, h=h)
     impulses = np.unique(np.concatenate([np.zeros(0), *(jumps_of_rate(row) for row in scene.time_rows)]))
-    record = st.Record(np.zeros(1), *(np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows))))
+    x, v, a, nu = (np.zeros((1, size)) for size in (scene.nx, scene.nv, scene.nv, len(plan.rows)))
+    record = st.Record(np.zeros(1), x, v, a, nu, work)
     explicit = method if isinstance(method, ExplicitRungeKutta) else ExplicitRungeKutta()
     shared = plan, work, state, groups, record
     resting = _explicit(scene, explicit, _STANDSTILL, NO_KNOTS, shared)

@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
-from flexmbd.multibody.kernels.physics.joints import is_free, spin_of
+from flexmbd.multibody.kernels.physics.joints import coordinates_end, is_free, spin_of
 from flexmbd.multibody.kernels.reading.plan_entries import (
     driven_place,
     flexible_of,
@@ -90,6 +90,9 @@ def place(plan, x, scratch, h):
             scratch.x_end[qx + k] = x[qx + k] + scratch.increment[qv + k]
     for i in range(plan.driven.shape[0]):
         scratch.x_end[driven_place(plan.driven[i])[0]] = scratch.driven[i, 0]
+    for k in range(coordinates_end(plan), x.shape[0]):
+        scratch.x_mid[k] = x[k]
+        scratch.x_end[k] = x[k]
 
 
 @kernel

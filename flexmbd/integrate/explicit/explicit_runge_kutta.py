@@ -245,7 +245,7 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
     lower = st.error_ratio(plan.free, state, groups, scratch.error_x[1], scratch.error_v[1], h, rate)
     ratio = st.error_ratio(plan.free, state, groups, scratch.error_x[0], scratch.error_v[0], h, rate)
     if lower > 0.0:
-        if plan.elements.shape[0] > 0 and changes_piece(plan, state.x, scratch.x):
+        if plan.elements.shape[0] > 0 and changes_piece(plan, work, state.x, scratch.x, scratch.v):
             return max(lower, ratio)
         allowed = state.numbers[st.TOLERANCE] * min(1.0, h * rate)
         least = _LEAST * (lower * allowed) ** 2.25 / allowed

@@ -187,10 +187,10 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio
 
 
 @kernel
-def _changes_piece(plan, state, scratch):
+def _changes_piece(plan, work, state, scratch):
     """Whether the step leads through several pieces of a law."""
     for i in range(STAGES):
-        if changes_piece(plan, state.x, scratch.x[i]):
+        if changes_piece(plan, work, state.x, scratch.x[i], scratch.v[i]):
             return True
     return False
 
@@ -226,7 +226,7 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
-    if ratio <= 1.0 and scratch.tangent_stiffness.shape[0] > 0 and _changes_piece(plan, state, scratch):
+    if ratio <= 1.0 and scratch.tangent_stiffness.shape[0] > 0 and _changes_piece(plan, work, state, scratch):
         ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -65,6 +65,31 @@ class ElementTable(Protocol):
             SceneError: the functions are not compiled ones of six and of ten arguments (`flexmbd.compiled`).
         """
 
+    def memory_law(
+        self, law: Compiled, what: str, connection: Connection, index: int, *, memory: Mapping[str, float],
+        numbers: ArrayLike = (), rest: float = 0.0,
+    ) -> None:
+        """Let a law with memory of one's own act on a joint's coordinate less ``rest`` (m or rad).
+
+        ``numbers`` are its ``data``; ``memory`` names what it remembers, with the values it begins with;
+        ``remembered`` tells those whose name begins with no underscore.
+
+        Raises:
+            SceneError: the law is no compiled function of five arguments (`flexmbd.compiled`), or has no memory.
+        """
+
+    def memory_line(
+        self, law: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, memory: Mapping[str, float],
+        numbers: ArrayLike = (), length: float = 0.0,
+    ) -> None:
+        """Let a law with memory of one's own act on the distance of two frames less ``length`` (m); a pull is positive.
+
+        As ``memory_law``.
+        """
+
+    def memory(self, names: Mapping[str, float]) -> int:
+        """Place in x of a memory that begins with these values, behind what every element with memory notes."""
+
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""
 
@@ -85,7 +110,7 @@ class ElementTable(Protocol):
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 

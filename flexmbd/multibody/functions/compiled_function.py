@@ -15,7 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base.compiling import pickled_function
-from flexmbd.multibody.kernels.base.user_functions import frame_function, scalar_function, state_function
+from flexmbd.multibody.kernels.base.user_functions import (
+    frame_function,
+    memory_function,
+    scalar_function,
+    state_function,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +31,7 @@ class Signature(Enum):
     TIME = 1
     LAW = 3
     STATE = 4
+    MEMORY = 5
     WRENCH = 6
     WRENCH_VARIATION = 10
 
@@ -90,6 +96,10 @@ def compiled(
     and the angular velocity (3,).  Where it returns a number this is the energy (J) that it stores, whose derivative
     the wrench must be at rest.  ``f(data, d, R, rate, spin, dd, dtheta, drate, dspin, out)`` writes the change of that
     wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
+    ``f(data, memory, begin, end, out)`` leads a law with memory from the deformation ``begin`` to ``end`` (m or rad),
+    between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
+    and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;
+    for ``memory_law`` and ``memory_line`` of ``ElementTable``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
 
@@ -107,12 +117,15 @@ def compiled(
     if count not in {s.value for s in Signature}:
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
-            "f(t, x, v, out), f(data, d, R, rate, spin, out) or its derivative of ten arguments"
+            "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out) or its derivative of "
+            "ten arguments"
         )
     signature = Signature(count)
     returns_number = True
     if signature is Signature.STATE:
         pointer = state_function(function)
+    elif signature is Signature.MEMORY:
+        pointer = memory_function(function)
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):
         pointer, returns_number = frame_function(function, varied=signature is Signature.WRENCH_VARIATION)
     else:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
-from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.base.arrays import Work, memories_end
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
@@ -95,7 +96,10 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
             if step.unstable == 0:
                 here, _ = _take_step(machine, here, step.along, forces, searches=False)
             t, kept = float(work.time[-1, 0]), _committed(scene)
-            return WorkingPoint(scene, t, here.x, here.v, here.multipliers, kept, step.unstable)
+            x = here.x.copy()
+            if memories_end(scene.plan):
+                remember(scene.plan, work, x, here.v, t)
+            return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, step.unstable)
         if size <= _CONVERGED:
             along = step.softest * (_LEAVE / _size(scene, step.softest))
         else:

@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.machine import Machine
+from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.moving_frames import MovingFrames
 from flexmbd.multibody.motion.reaction import reactions
 
@@ -88,6 +89,10 @@ class Instant:
     def q_rate(self, body: Body) -> FloatArray:
         """(n,) rates of the modal coordinates."""
         return self.v[self.scene.index.modal(body).v].copy()
+
+    def remembered(self, force: object) -> dict[str, FloatArray]:
+        """What a force element with memory remembers, by name, each a number; see ``Trajectory.remembered``."""
+        return {name: series[0] for name, series in memory_series(self.scene.index, force, self.x[None]).items()}
 
     def reaction(self, connection: Connection) -> FloatArray:
         """(6,) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.

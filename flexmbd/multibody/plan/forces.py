@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.element import CoordinateLaw, ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
+from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.table import ELEMENTS, kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
@@ -39,11 +40,13 @@ class ForceSpan:
         data: places in ``Plan.data``.
         times: rows of ``Plan.times``.
         frames: rows of ``Plan.frames`` that it uses, in order.
+        memories: places in x where its memories begin, in order.
     """
 
     data: range
     times: range
     frames: tuple[int, ...]
+    memories: tuple[int, ...] = ()
 
 
 class ForceTable:
@@ -75,16 +78,21 @@ class ForceTable:
         self._origin: int | None = None
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
+        self._memories: list[tuple[int, tuple[str, ...]]] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
         """Let a force element add its rows, and keep their places."""
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
-        self._asked = []
+        self._asked, self._memories = [], []
         self._may_vary = force in self._varied
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
-        self.spans[force] = ForceSpan(data, times, tuple(self._asked))
+        self.spans[force] = ForceSpan(data, times, tuple(self._asked), tuple(place for place, _ in self._memories))
+        if self._memories:
+            self._numbering.index.memories[force] = {
+                name: place for first, names in self._memories for name, place in memory_places(first, names).items()
+            }
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate."""
@@ -155,6 +163,42 @@ class ForceTable:
         self.element(
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
+        )  # fmt: skip
+
+    def memory(self, names: Mapping[str, float]) -> int:
+        """Place in x of a memory that begins with these values."""
+        place = self._numbering.add_memory(names)
+        self._memories.append((place, tuple(names)))
+        return place
+
+    def memory_law(
+        self, law: Compiled, what: str, connection: Connection, index: int, *, memory: Mapping[str, float],
+        numbers: ArrayLike = (), rest: float = 0.0,
+    ) -> None:
+        """Let a law with memory of one's own act on a joint's coordinate."""
+        x, v = self.coordinate(connection, index)
+        self._remember(MEMORY_LAW, law, what, memory, [rest, *_flat(numbers)], x=x, v=v)
+
+    def memory_line(
+        self, law: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, memory: Mapping[str, float],
+        numbers: ArrayLike = (), length: float = 0.0,
+    ) -> None:
+        """Let a law with memory of one's own act along the line between two frames."""
+        f, g = self.frame(frame_F), self.frame(frame_G)
+        self._remember(MEMORY_LINE, law, what, memory, [length, *_flat(numbers)], f=f, g=g)
+
+    def _remember(
+        self, element: ElementKind, law: Compiled, what: str, memory: Mapping[str, float], numbers: list[float], *,
+        f: int = -1, g: int = -1, x: int = -1, v: int = -1,
+    ) -> None:
+        """A row of a law with memory; the first of the numbers is where the deformation is zero."""
+        law = _checked_law(self._note_breaks(law, what), what, Signature.MEMORY, "data, memory, begin, end, out")
+        if not memory:
+            raise SceneError(f"{what}: name what the law remembers, memory={{name: first value}}; else use JointLaw")
+        data = self.numbers([numbers[0], len(numbers) - 1, *numbers[1:]])
+        self.element(
+            element, what, f=f, g=g, x=x, v=v, data=data, count=len(memory),
+            address=self._numbering.add_compiled(law), memory=self.memory(memory),
         )  # fmt: skip
 
     def _note_breaks(self, function: Any, what: str) -> Any:
@@ -239,14 +283,25 @@ class ForceTable:
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, acts: bool = True,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""
         if not (acts or self._may_vary):
             self.idle.append(what)
             return
-        self.elements.append([kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements)])
+        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory]
+        self.elements.append(row)
         self.names.append(what)
+
+
+def memory_places(first: int, names: Iterable[str]) -> dict[str, int]:
+    """Where in x a memory's values stand that users may ask for, by name; it begins at ``first``."""
+    values = {name: first + at.N_MEMORY_HEAD + k for k, name in enumerate(names) if not name.startswith("_")}
+    return {"deformation": first + at.MEMORY_DEFORMATION, **values}
+
+
+def _flat(numbers: ArrayLike) -> list[float]:
+    return [*map(float, np.asarray(numbers, dtype=np.float64).ravel())]
 
 
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -176,6 +177,17 @@ class Numbering:
         self.data.append(np.ravel(values))
         self.data_size += values.size
         return offset
+
+    def add_memory(self, values: Mapping[str, float]) -> int:
+        """Append what an element remembers to the configuration, behind all coordinates; return its place.
+
+        Until a start writes it, it is of the end of time: whatever comes first is led straight to where it is.
+        """
+        place = len(self.start)
+        head = [0.0] * at.N_MEMORY_HEAD
+        head[at.MEMORY_TIME] = float(np.finfo(float).max)
+        self.start.extend([*head, *values.values()])
+        return place
 
     def add_pair(self, pair: KinematicPair) -> int:
         """Offset of a pair's columns among the parameters; joints alike share them."""

@@ -6,7 +6,7 @@ would be that is built with these numbers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.forces import ForceTable
+from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
 from flexmbd.multibody.plan.sources import frame_reach, row_reach
@@ -197,7 +197,7 @@ class _Variation:
         if isinstance(now, DistributedLoad):
             now = replace(now, body=self._index.now(now.body))
         now.check()
-        table = _Replay(self._scene, self._index, span.data.start, span.times.start, span.frames)
+        table = _Replay(self._scene, self._index, span.data.start, span.times.start, span)
         now.assemble(table)
         what = ", ".join(dict.fromkeys(self._scene.element_names[k] for k in rows.elements)) or type(force).__name__
         if not table.fits(self._plan, rows, span.data.stop, span.times.stop):
@@ -254,14 +254,14 @@ class _Replay(ForceTable):
     """Rows and parameters of one force element, from its first places in the scene."""
 
     def __init__(
-        self, scene: CompiledScene, index: SceneIndex, first_number: int, first_time: int, frames: tuple[int, ...]
+        self, scene: CompiledScene, index: SceneIndex, first_number: int, first_time: int, span: ForceSpan
     ) -> None:
         numbering = Numbering(scene.parts.ground, scene.extent, Callbacks(scene.parts.team))
         numbering.index = index
         numbering.data, numbering.data_size = [], first_number
         self._first_time, self._numbers = first_time, numbering
         self._of_substitutes = IdentityMap((index.now(body), body) for body in index.modes)
-        self._rows = iter(frames)
+        self._rows, self._places, self._start = iter(span.frames), iter(span.memories), scene.start
         super().__init__(numbering, scene.parts.ground)
         self._may_vary = True  # else it would not be here
 
@@ -283,6 +283,13 @@ class _Replay(ForceTable):
         """The row that it got before."""
         return next(self._rows, -1)
 
+    def memory(self, names: Mapping[str, float]) -> int:
+        """The place that it got before, if it begins with the same values."""
+        place = next(self._places, -1)
+        first = place + at.N_MEMORY_HEAD
+        same = place >= 0 and self._start[first : first + len(names)].tolist() == [*names.values()]
+        return place if same else -1
+
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a body's first mode."""
         return super().modes(self._of_substitutes.get(body, body))
@@ -297,6 +304,6 @@ class _Replay(ForceTable):
         elements = plan.elements[rows.elements.start : rows.elements.stop]
         kept = np.delete(elements, at.EL_NUMBER, axis=1).tolist()
         forces = plan.forces[rows.forces.start : rows.forces.stop].tolist()
-        own = [row[: at.EL_NUMBER] for row in self.elements]
+        own = [[*row[: at.EL_NUMBER], *row[at.EL_NUMBER + 1 :]] for row in self.elements]
         laid = (self.forces, own, self._numbers.data_size, self._first_time + len(self._numbers.times))
         return laid == (forces, kept, end, last_time) and next(self._rows, None) is None

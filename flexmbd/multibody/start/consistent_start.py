@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
-from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.base.arrays import Work, memories_end
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
@@ -129,6 +130,9 @@ def consistent_start(
     after = close_loops(reduced, work, closing.x, held_x, given)
     closed = after.x
     velocity = _velocities(scene, reduced, choice, work, closed, v, held_v, given)
+    if memories_end(scene.plan):
+        closed = closed.copy()
+        remember(scene.plan, work, closed, velocity, float(work.time[-1, 0]))
     if reduced.interiors is None:
         a, multipliers = accelerations(reduced, work, closed, velocity)
     else:

@@ -65,7 +65,7 @@ def local_rate(way, u, w):
 
 @kernel
 def from_local_coordinates(plain, quaternions, way, x, u, out):
-    """out = x moved by the local coordinates u (nv,); what is no quaternion adds.
+    """out = x moved by the local coordinates u (nv,); what is no quaternion adds, and what elements remember stays.
 
     ``plain``, ``quaternions``: ``coordinate_slots``.
     """
@@ -82,6 +82,8 @@ def from_local_coordinates(plain, quaternions, way, x, u, out):
         turned = quaternion_product((x[o], x[o + 1], x[o + 2], x[o + 3]), turn)
         out[o] = turned[0]
         store3(out, o + 1, (turned[1], turned[2], turned[3]))
+    for k in range(plain.shape[0] + 4 * quaternions.shape[0], x.shape[0]):
+        out[k] = x[k]
 
 
 @kernel

@@ -61,6 +61,8 @@ class Work(ArrayStruct):
     moments: (15, n) the table of moments of the reduced body at hand, see ``physics.modal_moments``.
     time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
     generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
+    memory: (nx,) the configuration, of which elements between frames read what they remember; none where none does.
+    trial: (n,) the memory of the element at hand, led to where it is.
     """
 
     body: FloatArray
@@ -68,14 +70,28 @@ class Work(ArrayStruct):
     time: FloatArray
     generalized: FloatArray
     moments: FloatArray
+    memory: FloatArray
+    trial: FloatArray
+
+
+def memories_end(plan: Plan) -> int:
+    """Where in the configuration x the memories of all elements end; 0 where none remembers."""
+    return _memories_end(plan.elements[plan.elements[:, at.EL_MEMORY] >= 0])
+
+
+def _memories_end(elements: IntArray) -> int:
+    return int((elements[:, at.EL_MEMORY] + at.N_MEMORY_HEAD + elements[:, at.EL_COUNT]).max(initial=0))
 
 
 def new_work(plan: Plan) -> Work:
     """Allocate the scratch space of ``plan``."""
+    remembering = plan.elements[plan.elements[:, at.EL_MEMORY] >= 0]
     return Work(
         np.zeros((len(plan.tree), at.N_BODY_WORK)),
         np.zeros((len(plan.frames), at.N_FRAME_WORK)),
         np.zeros((len(plan.times) + 1, 3)),
         np.zeros(len(plan.free) + len(plan.driven)),
         np.zeros((at.N_MOMENTS, int(plan.flex[:, at.N_MODES].max(initial=0)))),
+        np.zeros(_memories_end(remembering[remembering[:, at.EL_F] >= 0])),
+        np.zeros(int(remembering[:, at.EL_COUNT].max(initial=0))),
     )

@@ -95,6 +95,33 @@ def call_frame_law(typingctx, address, count, numbers, motion):
 
 
 @intrinsic
+def call_memory_law(typingctx, address, sizes, pointers, begin, end):
+    """Call double f(int64, double*, int64, double*, double, double, double[3]) at an address.
+
+    ``sizes`` and ``pointers`` are those of its numbers and of its memory; gives force, slope, piece and energy.
+    """
+
+    def codegen(context, builder, signature, args):
+        double, whole = ir.DoubleType(), ir.IntType(64)
+        pointer = double.as_pointer()
+        answer = cgutils.alloca_once(builder, ir.ArrayType(double, 3))
+        for k in range(3):
+            builder.store(ir.Constant(double, 0.0), cgutils.gep_inbounds(builder, answer, 0, k))
+        kind = ir.FunctionType(double, [whole, pointer, whole, pointer, double, double, pointer])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        counts = [builder.extract_value(args[1], k) for k in range(2)]
+        places = [builder.inttoptr(builder.extract_value(args[2], k), pointer) for k in range(2)]
+        out = builder.bitcast(answer, pointer)
+        energy = builder.call(function, [counts[0], places[0], counts[1], places[1], args[3], args[4], out])
+        found = [builder.load(cgutils.gep_inbounds(builder, answer, 0, k)) for k in range(3)]
+        return context.make_tuple(builder, signature.return_type, [*found, energy])
+
+    counts, places = types.UniTuple(types.int64, 2), types.UniTuple(types.intp, 2)
+    arguments = types.int64, counts, places, types.float64, types.float64
+    return types.UniTuple(types.float64, 4)(*arguments), codegen
+
+
+@intrinsic
 def _call_state(typingctx, address, t, sizes, pointers):
     """Call void f(double, int64, int64, double*, double*, double*) at an address."""
 

@@ -35,6 +35,23 @@ def state_function(function: Callable[..., None]) -> Any:
     return cfunc(kind, error_model=_MODEL)(outer)
 
 
+def memory_function(function: Callable[..., float]) -> Any:
+    """``double f(int64 n, double *data, int64 m, double *memory, double begin, double end, double out[3])``.
+
+    Raises:
+        numba.TypingError: it does not compile for such arguments.
+    """
+    inner = njit(error_model=_MODEL)(function)
+    inner.compile((_ARRAY, _ARRAY, types.float64, types.float64, _ARRAY))
+    double = types.CPointer(types.float64)
+    kind = types.float64(types.int64, double, types.int64, double, types.float64, types.float64, double)
+
+    def outer(n, data, m, memory, begin, end, out):  # type: ignore[no-untyped-def]
+        return inner(carray(data, (n,)), carray(memory, (m,)), begin, end, carray(out, (3,)))
+
+    return cfunc(kind, error_model=_MODEL)(outer)
+
+
 def frame_function(function: Callable[..., None], *, varied: bool) -> tuple[Any, bool]:
     """``double f(int64 n, double *data, double *motion, double out[6])``, and whether the user's returns a number.
 

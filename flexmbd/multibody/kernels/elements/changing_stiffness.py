@@ -13,12 +13,10 @@ from flexmbd.multibody.kernels.elements.table import changes, coordinate_law, fo
 @kernel
 def _stiffness(plan, work, row, x, v, size):
     """Magnitudes of the derivatives of an element's force by its coordinate, of the given size, and by that's rate."""
-    x_k = x[row[at.EL_X]]
-    rate = v[row[at.EL_V]]
     if is_coordinate_law(row[at.EL_KIND]):
-        _, by_x, by_v = coordinate_law(plan, row, x_k, rate)
+        _, by_x, by_v = coordinate_law(plan, row, x[row[at.EL_X]], v[row[at.EL_V]])
         return abs(by_x), abs(by_v)
-    return abs(force_slope(plan, work, row, x_k, rate, size)), 0.0
+    return abs(force_slope(plan, work, row, x, v, size)), 0.0
 
 
 @deferred_kernel()

@@ -43,6 +43,7 @@ class Behaviour:
         drives: whether it counts among what drives joints, as a motor does and a spring does not.
         spring: its numbers that make it elastic, the first and how many: zeros are a damper alone; none: it always is.
         damper: its numbers that make it dissipate, the first and how many: without them it stores all that it takes.
+        remembers: whether it has a memory, so that what it stores hangs on the way and not on where it is alone.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Behaviour:
     drives: bool = False
     spring: tuple[int, int] = (0, 0)
     damper: tuple[int, int] = (0, 0)
+    remembers: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +108,11 @@ class GeneralisedForce:
         subtract: (plan, work, row, x, v, out) subtracts them from ``out`` (nv,).
         subtract_tangent: (plan, work, tw, row, x, v, per_x, per_v, matrix) subtracts per_x times their derivatives by x
             and per_v times those by v from the ``matrix`` (nv, nv).  None where they have none.
-        energy: (plan, row, x) -> J that they store; None where they store nothing.
-        slope: (plan, work, row, x, rate, size) -> derivative by the coordinate x of a force on it, whose group's size
-            is given; for those that are ``changing``.
+        energy: (plan, work, row, x) -> J that they store; None where they store nothing.
+        slope: (plan, work, row, x, v, size) -> derivative by its coordinate of a force on it, whose group's size is
+            given; for those that are ``changing``.
+        changes_piece: (plan, work, row, x, v) -> whether a step that ends there leads onto another piece of a law with
+            memory; None where it has none.
         couples: whether ``subtract_tangent`` writes entries between bodies that move independently of each other.
     """
 
@@ -117,6 +121,7 @@ class GeneralisedForce:
     subtract_tangent: Any = None
     energy: Any = None
     slope: Any = None
+    changes_piece: Any = None
     couples: bool = True
 
 

@@ -50,7 +50,7 @@ def _subtract(plan, work, row, x, v, out):
 
 
 @kernel
-def _energy(plan, row, x):
+def _energy(plan, work, row, x):
     room = stack_numbers(_STACK_SIZE)
     _evaluate(plan, row, x, room)
     o = row[at.EL_DATA]

@@ -31,6 +31,7 @@ from flexmbd.multibody.kernels.elements.friction import FRICTION
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
+from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
@@ -41,8 +42,9 @@ from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER,
 #: All kinds, in the order in which kernels ask for them.
 ELEMENTS: tuple[ElementKind, ...] = (
     SPRING, CHARACTERISTIC, STOP, FRICTION,
-    USER_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
+    USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW, STORING_FRAME_LAW,
+    ELASTOPLASTIC_LINE, MEMORY_LINE,
 )  # fmt: skip
 
 
@@ -148,11 +150,15 @@ subtract_force = _compiled(
 subtract_force_tangent = _compiled(
     _write("subtract_force_tangent", _TANGENT, "force", "subtract_tangent", nothing="", returns=False), kernel
 )
-force_energy = _compiled(_write("force_energy", "plan, row, x", "force", "energy", nothing="0.0"), kernel)
+force_energy = _compiled(_write("force_energy", "plan, work, row, x", "force", "energy", nothing="0.0"), kernel)
 
 #: Derivative of a force on a coordinate x by it, of a row that ``changes`` and is no coordinate law.
 force_slope = _compiled(
-    _write("force_slope", "plan, work, row, x, rate, size", "force", "slope", nothing="0.0"), kernel
+    _write("force_slope", "plan, work, row, x, v, size", "force", "slope", nothing="0.0"), kernel
+)
+#: Whether a step that ends at (x, v) leads onto another piece of a law with memory.
+force_changes_piece = _compiled(
+    _write("force_changes_piece", "plan, work, row, x, v", "force", "changes_piece", nothing="False"), kernel
 )
 
 is_coordinate_law = _compiled(

@@ -47,13 +47,14 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
 
 
 @kernel
-def _slope(plan, work, row, x, rate, size):
+def _slope(plan, work, row, x, v, size):
     if plan.flag[0] != 0:
         return 0.0
-    step = difference_step(1.0, 0.0, max(size, abs(x)), 1.0)
+    beta, rate = x[row[at.EL_X]], v[row[at.EL_V]]
+    step = difference_step(1.0, 0.0, max(size, abs(beta)), 1.0)
     t = work.time[plan.times.shape[0], 0]
     address = row[at.EL_ADDRESS]
-    return (call_law(address, t, x + step, rate) - call_law(address, t, x - step, rate)) / (2.0 * step)
+    return (call_law(address, t, beta + step, rate) - call_law(address, t, beta - step, rate)) / (2.0 * step)
 
 
 USER_LAW = GeneralisedForce(

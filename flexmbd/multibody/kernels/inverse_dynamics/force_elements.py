@@ -75,5 +75,5 @@ def elements_energy(plan, work, x):
             d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += frame_energy(plan, work, row, d, R, rate, spin)
         elif not is_between_frames(kind):
-            energy += force_energy(plan, row, x)
+            energy += force_energy(plan, work, row, x)
     return energy

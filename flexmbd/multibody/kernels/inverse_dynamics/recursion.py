@@ -115,6 +115,8 @@ def frame_motion(plan, work, f):
 @entry_kernel
 def forward_kinematics(plan, work, x, v, a):
     """Fill the work rows with the pose and motion of all frames and bodies."""
+    for k in range(work.memory.shape[0]):
+        work.memory[k] = x[k]
     for f in range(plan.frames.shape[0]):
         fixed = plan.frames[f]
         row = work.frame[f]

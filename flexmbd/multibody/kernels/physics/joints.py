@@ -129,11 +129,22 @@ def _turn(x, o, angle, out):
     out[o + 3] = turned[3]
 
 
+@kernel
+def coordinates_end(plan):
+    """Where the coordinates end in the configuration x, behind which lies what elements remember."""
+    end = plan.free.shape[0] + plan.driven.shape[0]
+    for i in range(plan.tree.shape[0]):
+        if plan.tree[i, at.JOINT_TURN] == kinds.TURN_BALL:
+            end += 1
+    return end
+
+
 @entry_kernel
 def retract(plan, x, step, out):
     """out = x moved along the tangent vector ``step`` (v-sized, body axes), on the manifold.
 
-    Quaternions by the exponential map (Zienkiewicz, Taylor & Fox, eq. 8.26); everything else adds.
+    Quaternions by the exponential map (Zienkiewicz, Taylor & Fox, eq. 8.26); other coordinates add, and what elements
+    remember behind them stays.
     """
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]
@@ -149,3 +160,5 @@ def retract(plan, x, step, out):
             qv = row[at.MODAL_V]
             for k in range(plan.flex[row[at.FLEX], at.N_MODES]):
                 out[qx + k] = x[qx + k] + step[qv + k]
+    for k in range(coordinates_end(plan), x.shape[0]):
+        out[k] = x[k]

@@ -125,7 +125,8 @@ def storing_plan(plan: Plan) -> Plan:
     """``plan`` without loads and dampers: what remains stores the energy it takes."""
     flex, data = plan.flex.copy(), plan.data.copy()
     flex[:, at.MODAL_DAMPING] = -1
-    kept = keep_forces(plan, [], stores(plan))
+    remembers = np.array([one.remembers for one in behaviours(plan)], bool)
+    kept = keep_forces(plan, [], stores(plan) & ~remembers)
     for row, behaviour in zip(kept.elements, behaviours(kept), strict=True):
         first, count = behaviour.damper
         o = int(row[at.EL_DATA]) + first

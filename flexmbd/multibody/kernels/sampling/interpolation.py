@@ -153,6 +153,8 @@ def interpolate(plain, quaternions, axes, frequencies, h, s, x0, v0, a0, x1, v1,
         _interpolate_turn(
             h, s, x0, v0, a0, x1, v1, a1, quaternions[i, 0], quaternions[i, 1], axes[i], x, v, a
         )
+    for k in range(plain.shape[0] + 4 * quaternions.shape[0], x.shape[0]):  # what elements remember at the beginning
+        x[k] = x0[k]
 
 
 @entry_kernel

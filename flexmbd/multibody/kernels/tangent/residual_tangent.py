@@ -203,7 +203,7 @@ def tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v
     put_joints(plan, tw, recursion, per_x)
     if plan.elements.shape[0] > 0:
         add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a)
-        add_laws_of_joints(plan, recursion, x, v, per_x, per_v)
+        add_laws_of_joints(plan, work, tw, recursion, x, v, per_x, per_v)
 
 
 @entry_kernel

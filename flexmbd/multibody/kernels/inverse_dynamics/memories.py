@@ -1,0 +1,43 @@
+"""What force elements remember, brought up to date where a machine has arrived."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements.memory_law import elongation
+from flexmbd.multibody.kernels.elements.memory_path import write_memory
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+
+
+@kernel
+def _remember(plan, work, x, v, t):
+    """As ``remember``."""
+    if work.memory.shape[0] > 0:
+        forward_kinematics(plan, work, x, v, v)
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        if row[at.EL_MEMORY] < 0:
+            continue
+        if row[at.EL_F] >= 0:
+            d, _, rate, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            deformation, growth, _ = elongation(plan, row, d, rate)
+        else:
+            deformation, growth = x[row[at.EL_X]] - plan.data[row[at.EL_DATA]], v[row[at.EL_V]]
+        write_memory(plan, work, row, x, deformation, growth, t)
+
+
+@entry_kernel
+def remember(plan, work, x, v, t):
+    """Write into x (nx,) what all elements remember at t (s), having come to x, v from what they remembered there.
+
+    Leaves the kinematics of (x, v) in ``work``, where any remembers between frames; accelerations are not known there.
+    """
+    _remember(plan, work, x, v, t)
+
+
+@deferred_kernel()
+def remember_step(plan, work, x, v, t):
+    """As ``remember``, at the end of a step."""
+    _remember(plan, work, x, v, t)
