@@ -67,5 +67,8 @@ from flexmbd.continuum.interior.rotational_dofs import ExplicitOperator as Expli
 from flexmbd.continuum.interior.rotational_dofs import condensed_rotations as condensed_rotations
 from flexmbd.continuum.interior.rotational_dofs import lumped_rotations as lumped_rotations
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints as RegularCheckpoints
+from flexmbd.continuum.laws.compiled_law import PointStep as PointStep
+from flexmbd.continuum.laws.law_form import StrainMeasure as StrainMeasure
+from flexmbd.continuum.laws.law_form import law_form as law_form
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam
 from flexmbd.continuum.parallel import on_root as on_root

@@ -24,6 +24,7 @@ OF_HISTORY = ("scaled_yield", "increment_size", "state_names")
 
 KEYWORDS = {
     "local_unknowns": ("z", ("residual", "update", "stress")),
+    "point_law": ("z", ("residual", "update", "stress")),
     "cell_mean": ("mean", ("residual", "update", "stress", "local_residual", "energies")),
 }
 """What a form that has the first name hands to the others, by keyword."""
@@ -65,6 +66,8 @@ class OptionalEntries:
             update and stress then take the solution as `z`, which follows u: its derivative is that of the exact
             one, by the theorem on implicit functions.
         local_residual: (z, u, state, p) the equations, of the same shape.
+        point_law: (p) in place of local unknowns: a compiled law (`point_law.PointLaw`), whose results at a
+            quadrature point residual, update and stress take as `z`; made by `laws.law_form`.
         cell_mean: (u, state, p) a scalar whose mean over a cell residual, update, stress and energies take as
             `mean`, None for the plain form.
         energies: (u, state, p) dictionary of terms by name, for accounts: "elastic", "plastic".
@@ -86,6 +89,7 @@ class OptionalEntries:
     update: Entry = field(default=None, metadata={"arguments": 3})
     local_unknowns: Entry = field(default=None, metadata={"arguments": 1})
     local_residual: Entry = field(default=None, metadata={"arguments": 4})
+    point_law: Entry = field(default=None, metadata={"arguments": 1})
     cell_mean: Entry = field(default=None, metadata={"arguments": 3})
     energies: Entry = field(default=None, metadata={"arguments": 3})
     scaled_yield: Entry = field(default=None, metadata={"arguments": 2})

@@ -6,6 +6,7 @@ from typing import Any
 
 import ufl
 
+from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.results import solved, step_keyword
 
 
@@ -13,9 +14,12 @@ def point_keywords(form: Any, u: ufl.core.expr.Expr, state: Any, p: Any) -> dict
     """The arguments `z` and `dt` of a form's functions at u, before any time passes; those that it has.
 
     z is one Newton step from where the local unknowns begin, and so exact where their equations are linear, as below
-    yield, and in its first derivative at rest.
+    yield, and in its first derivative at rest.  Of a compiled law it is what the tangent at rest makes of the strain.
     """
     step = step_keyword(form, 0.0)
+    law = optional_entries(form).point_law
+    if law is not None:
+        return {"z": law(p).linearised(u, p), **step}
     begin = solved(form, p).get("z")
     if begin is None:
         return step

@@ -99,6 +99,9 @@ def _gyroscopic(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 def _residual(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     p = unknown.parameters
     given = keywords(module, p, dt=unknown.dt)
+    law = optional_entries(module).point_law
+    if law is not None:  # at rest there is no stress to look at: one that is the strain
+        given["z"] = law(p).following(given["z"], ufl.Identity(6), unknown.u)
     terms = module.residual(unknown.u, unknown.v, _initial_state(module, unknown), p, **given)
 
     def look(integrand: ufl.core.expr.Expr) -> Iterator[str]:
@@ -231,6 +234,9 @@ def step_keyword(module: Any, dt: Any) -> dict[str, Any]:
 
 def solved(module: Any, p: Any) -> dict[str, Any]:
     """The argument `z` of a form's functions with what its local unknowns begin with; none where it has none."""
+    law = optional_entries(module).point_law
+    if law is not None:
+        return {"z": law(p).at_rest()}
     local_unknowns = optional_entries(module).local_unknowns
     begin = None if local_unknowns is None else local_unknowns(p)
     return {} if begin is None else {"z": ufl.as_ufl(begin)}

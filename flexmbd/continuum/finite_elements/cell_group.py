@@ -56,9 +56,9 @@ class CellGroup:
 
     @property
     def has_local_unknowns(self) -> bool:
-        """Whether the parameters leave equations to be solved at the points."""
+        """Whether there are equations to be solved at the points, or a compiled law to be called."""
         begin = self.optional.local_unknowns
-        return begin is not None and begin(self.parameters) is not None
+        return self.optional.point_law is not None or (begin is not None and begin(self.parameters) is not None)
 
     @property
     def has_sections(self) -> bool:

@@ -15,8 +15,9 @@ from flexmbd.multibody.kernels.base.tabulate import call_tabulate
 
 FloatArray = NDArray[np.float64]
 
-#: Places of the kernels that average and that take a local Newton step; those of forces follow.
-MEAN, LOCAL, FORCES = 0, 1, 2
+#: Places of the kernels that average, that have the equations of the local unknowns or the strain of a law, and of
+#: that law; those of forces follow.
+MEAN, LOCAL, LAW, FORCES = 0, 1, 2, 3
 
 #: Local unknowns are of the size of strains; below this one they are taken to be this large, for they may vanish.
 LEAST = 1e-3
@@ -79,6 +80,8 @@ class Room(NamedTuple):
         steps: (points, n + 2) the last step of a point's unknowns where steps are shortened, how much of Newton's it
             is, and what the equations lacked before it.
         where: cell and point where they changed most.
+        given_law: what a law is given at a point.
+        made_by_law: what it returns.
     """
 
     coordinates: FloatArray
@@ -89,6 +92,8 @@ class Room(NamedTuple):
     sizes: FloatArray
     steps: FloatArray
     where: NDArray[np.int64]
+    given_law: FloatArray
+    made_by_law: FloatArray
 
 
 @kernel
@@ -223,6 +228,33 @@ def _solve_local(kernels, room, begin, slopes, sweeps, tolerance, shorten):  # t
 
 
 @kernel
+def _apply_law(kernels, room, state, begin, slopes):  # type: ignore[no-untyped-def]
+    """Let the law make the local unknowns of a cell, in its row, of strain and history, which begins at ``state``.
+
+    Returns:
+        What the law says is wrong, or 0.
+    """
+    points, given, made = kernels.weights.shape[0], room.given_law, room.made_by_law
+    kept, size = given.shape[0] - 6, made.shape[0] - 37
+    _tabulate(kernels, LOCAL, room, 6 * points)
+    for point in range(points):
+        for i in range(6):
+            given[i] = room.tensor[6 * point + i] / kernels.weights[point]
+        for i in range(kept):
+            given[6 + i] = room.row[state + kept * point + i]
+        address = given.ctypes.data
+        call_tabulate(kernels.addresses[LAW], (made.ctypes.data, address, kernels.constants[LAW], address))
+        if made[size + 36] != 0.0:
+            room.where[1] = point
+            return made[size + 36]
+        for i in range(size):
+            room.row[begin + size * point + i] = made[i]
+        for i in range(36):
+            slopes[36 * point + i] = made[size + i]
+    return 0.0
+
+
+@kernel
 def _gather(cell, nodes, x, blocks, width, fields, room):  # type: ignore[no-untyped-def]
     """Collect a cell's coordinates, displacement and history."""
     for i in range(nodes.shape[1]):
@@ -265,7 +297,8 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         tolerance: change of the local unknowns over their sizes at which they end.
 
     Returns:
-        The last change of the local unknowns of the first cell where they were not solved, or 0.
+        The last change of the local unknowns of the first cell where they were not solved, or what its law says is
+        wrong; or 0.
     """
     dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
     begin = dofs + states
@@ -279,8 +312,11 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         if locals_ > 0:
             for i in range(locals_):
                 room.row[begin + i] = fields.local[cell, i]
-            change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[0], tolerance, False)
-            if change != 0.0:
+            if kernels.addresses[LAW] != 0:
+                change = _apply_law(kernels, room, dofs, begin, fields.slopes[cell])
+            else:
+                change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[0], tolerance, False)
+            if change != 0.0 and kernels.addresses[LAW] == 0:
                 for i in range(locals_):
                     room.row[begin + i] = fields.local[cell, i]
                 change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[1], tolerance, True)

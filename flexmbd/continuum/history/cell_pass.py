@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
+from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS, PointLaw
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
 from flexmbd.continuum.history.shared_parts import share_parts
-from flexmbd.errors import ConvergenceError
+from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
 
@@ -82,11 +83,26 @@ class _Code:
     reads: list[fem.Function]
 
 
+@dataclass(frozen=True, eq=False)
+class LawCall:
+    """A compiled law, whose equations are the strain that it is given, and the symbols of its constants."""
+
+    law: PointLaw
+    symbols: Sequence[fem.Constant]
+
+
 class CellPass:
     """The kernels of one group, ready to run. Constructing one is collective, and compiles."""
 
     def __init__(
-        self, group: CellGroup, unknowns: Unknowns, forms: CellForms, *, rule: Quadrature, weights: FloatArray
+        self,
+        group: CellGroup,
+        unknowns: Unknowns,
+        forms: CellForms,
+        *,
+        rule: Quadrature,
+        weights: FloatArray,
+        law: LawCall | None = None,
     ) -> None:
         """Compile.
 
@@ -96,11 +112,18 @@ class CellPass:
             forms: what is evaluated.
             rule: at whose points history and local unknowns lie.
             weights: of its points.
+            law: that makes the local unknowns; None: their equations do.
         """
         self._group, self._unknowns, self._rule = group, unknowns, rule
+        self._law: _Code | None = None
+        if law is not None:
+            self._law = _Code(law.law.address, law.law.keep, [*law.symbols], _values(law.symbols), [])
         self._domain = unknowns.u.function_space.mesh
         self._codes = [
-            self._mean(forms.averaged), self._equations(forms.equations), *self._step(forms.work, forms.update)
+            self._mean(forms.averaged),
+            self._equations(forms.equations),
+            self._law,
+            *self._step(forms.work, forms.update),
         ]
         n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
         none = np.zeros((n_cells, 0))
@@ -116,6 +139,8 @@ class CellPass:
         self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
         self._kernels = self._tables(weights)
         row, n = sum(self._sizes), local.shape[1] // len(weights)
+        each, kept = (n, state.shape[1] // len(weights)) if self._law is not None else (0, 0)
+        n -= each
         self._room = Room(
             coordinates=np.zeros((compat.cell_nodes(self._domain).shape[1], 3)),
             row=np.zeros(row + 1),
@@ -125,6 +150,8 @@ class CellPass:
             sizes=np.zeros((2, n)),
             steps=np.zeros((len(weights), n + 2)),
             where=np.zeros(2, dtype=np.int64),
+            given_law=np.zeros(6 + kept),
+            made_by_law=np.zeros(each + 37),
         )
 
     def run(self, forces: FloatArray) -> None:
@@ -134,20 +161,36 @@ class CellPass:
             forces: (local dofs including ghosts,) N, to which they are added.
 
         Raises:
-            ConvergenceError: at a point Newton's method does not end.
+            ConvergenceError: at a point Newton's method does not end, or a law returns what is not finite.
+            FormulationError: a law returns other shapes than at rest, or raises an error.
         """
         change = self._pass(self._fields, self._kernels, forces)
+        if change != 0.0 and self._law is not None:
+            fault = int(change)
+            if fault <= WRITING_FAULTS:
+                raise FormulationError(f"{self._group.form_name}: {FAULTS[fault - 1]}, {self._where()}")
+            raise ConvergenceError(
+                f"{self._group.form_name}: {FAULTS[fault - 1]}, {self._where()}; take a smaller step"
+            )
         if change != 0.0:
-            cell, point = map(int, self._room.where)
-            centre = self._domain.geometry.x[compat.cell_nodes(self._domain)[cell]].mean(axis=0)
-            place = ", ".join(f"{x:.4g}" for x in centre)
-            state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
             raise ConvergenceError(
                 f"{self._group.form_name}: the equations at a quadrature point were not solved, in {_SWEEPS[0]} whole "
                 f"steps of Newton's method and {_SWEEPS[1]} that were shortened where they did not help (last "
-                f"relative change {change:.1e}): point {point} of the cell around ({place}) m, whose history is "
-                f"[{', '.join(f'{value:.4g}' for value in state)}]; take a smaller step"
+                f"relative change {change:.1e}): {self._where()}; take a smaller step"
             )
+
+    def _where(self) -> str:
+        """Point, cell and history where the local unknowns were not found."""
+        cell, point = map(int, self._room.where)
+        centre = self._domain.geometry.x[compat.cell_nodes(self._domain)[cell]].mean(axis=0)
+        place = ", ".join(f"{x:.4g}" for x in centre)
+        state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
+        names = self._group.optional.state_names
+        counts = {"": len(state)} if names is None else names(self._group.parameters)
+        parts = np.split(state, np.cumsum([*counts.values()])[:-1])
+        values = [", ".join(f"{value:.4g}" for value in part) for part in parts]
+        history = ", ".join(f"{name} [{part}]".strip() for name, part in zip(counts, values, strict=True))
+        return f"point {point} of the cell around ({place}) m, whose history is {history}"
 
     def renew_constants(self) -> None:
         """Take the values that the forms' constants have now; not collective."""
@@ -240,5 +283,5 @@ class CellPass:
         return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))
 
 
-def _values(symbols: list[fem.Constant]) -> FloatArray:
+def _values(symbols: Sequence[fem.Constant]) -> FloatArray:
     return np.concatenate([np.zeros(0), *(np.asarray(symbol.value, dtype=float).ravel() for symbol in symbols)])

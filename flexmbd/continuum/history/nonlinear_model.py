@@ -46,7 +46,7 @@ from flexmbd.continuum.history.trial_errors import (
     refuse_without_limit,
 )
 from flexmbd.continuum.history.viscous_forces import ViscousForces
-from flexmbd.errors import ConvergenceError, FormulationError
+from flexmbd.errors import ConvergenceError, FlexmbdError, FormulationError
 
 FloatArray = NDArray[np.float64]
 
@@ -235,10 +235,12 @@ class NonlinearModel(DiscretisedBody):
             for group in limited:
                 form: Any = group.formulation
                 set_symbols(group.symbols, form.scaled_yield(group.parameters, 2.0))
+            self._renew_constants()
             return self.tangent(np.zeros(self.layout.n_local), dt=0.0)
         finally:
             for group in limited:
                 set_symbols(group.symbols, group.parameters)
+            self._renew_constants()
 
     def mass(self) -> PETSc.Mat:
         """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
@@ -389,6 +391,10 @@ class NonlinearModel(DiscretisedBody):
             )
         return 0.0 if dt is None else dt
 
+    def _renew_constants(self) -> None:
+        for history in self._histories:
+            history.renew_constants()
+
     def _run(self, increment: FloatArray) -> None:
         """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
 
@@ -396,11 +402,11 @@ class NonlinearModel(DiscretisedBody):
             ConvergenceError: on all ranks: the equations at a point have no solution.
         """
         self._sum.array[:] = 0.0
-        error: ConvergenceError | None = None
+        error: FlexmbdError | None = None
         try:
             for history in self._histories:
                 history.run(self._sum.array)
-        except ConvergenceError as caught:
+        except FlexmbdError as caught:
             error = caught
         if any(group.has_local_unknowns for group in self.groups):
             parallel.raise_collectively(self.comm, error)

@@ -23,7 +23,7 @@ from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.results import keywords, solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
-from flexmbd.continuum.history.cell_pass import CellForms, CellPass, Unknowns
+from flexmbd.continuum.history.cell_pass import CellForms, CellPass, LawCall, Unknowns
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 
@@ -95,6 +95,7 @@ class History:
             ),
             rule=self._rule,
             weights=self._weights,
+            law=self._law(p),
         )
         self._begin_locally()
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
@@ -131,6 +132,10 @@ class History:
         if self._is_rate_dependent and float(self._dt.value) != dt:
             self._dt.value = dt
             self._pass.renew_constants()
+
+    def renew_constants(self) -> None:
+        """Take the values that the parameters' symbols have now; not collective."""
+        self._pass.renew_constants()
 
     def average(self) -> None:
         """The means alone, for the trial displacement; not collective."""
@@ -202,6 +207,10 @@ class History:
         begin = solved(form, p).get("z")
         if begin is None:
             return None, None, None, None
+        if self.group.optional.point_law is not None:
+            law = self.group.optional.point_law(p)
+            z, slopes = self._function(law.size), self._function((6, 6))
+            return z, slopes, law.strain(u), law.following(z, slopes, u)
         shape = begin.ufl_shape
         z, inverse = self._function(shape), self._function(shape + shape)
         at, given = ufl.variable(z), self._given(None)
@@ -213,6 +222,13 @@ class History:
         n = range(shape[0])
         equations = ufl.as_vector([*(lack[i] for i in n), *(slope[i, j] for i in n for j in n)])
         return z, inverse, equations, z - inverse * left
+
+    def _law(self, p: Any) -> LawCall | None:
+        """The compiled law, with the constants that it takes."""
+        if self.group.optional.point_law is None:
+            return None
+        law = self.group.optional.point_law(p)
+        return LawCall(law, [self._dt, *law.constants(p)])
 
     def _shared(self, terms: list[IntegralTerm]) -> list[IntegralTerm]:
         """The terms, with what the equations of the local unknowns have in common with the rest as one object."""

@@ -1,0 +1,4 @@
+"""Material laws that are compiled functions of a point, and the formulations made of them.
+
+docs/laws.md.
+"""
