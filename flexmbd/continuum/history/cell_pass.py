@@ -73,7 +73,7 @@ class CellForms:
 
 
 @dataclass(frozen=True, eq=False)
-class _Code:
+class _CellKernel:
     """A kernel: its address, what is kept alive for it, its constants and their values, and what it reads, in order."""
 
     address: int
@@ -115,9 +115,9 @@ class CellPass:
             law: that makes the local unknowns; None: their equations do.
         """
         self._group, self._unknowns, self._rule = group, unknowns, rule
-        self._law: _Code | None = None
+        self._law: _CellKernel | None = None
         if law is not None:
-            self._law = _Code(law.law.address, law.law.keep, [*law.symbols], _values(law.symbols), [])
+            self._law = _CellKernel(law.law.address, law.law.keep, [*law.symbols], _values(law.symbols), [])
         self._domain = unknowns.u.function_space.mesh
         self._codes = [
             self._mean(forms.averaged),
@@ -212,13 +212,13 @@ class CellPass:
             fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
         ))  # fmt: skip
 
-    def _mean(self, averaged: ufl.core.expr.Expr | None) -> _Code | None:
+    def _mean(self, averaged: ufl.core.expr.Expr | None) -> _CellKernel | None:
         if averaged is None:
             return None
         w = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(2,)))
         return self._compiled(averaged * w[0] + w[1], self._rule)
 
-    def _equations(self, equations: ufl.core.expr.Expr | None) -> _Code | None:
+    def _equations(self, equations: ufl.core.expr.Expr | None) -> _CellKernel | None:
         if equations is None:
             return None
         (density,) = share_parts([self._at_points(equations, self._test_function(self._pointwise(equations)))])
@@ -226,7 +226,7 @@ class CellPass:
 
     def _step(
         self, work: Callable[[Any], Sequence[IntegralTerm]], update: ufl.core.expr.Expr | None
-    ) -> Iterator[_Code | None]:
+    ) -> Iterator[_CellKernel | None]:
         displaced = self._unknowns.u.function_space.ufl_element()
         if update is None:
             for density, rule in work(self._test_function(displaced)):
@@ -253,14 +253,14 @@ class CellPass:
     def _test_function(self, element: Any) -> ufl.Argument:
         return ufl.TestFunction(ufl.FunctionSpace(self._domain.ufl_domain(), element))
 
-    def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> _Code:
+    def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> _CellKernel:
         metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
         form = density * ufl.dx(domain=self._domain, metadata=metadata)
         address, positions, module = compat.cell_kernel(self._domain.comm, form)
         symbols = list(form.constants())
         coefficients = form.coefficients()
         reads = [coefficients[position] for position in positions]
-        return _Code(address, module, symbols, _values(symbols), reads)
+        return _CellKernel(address, module, symbols, _values(symbols), reads)
 
     def _tables(self, weights: FloatArray) -> Kernels:
         known, count = self._unknowns, len(self._codes)

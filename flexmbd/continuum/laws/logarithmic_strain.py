@@ -16,7 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from flexmbd.multibody.kernels.base.law_function import law_part
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(14)
 
@@ -25,7 +26,7 @@ _ROW = np.array([0, 1, 2, 1, 0, 0])
 _COLUMN = np.array([0, 1, 2, 2, 2, 1])
 
 
-@njit(error_model="numpy")
+@law_part
 def tensor_of_strain(strain):  # type: ignore[no-untyped-def]
     """(3, 3) of a strain (6,) with twice the tensor's shears."""
     tensor = np.empty((3, 3))
@@ -35,7 +36,7 @@ def tensor_of_strain(strain):  # type: ignore[no-untyped-def]
     return tensor
 
 
-@njit(error_model="numpy")
+@law_part
 def _strain_of_tensor(tensor):  # type: ignore[no-untyped-def]
     strain = np.empty(6)
     for k in range(6):
@@ -43,14 +44,14 @@ def _strain_of_tensor(tensor):  # type: ignore[no-untyped-def]
     return strain
 
 
-@njit(error_model="numpy")
+@law_part
 def _first_difference(a, b):  # type: ignore[no-untyped-def]
     """(ln a - ln b) / (a - b)."""
     x = (a - b) / b
     return math.log1p(x) / (x * b) if x != 0.0 else 1.0 / b
 
 
-@njit(error_model="numpy")
+@law_part
 def _second_difference(a, b, c):  # type: ignore[no-untyped-def]
     """ln[a, b, c]."""
     m = (a * b * c) ** (1 / 3)
@@ -61,7 +62,7 @@ def _second_difference(a, b, c):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(error_model="numpy")
+@law_part
 def logarithmic_strain(strain):  # type: ignore[no-untyped-def]
     """Of Green and Lagrange's strain: the logarithmic one, and what its derivatives are made of.
 
@@ -78,7 +79,7 @@ def logarithmic_strain(strain):  # type: ignore[no-untyped-def]
     return _strain_of_tensor((vectors * halves) @ vectors.T), 1 + 2 * values, vectors
 
 
-@njit(error_model="numpy")
+@law_part
 def pulled_back(stress, tangent, squares, vectors):  # type: ignore[no-untyped-def]
     """Stress and tangent of a law in logarithmic strain, in Green and Lagrange's.
 
