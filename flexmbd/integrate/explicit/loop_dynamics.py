@@ -19,9 +19,24 @@ from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR, factor_
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
-from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, add_row, new_row_paths, row_times, solve_rows
+from flexmbd.multibody.kernels.forward_dynamics.loop_recursion import (
+    LoopRecursion,
+    factor_loops,
+    new_loop_recursion,
+    rows_times,
+    solve_loops,
+)
+from flexmbd.multibody.kernels.forward_dynamics.row_paths import (
+    RowPaths,
+    add_row,
+    new_row_paths,
+    no_row_paths,
+    row_times,
+    solve_rows,
+)
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -69,9 +84,12 @@ class Loops(ArrayStruct):
     phi, rate, rate2: (m,) residuals of the rows and their time derivatives.  solution, scratch: (m,).
     force, moved: (1, nv) generalised forces of the rows and the motion that they cause.  move: (nv,) correction.
     no_multipliers: (0,).
+    recursion: where it takes less than paths; then these and ``row_factors`` have no entries, and a block of rows are
+    those that end at one body.  least_pivot: (blocks,) of what counts in it.
     """
 
     paths: RowPaths
+    recursion: LoopRecursion
     row_factors: FloatArray
     row_order: IntArray
     row_scale: FloatArray
@@ -85,6 +103,7 @@ class Loops(ArrayStruct):
     force: FloatArray
     moved: FloatArray
     move: FloatArray
+    least_pivot: FloatArray
     rank: IntArray
     effective_rank: IntArray
     no_multipliers: FloatArray
@@ -96,14 +115,17 @@ def new_loops(plan: Plan, memory: LoopMemory, nv: int, *, bounds: IntArray | Non
     ``bounds``: (blocks + 1,) where other blocks of rows begin and end than those that tree and rows make.
     """
     m = len(plan.rows)
-    paths = new_row_paths(plan)
+    recursion = new_loop_recursion(plan, serves=bounds is None)
+    serves = len(recursion.order) > 0
+    paths = no_row_paths(np.unique(recursion.ending)) if serves else new_row_paths(plan)
     if bounds is not None:
         paths = paths.replace(block=bounds)
     blocks = len(paths.block) - 1
     zeros = np.zeros
     return Loops(
         paths=paths,
-        row_factors=zeros((m, m)),
+        recursion=recursion,
+        row_factors=zeros((0, 0) if serves else (m, m)),
         row_order=zeros(m, np.int64),
         row_scale=memory.row_scale,
         usual_pivot=memory.usual_pivot[:blocks],
@@ -116,6 +138,7 @@ def new_loops(plan: Plan, memory: LoopMemory, nv: int, *, bounds: IntArray | Non
         force=zeros((1, nv)),
         moved=zeros((1, nv)),
         move=zeros(nv),
+        least_pivot=zeros(blocks),
         rank=zeros(blocks, np.int64),
         effective_rank=zeros(blocks, np.int64),
         no_multipliers=zeros(0),
@@ -130,6 +153,11 @@ def set_row_scales(scene: CompiledScene, loops: Loops, state: st.State, work: Wo
     m = len(scene.plan.rows)
     if m == 0 or len(scene.plan.free) == 0:
         return
+    if len(loops.recursion.order):
+        rest = np.zeros(scene.nv)
+        measure_rows(scene.plan, work, loops, state.x, rest, rest)
+        loops.row_scale[loops.row_scale == 0.0] = loops.row_scale.max() or 1.0
+        return
     mobilities = row_mobilities(constraint_slopes(scene, work, state.x), mass_solver(scene, work, state.x))
     norms, least = np.zeros(m), np.ones(m)
     for block, mobility in zip(scene.row_blocks, mobilities, strict=True):
@@ -141,6 +169,21 @@ def set_row_scales(scene: CompiledScene, loops: Loops, state: st.State, work: Wo
     loops.row_scale[:] = norms
     for c, (first, last) in enumerate(pairwise(loops.paths.block)):
         loops.usual_pivot[c] = least[first:last].min()
+
+
+@entry_kernel
+def measure_rows(plan, work, loops, x, v, a):
+    """Set the scales of rows that the recursion serves by their lengths and pivots at x (nx,); 0 of those without."""
+    forward_kinematics(plan, work, x, v, a)
+    for i in range(loops.row_scale.shape[0]):
+        loops.row_scale[i] = 0.0
+    for c in range(loops.rank.shape[0]):
+        loops.least_pivot[c] = 0.0
+    factor_loops(plan, work, loops.recursion, loops.row_scale, loops.least_pivot, loops.row_norm, loops.rank)
+    for i in range(loops.row_scale.shape[0]):
+        loops.row_scale[i] = loops.row_norm[i]
+    for c in range(loops.rank.shape[0]):
+        loops.usual_pivot[c] = _pivot(loops, c, loops.rank[c]) if loops.rank[c] > 0 else 1.0
 
 
 @kernel
@@ -160,16 +203,10 @@ def _add_reactions(plan, work, aw, loops, x, v, a, multipliers):
     m = plan.rows.shape[0]
     forward_kinematics(plan, work, x, v, a)
     constraints(plan, work, loops.phi, loops.rate, loops.rate2)
-    solve_rows(plan, work, aw, loops.paths, loops.row_factors)
-    for i in range(m):
-        loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
-    for c in range(loops.rank.shape[0]):
-        first = loops.paths.block[c]
-        rank = factor_block(loops.row_factors, first, loops.paths.block[c + 1], loops.row_order, loops.row_scale)
-        loops.rank[c] = rank
-        while rank > 1 and _pivot(loops, c, rank) < NO_REACTION * loops.usual_pivot[c]:
-            rank -= 1
-        loops.effective_rank[c] = rank
+    if _recurs(loops):
+        _factor_recursion(plan, work, loops)
+    else:
+        _factor_paths(plan, work, aw, loops)
     minimum_norm_motion(plan, work, aw, loops, loops.effective_rank, loops.rate2, loops.move)
     for i in range(m):
         multipliers[i] = loops.solution[i]
@@ -178,11 +215,53 @@ def _add_reactions(plan, work, aw, loops, x, v, a, multipliers):
 
 
 @kernel
+def _recurs(loops):
+    """Whether rows are eliminated with the bodies."""
+    return loops.recursion.order.shape[0] > 0
+
+
+@deferred_kernel()
+def _factor_recursion(plan, work, loops):
+    for c in range(loops.rank.shape[0]):
+        loops.least_pivot[c] = NO_REACTION * loops.usual_pivot[c]
+    factor_loops(plan, work, loops.recursion, loops.row_scale, loops.least_pivot, loops.row_norm, loops.rank)
+    for c in range(loops.rank.shape[0]):
+        loops.effective_rank[c] = loops.rank[c]
+
+
+@deferred_kernel()
+def _solve_recursion(plan, loops, ranks, rows, out):
+    solve_loops(plan, loops.recursion, ranks, rows, out, loops.solution)
+
+
+@deferred_kernel()
+def _recursion_rows(plan, loops, vector):
+    rows_times(plan, loops.recursion, vector, loops.phi)
+
+
+@kernel
+def _factor_paths(plan, work, aw, loops):
+    """Factor C M^-1 C^T block by block."""
+    solve_rows(plan, work, aw, loops.paths, loops.row_factors)
+    for i in range(plan.rows.shape[0]):
+        loops.row_norm[i] = np.sqrt(loops.row_factors[i, i])
+    for c in range(loops.rank.shape[0]):
+        first = loops.paths.block[c]
+        rank = factor_block(loops.row_factors, first, loops.paths.block[c + 1], loops.row_order, loops.row_scale)
+        loops.rank[c] = rank
+        while rank > 1 and _pivot(loops, c, rank) < NO_REACTION * loops.usual_pivot[c]:
+            rank -= 1
+        loops.effective_rank[c] = rank
+
+
+@kernel
 def _pivot(loops, c, rank):
     """The pivot of block c that the last of ``rank`` rows has; 0 without any."""
     if rank == 0:
         return 0.0
     last = loops.paths.block[c] + rank - 1
+    if _recurs(loops):
+        return loops.recursion.factors[last, rank - 1] ** 2
     return loops.row_factors[last, last] ** 2
 
 
@@ -236,8 +315,11 @@ def is_nearly_singular(loops):
 @kernel
 def project_onto_tangent(plan, work, aw, loops, out):
     """Project the tangent vector ``out`` (nv,) onto C out = 0, along M^-1 C^T."""
-    for i in range(loops.phi.shape[0]):
-        loops.phi[i] = row_times(loops.paths, i, out)
+    if _recurs(loops):
+        _recursion_rows(plan, loops, out)
+    else:
+        for i in range(loops.phi.shape[0]):
+            loops.phi[i] = row_times(loops.paths, i, out)
     minimum_norm_motion(plan, work, aw, loops, loops.rank, loops.phi, loops.move)
     for k in range(out.shape[0]):
         out[k] -= loops.move[k]
@@ -246,6 +328,9 @@ def project_onto_tangent(plan, work, aw, loops, out):
 @kernel
 def minimum_norm_motion(plan, work, aw, loops, ranks, rows, out):
     """out = M^-1 C^T (C M^-1 C^T)^-1 rows, with the factors that ``accelerate`` left and the ranks of the blocks."""
+    if _recurs(loops):
+        _solve_recursion(plan, loops, ranks, rows, out)
+        return
     for c in range(ranks.shape[0]):
         first, last = loops.paths.block[c], loops.paths.block[c + 1]
         factors, order, scale = loops.row_factors, loops.row_order, loops.row_scale

@@ -95,6 +95,12 @@ def new_row_paths(plan: Plan) -> RowPaths:
     )
 
 
+def no_row_paths(block: IntArray) -> RowPaths:
+    """No paths, for rows that are solved otherwise, in stretches of rows between ``block``."""
+    places, matrix = np.zeros(0, np.int64), np.zeros((0, 0))
+    return RowPaths(places, places, places, places, block, np.zeros((0, 5), np.int64), matrix, matrix, matrix)
+
+
 def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
     first = np.cumsum([0, *(len(one) for one in lists)], dtype=np.int64)
     return first, np.array([entry for one in lists for entry in one], np.int64)
