@@ -1,7 +1,7 @@
-"""The thick cylinder of plasticity.py by CalculiX and by Kratos, each in a process of its own.
+"""The thick cylinder of yielding.py by CalculiX and by Kratos, each in a process of its own.
 
-    python benchmarks/plasticity_peers.py kratos 40,50,10 0        # by any python that has Kratos
-    python benchmarks/plasticity_peers.py calculix 40,50,10 700    # needs ccx on the PATH
+    python benchmarks/yielding_peers.py kratos 40,50,10 0        # by any python that has Kratos
+    python benchmarks/yielding_peers.py calculix 40,50,10 700    # needs ccx on the PATH
 
 Prints one line of JSON: seconds of processor time, iterations, and the displacements at the end. Needs numpy alone.
 """

@@ -1,0 +1,52 @@
+"""The picture of yielding.py: a panel a scene, error over processor time, and one of time over cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+
+def draw(rows: Sequence[Any], path: Path) -> None:
+    """Draw the rows and write a PNG file; flexmbd in full lines, others dashed."""
+    scenes = list(dict.fromkeys(row.scene for row in rows if row.error is not None))
+    panels = len(scenes) + 1
+    across = min(3, panels)
+    down = math.ceil(panels / across)
+    figure, axes = plt.subplots(down, across, figsize=(4 * across, 3.2 * down), layout="constrained", squeeze=False)
+    for panel, scene in zip(axes.flat, scenes, strict=False):
+        for name, mine in _series(rows, scene):
+            shown = [row for row in mine if row.error is not None]
+            if shown:
+                errors = [row.error for row in shown]
+                panel.loglog([min(row.seconds) for row in shown], errors, label=name, **_look(name))
+        panel.set(title=scene, xlabel="s of processor time", ylabel="relative error")
+        panel.grid(which="major", alpha=0.3)
+        panel.legend(fontsize=8)
+    growth = axes.flat[len(scenes)]
+    for scene in dict.fromkeys(row.scene for row in rows):
+        for name, mine in _series(rows, scene):
+            if len({row.cells for row in mine}) > 1:
+                look = {"label": f"{scene.split(',')[0]}, {name}", **_look(name)}
+                growth.loglog([row.cells for row in mine], [min(row.seconds) for row in mine], **look)
+    growth.set(title="growth", xlabel="cells", ylabel="s of processor time")
+    growth.grid(which="major", alpha=0.3)
+    growth.legend(fontsize=5)
+    for panel in list(axes.flat)[panels:]:
+        panel.set_axis_off()
+    figure.savefig(path, dpi=60)
+    plt.close(figure)
+
+
+def _series(rows: Sequence[Any], scene: str) -> list[tuple[str, list[Any]]]:
+    """Of a scene, by program or method."""
+    mine = [row for row in rows if row.scene == scene]
+    return [(name, [row for row in mine if row.series == name]) for name in dict.fromkeys(row.series for row in mine)]
+
+
+def _look(name: str) -> dict[str, Any]:
+    ours = name in ("flexmbd", "implicit", "explicit")
+    return {"linestyle": "-" if ours else "--", "marker": "o" if ours else "s", "markersize": 3.5}
