@@ -117,6 +117,11 @@ def craig_bampton(
         "degree": str(model.degree),
         "mesh": model.mesh_fingerprint,
     }
+    if model.surfaces:
+        listed_groups = (f"{group.name}: {group.form_name} {group.parameters!r}" for group in model.surfaces)
+        provenance["surfaces"] = "; ".join(listed_groups)
+    if model.has_surface_energy:
+        provenance["springs on facets"] = f"to the body frame, {frame}"
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)

@@ -191,9 +191,9 @@ def _given_damping(
         return np.diag(2.0 * np.broadcast_to(ratios, n) * np.sqrt(stiffness))
     if isinstance(damping, RayleighDamping):
         return np.diag(damping.alpha + damping.beta * stiffness)
-    if not isinstance(damping.tau, Mapping) and model.state is None:
+    if not isinstance(damping.tau, Mapping) and model.state is None and not model.has_surface_energy:
         return np.diag(damping.tau * stiffness)
-    # of a loaded body the stiffness has a part that is no stress times a strain
+    # of a loaded body, or with springs on facets, the stiffness has a part that is no stress times a strain
     return _projected(model, "viscosity", _viscosity(model, damping.tau), modes=modes)
 
 

@@ -11,16 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import ufl
 
-from flexmbd.continuum.contract.trial_symbols import GDIM, FloatArray, TrialSymbols, affine, slope_at_rest
+from flexmbd.continuum.contract.hessian import EXACT, SecondDerivative, is_semidefinite
+from flexmbd.continuum.contract.trial_symbols import FloatArray, TrialSymbols, affine, slope_at_rest
 
 # Rates at which a function that is not quadratic is tried, 1/s.
 _RATES = (1e-3, 1.0, 1e3)
-
-# Round-off of second derivatives and of their eigenvalues.
-_EXACT = 1e-10
 
 
 def dissipation_faults(
@@ -45,7 +42,7 @@ def dissipation_faults(
         yield f"must be zero where nothing moves, is {at_rest:.3g}"
     elif slope_at_rest(density, unknown):
         yield "must have no part linear in the rates, which is a force where nothing moves"
-    elif rigid is not None and not abs(rigid) <= _EXACT * abs(size):
+    elif rigid is not None and not abs(rigid) <= EXACT * abs(size):
         yield (
             "a rigid motion dissipates: write it in rates of strain. Damping against the surroundings is a force of "
             "the scene"
@@ -63,43 +60,18 @@ def check_values(form: Any, cell: str, degree: int, *, parameters: Any) -> list[
 
 
 def _convexity_faults(density: ufl.core.expr.Expr, unknown: TrialSymbols) -> Iterator[str]:
-    v = unknown.u
-    along, across = ufl.Argument(unknown.space, 1), ufl.Argument(unknown.space, 2)
-    second = ufl.algorithms.expand_derivatives(ufl.derivative(ufl.derivative(density, v, along), v, across))
-    basis = [_unit(v.ufl_shape, k) for k in range(int(np.prod(v.ufl_shape, dtype=int)) * (1 + GDIM))]
-    quadratic = v not in ufl.algorithms.extract_coefficients(second)
-    rates = [affine(v.ufl_shape, seed=None)]
-    if not quadratic:
-        rates += [_scaled(affine(v.ufl_shape, seed=4), rate) for rate in _RATES]
+    shape = unknown.u.ufl_shape
+    second = SecondDerivative(density, unknown)
+    rates = [affine(shape, seed=None)]
+    if not second.is_constant:
+        rates += [_scaled(affine(shape, seed=4), rate) for rate in _RATES]
     for rate in rates:
-        hessian = np.zeros((len(basis), len(basis)))
-        for i, one in enumerate(basis):
-            for j, other in enumerate(basis[: i + 1]):
-                value = unknown.evaluate_expanded(second, {v: rate, along: one, across: other})
-                if value is None:
-                    return
-                hessian[i, j] = hessian[j, i] = value
-        if not _is_semidefinite(hessian):
+        hessian = second.at(rate)
+        if hessian is None:
+            return
+        if not is_semidefinite(hessian):
             yield "is not convex: some rates would gain energy by it; check the signs and ranges of the viscosities"
             return
-
-
-def _is_semidefinite(matrix: FloatArray) -> bool:
-    """Whatever the units of its rows: scaled to a diagonal of ones."""
-    diagonal = np.diag(matrix)
-    if not np.isfinite(matrix).all() or (diagonal < 0.0).any():
-        return False
-    d = np.where(diagonal > 0.0, diagonal, 1.0) ** -0.5
-    return bool(np.linalg.eigvalsh(d[:, None] * matrix * d)[0] >= -_EXACT * len(matrix))
-
-
-def _unit(shape: tuple[int, ...], k: int) -> Callable[[int], FloatArray]:
-    """A field whose value at the point, or whose gradient there, has one component, the k-th of both, that is one."""
-    size = int(np.prod(shape, dtype=int))
-    value, gradient = np.zeros(size), np.zeros(size * GDIM)
-    (value if k < size else gradient)[k if k < size else k - size] = 1.0
-    parts = [value.reshape(shape), gradient.reshape((*shape, GDIM))]
-    return lambda depth: parts[depth] if depth < 2 else np.zeros((*shape, *(GDIM,) * depth))
 
 
 def _scaled(field: Callable[[int], FloatArray], factor: float) -> Callable[[int], FloatArray]:

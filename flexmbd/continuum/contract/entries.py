@@ -57,6 +57,10 @@ class OptionalEntries:
             Convex, and zero for rigid motions.
         gyroscopic: (u, v, p) the part of the kinetic energy that is linear in the unknown u and in its rates v, as
             terms: that of rotors that spin inside the body. It has none where either is a translation of the whole.
+        surface_energy: (u, p) energy of springs between the body's surface and its body frame, or the ground, J/m^2,
+            as terms that are integrated over facets of a solid: a foundation. Zero, without slope and convex at rest.
+        surface_kinetic_energy: (v, p) kinetic energy of mass on the surface, J/m^2, as terms over facets: m/2 v.v with
+            one mass per area m in all directions. Which facets: `surfaces` of a model.
         state: (p) with `update`: the history at a quadrature point at rest, (n,). Where the stress depends on rates
             residual, update, stress and local_residual take the length of the step as the keyword `dt`, s, at least
             0: at 0 no time passes, and nothing flows or relaxes.
@@ -85,6 +89,8 @@ class OptionalEntries:
     section_inertia: Entry = field(default=None, metadata={"arguments": 1})
     dissipation: Entry = field(default=None, metadata={"arguments": 2})
     gyroscopic: Entry = field(default=None, metadata={"arguments": 3})
+    surface_energy: Entry = field(default=None, metadata={"arguments": 2})
+    surface_kinetic_energy: Entry = field(default=None, metadata={"arguments": 2})
     state: Entry = field(default=None, metadata={"arguments": 1})
     update: Entry = field(default=None, metadata={"arguments": 3})
     local_unknowns: Entry = field(default=None, metadata={"arguments": 1})
@@ -97,8 +103,16 @@ class OptionalEntries:
     state_names: Entry = field(default=None, metadata={"arguments": 1})
 
 
+ON_FACETS = ("surface_energy", "surface_kinetic_energy")
+"""Those that are integrated over facets."""
+
 OPTIONAL: dict[str, int] = {item.name: item.metadata["arguments"] for item in fields(OptionalEntries)}
 """The same by name, and how many positional arguments each takes."""
+
+
+def has_facet_terms(form: Any) -> bool:
+    """Whether a form has terms on facets; not collective."""
+    return any(getattr(optional_entries(form), name) is not None for name in ON_FACETS)
 
 
 def is_rate_dependent(form: Any) -> bool:

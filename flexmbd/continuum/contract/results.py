@@ -14,6 +14,7 @@ from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dissipation import dissipation_faults
 from flexmbd.continuum.contract.entries import STEP, is_rate_dependent, optional_entries
 from flexmbd.continuum.contract.gyroscopic import gyroscopic_faults
+from flexmbd.continuum.contract.surface_terms import FACET, surface_energy_faults, surface_kinetic_energy_faults
 from flexmbd.continuum.contract.terms import term_faults
 from flexmbd.continuum.contract.trial_symbols import GDIM, POINT, TrialSymbols, rest_faults, slope_at_rest, symbols_of
 from flexmbd.errors import FormulationError
@@ -94,6 +95,27 @@ def _gyroscopic(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     terms = module.gyroscopic(unknown.u, rates, unknown.parameters)
     faults = list(term_faults(terms, unknown.cell, lambda integrand: iter(())))
     yield from faults or gyroscopic_faults(terms, unknown, rates, rigid_motion=module.rigid_motion)
+
+
+def _surface_energy(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    terms = module.surface_energy(unknown.u, unknown.parameters)
+    faults = list(_facet_term_faults(terms, unknown))
+    yield from faults or surface_energy_faults(terms, unknown)
+
+
+def _surface_kinetic_energy(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    terms = module.surface_kinetic_energy(unknown.u, unknown.parameters)
+    faults = list(_facet_term_faults(terms, unknown))
+    yield from faults or surface_kinetic_energy_faults(terms, unknown)
+
+
+def _facet_term_faults(terms: Any, unknown: TrialSymbols) -> Iterator[str]:
+    if unknown.cell not in FACET:
+        yield "is for facets of solids: a beam or shell has springs and masses of the scene"
+        return
+    yield from term_faults(
+        terms, FACET[unknown.cell], lambda integrand: rest_faults(integrand, unknown, derivatives=2), on_facets=True
+    )
 
 
 def _residual(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
@@ -248,6 +270,8 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "kinetic_energy": _kinetic_energy,
     "dissipation": _dissipation,
     "gyroscopic": _gyroscopic,
+    "surface_energy": _surface_energy,
+    "surface_kinetic_energy": _surface_kinetic_energy,
     "rigid_motion": _rigid_motion,
     "stress": _stress,
     "reference": _reference,

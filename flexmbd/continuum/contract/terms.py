@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import basix
@@ -13,7 +13,7 @@ _ONE_RULE = (
     "two quadrature rules in one form give a silently wrong residual, so each term is "
     "(integrand, Quadrature) and is assembled by itself"
 )
-_NOT_IN_CELLS = {
+_NOWHERE = {
     ufl.classes.CellAvg: (
         "averages over a cell (cell_avg), which DOLFINx does not compile: F-bar is not a plain UFL form; give the "
         "volumetric part a term with a lower rule of its own, or make the pressure an unknown"
@@ -21,12 +21,26 @@ _NOT_IN_CELLS = {
     ufl.classes.FacetAvg: "averages over a facet: the terms are integrals over cells",
     ufl.classes.Restricted: "has sides of a facet, as jump and avg do: the terms are integrals over cells",
 }
+_NOT_IN_CELLS = {
+    **_NOWHERE,
+    ufl.classes.FacetNormal: (
+        "has the normal of a facet (FacetNormal): the terms are integrals over cells; what acts on facets stands in "
+        "surface_energy or surface_kinetic_energy"
+    ),
+}
 
 
 def term_faults(
-    terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]]
+    terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]], *, on_facets: bool = False
 ) -> Iterator[str]:
-    """What is wrong with a list of terms; `look` goes into an integrand that is in order."""
+    """What is wrong with a list of terms; `look` goes into an integrand that is in order.
+
+    Args:
+        terms: what a function of a form file returned.
+        cell: of the integrals; of those over facets the facets' name.
+        look: finds what else is wrong.
+        on_facets: whether they are integrals over facets.
+    """
     if isinstance(terms, ufl.BaseForm):
         yield f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
         return
@@ -51,16 +65,16 @@ def term_faults(
             yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
         elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
             yield f"{label}: the integrand must be scalar, has shape {integrand.ufl_shape}"
-        elif misplaced := _misplaced(integrand):
+        elif misplaced := _misplaced(integrand, _NOWHERE if on_facets else _NOT_IN_CELLS):
             yield f"{label}: the integrand {misplaced}"
         else:
             yield from (f"{label}: {fault}" for fault in look(integrand))
 
 
-def _misplaced(integrand: ufl.core.expr.Expr) -> str | None:
-    """What the integrand has that no integral over cells can have."""
+def _misplaced(integrand: ufl.core.expr.Expr, not_here: Mapping[type, str]) -> str | None:
+    """What the integrand has that such an integral cannot have."""
     for part in ufl.corealg.traversal.unique_pre_traversal(integrand):
-        for kind, why in _NOT_IN_CELLS.items():
+        for kind, why in not_here.items():
             if isinstance(part, kind):
                 return why
     return None

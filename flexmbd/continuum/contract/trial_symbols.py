@@ -70,6 +70,7 @@ class TrialSymbols:
             ufl.classes.Jacobian: axes[:, :dim],
             ufl.classes.JacobianInverse: axes[:, :dim].T,
             ufl.classes.CellNormal: axes[:, -1],
+            ufl.classes.FacetNormal: axes[:, -1],
             **dict.fromkeys(_SIZES, np.array(1.0)),
         }
         self.geometry = {kind: _constant(value) for kind, value in constants.items()}

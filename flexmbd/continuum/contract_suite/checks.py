@@ -211,6 +211,37 @@ def gyroscopic_forces(trial: Trial) -> Outcome:
     ]
 
 
+def terms_on_facets(trial: Trial) -> Outcome:
+    """Forces of springs are differences of their energy and hold the body to its place; mass is that of an area.
+
+    Over the whole surface of the mesh, whatever facets a user will name.
+    """
+    figures: list[Figure] = []
+    d, at, step = trial.scale, trial.some(1), trial.some(2)
+    if trial.has_surface_energy:
+        slope = difference(lambda u: trial.surface_energies(u).sum(), at, step)
+        force, matrix = trial.surface_forces(at), trial.surface_stiffness(at)
+        off = ratio(abs(force @ step - slope), np.linalg.norm(d * force) * np.linalg.norm(step / d))
+        change = difference(trial.surface_forces, at, step)
+        tangent_off = ratio(largest(d * (matrix @ step - change)), largest(d * change))
+        rest = d[:, None] * trial.surface_stiffness(trial.rest()) * d
+        values = np.linalg.eigvalsh((rest + rest.T) / 2)
+        at_rest = ratio(largest(d * trial.surface_forces(trial.rest())), largest(d * force))
+        figures += [
+            Figure("springs' force at rest", at_rest, EXACT),
+            Figure("force off the energy's difference by", float(off), 1e-8),
+            Figure("stiffness off the force's difference by", tangent_off, 1e-7),
+            Figure("lowest eigenvalue below zero by", max(ratio(-values[0], values[-1]), 0.0), EXACT),
+        ]
+    if trial.has_surface_mass:
+        translations = trial.rigid[:, :3]
+        found = translations.T @ trial.surface_mass @ translations
+        energies = [trial.surface_kinetic_energies(v).sum() for v in translations.T]
+        off = ratio(largest(found - 2 * np.mean(energies) * np.eye(3)), 2 * float(np.mean(energies)))
+        figures.append(Figure("mass off the same along all axes by", off, EXACT))
+    return figures or Remark(Verdict.SKIP, "the form has no terms on facets")
+
+
 def frame_indifference(trial: Trial) -> Outcome:
     """A finite rotation on top of any displacement turns the forces and changes no energy."""
     if trial.dim < 3:
@@ -329,6 +360,12 @@ CHECKS = (
         "gyroscopic forces",
         gyroscopic_forces,
         "gyroscopic(u, v, p) must be linear in u and in v, and written in rotations, of which translations have none",
+    ),
+    Check(
+        "terms on facets",
+        terms_on_facets,
+        "surface_energy(u, p) must be smooth, convex at rest and without force there; surface_kinetic_energy(v, p) m/2 "
+        "v.v by a rule with enough points",
     ),
     Check(
         "frame indifference",

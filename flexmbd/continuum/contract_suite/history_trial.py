@@ -37,7 +37,7 @@ class HistoryTrial:
         """Not collective; compiles."""
         self.form, self.parameters, self.dt = form, parameters, trial_step(form)
         mesh = distorted_mesh(cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1)
-        self.body = NonlinearModel(tagged(mesh), form, parameters, degree=degree)  # type: ignore[arg-type]
+        self.body = NonlinearModel(tagged(mesh), form, parameters, degree=degree, surfaces={})  # type: ignore[arg-type]
         self.x: FloatArray = self.body.layout.node_x.copy()
         self._rest = self.body.snapshot()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import ModuleType
-from typing import cast
+from typing import Any, cast
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -12,13 +12,14 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.entries import has_facet_terms, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, trial_step, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
 from flexmbd.continuum.contract_suite.trial import FloatArray, equilibration
-from flexmbd.continuum.contract_suite.trial_mesh import distorted_mesh, tagged
+from flexmbd.continuum.contract_suite.trial_mesh import SURFACE, distorted_mesh, tagged
 from flexmbd.continuum.finite_elements.model import ContinuumModel
+from flexmbd.continuum.finite_elements.surface_group import Surfaces
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
@@ -54,7 +55,8 @@ def _spectra_and_forces(form: Formulation, cell: str, degree: int, *, comm: MPI.
     """As `_spectra`; and the forces after a step that yields, of nodes in the order of their places. Collective."""
     spectra = _spectra(form, cell, degree, comm=comm)
     source, parameters = cast(ModuleType, form), yielding_parameters(form)[0]
-    body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    mesh, surfaces = history_mesh(form, cell, degree, comm=comm), _surfaces(form, parameters)
+    body = NonlinearModel(mesh, source, parameters, degree=degree, surfaces=surfaces)
     x = body.layout.node_x
     body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel(), dt=trial_step(form))
     forces = body.force(np.zeros(body.layout.n_local), dt=0.0).reshape(-1, 3)
@@ -88,12 +90,18 @@ def _matrices(
     source, parameters = cast(ModuleType, form), form.reference().parameters
     if optional_entries(form).strain_energy is not None:
         mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
-        model = ContinuumModel(mesh, source, parameters, degree=degree)
+        model = ContinuumModel(mesh, source, parameters, degree=degree, surfaces=_surfaces(form, parameters))
         return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))
-    body = NonlinearModel(history_mesh(form, cell, degree, comm=comm), source, parameters, degree=degree)
+    mesh, surfaces = history_mesh(form, cell, degree, comm=comm), _surfaces(form, parameters)
+    body = NonlinearModel(mesh, source, parameters, degree=degree, surfaces=surfaces)
     stiffness, layout = body.tangent(np.zeros(body.layout.n_local), dt=0.0), body.layout
     rigid = layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
     return _rows(stiffness), _rows(body.mass()), rigid
+
+
+def _surfaces(form: Formulation, parameters: Any) -> Surfaces:
+    """Where a form has terms on facets they are tried on the whole surface."""
+    return {SURFACE: (cast(ModuleType, form), parameters)} if has_facet_terms(form) else {}
 
 
 def history_mesh(form: Formulation, cell: str, degree: int, *, comm: MPI.Comm) -> TaggedMesh:

@@ -31,6 +31,15 @@ _QUICK = {"cffi_extra_compile_args": ["-O0", "-g0"]}
 
 _DIVISIONS = {1: 4, 2: 3, 3: 2}
 
+# Of what is integrated over facets: the form's function, and how often it is derived.
+_ON_FACETS = {
+    "springs' energy": ("surface_energy", 0),
+    "springs' force": ("surface_energy", 1),
+    "springs' stiffness": ("surface_energy", 2),
+    "surface kinetic": ("surface_kinetic_energy", 0),
+    "surface mass": ("surface_kinetic_energy", 2),
+}
+
 # Of a displacement of trial, for cells of half a metre.
 _AMPLITUDE = 0.02
 
@@ -200,6 +209,37 @@ class Trial:
             self._gyroscopic = [fem.form(self._integral(*term), jit_options=_QUICK) for term in terms]
         return float(sum(fem.assemble_scalar(form) for form in self._gyroscopic))
 
+    @property
+    def has_surface_energy(self) -> bool:
+        """Whether the form has springs on facets."""
+        return optional_entries(self.form).surface_energy is not None
+
+    @property
+    def has_surface_mass(self) -> bool:
+        """Whether the form has mass on facets."""
+        return optional_entries(self.form).surface_kinetic_energy is not None
+
+    def surface_energies(self, at: FloatArray) -> FloatArray:
+        """Energy of the springs on the whole surface, of each term, J."""
+        return np.array(self._assembled("springs' energy", at), dtype=float)
+
+    def surface_forces(self, at: FloatArray) -> FloatArray:
+        """Forces that hold these springs."""
+        return np.sum(self._assembled("springs' force", at), axis=0)
+
+    def surface_stiffness(self, at: FloatArray) -> FloatArray:
+        """Derivative of these forces, as a dense matrix."""
+        return _dense_sum(self._assembled("springs' stiffness", at))
+
+    def surface_kinetic_energies(self, velocity: FloatArray) -> FloatArray:
+        """Kinetic energy of the mass on the whole surface, of each term, J."""
+        return np.array(self._assembled("surface kinetic", velocity), dtype=float)
+
+    @cached_property
+    def surface_mass(self) -> FloatArray:
+        """Mass on the whole surface, as a dense matrix."""
+        return _dense_sum(self._assembled("surface mass", self.rest()))
+
     def scalar_of(self, density: ufl.core.expr.Expr, *, degree: int) -> Callable[[FloatArray], float]:
         """Integral of a density that may hold `u`, by a rule of that degree, as a function of `u`."""
         form = fem.form(density * ufl.dx(domain=self.mesh, degree=degree), jit_options=_QUICK)
@@ -281,6 +321,15 @@ class Trial:
             for _ in range(("dissipation", "viscous force", "damping").index(what)):
                 forms = [ufl.derivative(form, u) for form in forms]
             return forms
+        if what in _ON_FACETS:
+            name, order = _ON_FACETS[what]
+            terms = getattr(optional_entries(self.form), name)(u, p)
+            forms = [
+                density * ufl.ds(domain=self.mesh, degree=rule.degree, scheme=rule.scheme) for density, rule in terms
+            ]
+            for _ in range(order):
+                forms = [ufl.derivative(form, u) for form in forms]
+            return forms
         forms = [self._integral(*term) for term in self._internal_work]
         if what == "stiffness":
             forms = [ufl.derivative(form, u) for form in forms]
@@ -321,9 +370,9 @@ def _assembler(form: ufl.Form, size: int, what: str) -> Callable[[], Any]:
     """Assembles a form of that kind; zero, where nothing is left of it."""
     form = ufl.algorithms.expand_derivatives(form)
     compiled = None if form.empty() else fem.form(form, jit_options=_QUICK)
-    if what in ("energy", "kinetic", "finer kinetic", "dissipation"):
+    if what in ("energy", "kinetic", "finer kinetic", "dissipation", "springs' energy", "surface kinetic"):
         return lambda: 0.0 if compiled is None else float(fem.assemble_scalar(compiled))
-    if what in ("force", "third", "viscous force"):
+    if what in ("force", "third", "viscous force", "springs' force"):
         return lambda: np.zeros(size) if compiled is None else fem.assemble_vector(compiled).array.copy()
     empty = scipy.sparse.csr_matrix((size, size))
     return lambda: empty if compiled is None else fem.assemble_matrix(compiled).to_scipy().tocsr()

@@ -19,6 +19,9 @@ FloatArray = npt.NDArray[np.float64]
 DIMENSION = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 """Topological dimension of each cell a formulation may have."""
 
+SURFACE = "surface"
+"""The facet group of `tagged`."""
+
 # Of a unit length: cells stay well shaped, and none stays a parallelepiped.
 _AMPLITUDE = 0.08
 
@@ -48,11 +51,13 @@ def distorted_mesh(
 
 
 def tagged(mesh: dolfinx.mesh.Mesh) -> TaggedMesh:
-    """The mesh without any group; collective where the mesh is."""
+    """The mesh with one group, of the facets of its surface: "surface"; collective where the mesh is."""
     none = np.empty(0, dtype=np.int32)
     dim = mesh.topology.dim
-    facets, cells = (dolfinx.mesh.meshtags(mesh, d, none, none) for d in (dim - 1, dim))
-    return TaggedMesh(mesh, facets, {}, cells)
+    mesh.topology.create_connectivity(dim - 1, dim)
+    outer = np.sort(dolfinx.mesh.exterior_facet_indices(mesh.topology)).astype(np.int32)
+    facets = dolfinx.mesh.meshtags(mesh, dim - 1, outer, np.ones(len(outer), dtype=np.int32))
+    return TaggedMesh(mesh, facets, {SURFACE: 1}, dolfinx.mesh.meshtags(mesh, dim, none, none))
 
 
 def _even(cell: str, n: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:

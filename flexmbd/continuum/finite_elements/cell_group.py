@@ -139,7 +139,7 @@ def pair_cells(
     try:
         pairs = _loaded(mesh, formulation, parameters)
         for form, values in pairs.values():
-            _check(form, values, mesh, degree, with_history=with_history)
+            check_formulation(form, values, mesh, degree, with_history=with_history)
         _check_together(mesh, pairs, degree)
     except FlexmbdError as caught:
         error = caught
@@ -185,10 +185,21 @@ def _loaded(
     return {name: (loaded[source], values) for name, (source, values) in formulation.items()}
 
 
-def _check(
+def check_formulation(
     form: Formulation, parameters: Any, mesh: TaggedMesh, degree: int, *, with_history: bool
 ) -> None:
-    """Refuse what does not fit a formulation; not collective."""
+    """Refuse what does not fit a formulation; not collective.
+
+    Args:
+        form: the formulation.
+        parameters: that are to be its own.
+        mesh: of the body.
+        degree: of the elements.
+        with_history: whether formulations with a residual and no energy will do.
+
+    Raises:
+        FormulationError: parameters, cells, degree or element do not fit.
+    """
     name = form_name(form)
     if not isinstance(parameters, form.Parameters):
         raise FormulationError(

@@ -19,6 +19,7 @@ from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup, Surfaces, check_mass, pair_facets
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
 
@@ -38,6 +39,7 @@ class DiscreteForms:
         space: the unknown's function space.
         layout: where the displacement, and what else the unknown holds, lies in it.
         interfaces: the frames found on the mesh.
+        surfaces: facet groups with springs or mass.
     """
 
     mesh: TaggedMesh
@@ -46,6 +48,7 @@ class DiscreteForms:
     space: fem.FunctionSpace
     layout: DofLayout
     interfaces: tuple[FoundInterface, ...]
+    surfaces: tuple[SurfaceGroup, ...] = ()
 
     @property
     def formulation(self) -> Formulation:
@@ -97,6 +100,16 @@ class DiscretisedBody:
         return self.forms.groups
 
     @property
+    def surfaces(self) -> tuple[SurfaceGroup, ...]:
+        """Facet groups with springs or mass, each with its formulation and parameters."""
+        return self.forms.surfaces
+
+    @property
+    def has_surface_energy(self) -> bool:
+        """Whether springs lie on facets, so that a rigid motion costs energy."""
+        return any(group.optional.surface_energy is not None for group in self.surfaces)
+
+    @property
     def degree(self) -> int:
         """Degree of the elements; with a formulation of the updated configuration that of the mesh's geometry too."""
         return self.forms.degree
@@ -139,6 +152,7 @@ def discretise(
     *,
     degree: int,
     interfaces: Sequence[Interface],
+    surfaces: Surfaces | None = None,
     with_history: bool = False,
 ) -> DiscreteForms:
     """Check everything that both kinds of bodies are made of. Collective over the mesh's communicator.
@@ -150,6 +164,7 @@ def discretise(
         parameters: an instance of the formulation's `Parameters`, SI units; None with several.
         degree: of the elements, at least that of the mesh's geometry.
         interfaces: groups of the mesh that carry frames.
+        surfaces: formulations and parameters by facet group (`pair_facets`).
         with_history: whether formulations may keep a history.
 
     Raises:
@@ -157,20 +172,23 @@ def discretise(
             cell or the degree; the pairs do not fit the cell groups or each other.
         InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
             given different ones.
-        MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+        MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on facets
+            that the surface has not.
     """
     if not isinstance(mesh, TaggedMesh):
         raise MeshError(f"mesh must be a TaggedMesh, from flexmbd.meshes; got {mesh!r}")
     # on several ranks the matrices of a model that is gone wait for a collective call
     PETSc.garbage_cleanup(mesh.comm)
     groups = pair_cells(mesh, formulation, parameters, degree=degree, with_history=with_history)
+    facets = pair_facets(mesh, groups, surfaces, degree=degree)
     form = groups[0].formulation
     space = fem.functionspace(mesh.mesh, form.element(mesh.mesh.topology.cell_name(), 3, degree))
     layout = dof_layout(space, form.rigid_motion)
     _check_rigid_motions(groups, space, layout)
+    check_mass(facets, space)
     parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
     found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout))
-    return DiscreteForms(mesh, groups, degree, space, layout, found)
+    return DiscreteForms(mesh, groups, degree, space, layout, found, facets)
 
 
 def _check_rigid_motions(groups: tuple[CellGroup, ...], space: fem.FunctionSpace, layout: DofLayout) -> None:

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
 
@@ -23,6 +24,10 @@ class Discretisation(Protocol):
     @property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cell groups, each with its formulation and parameters."""
+
+    @property
+    def surfaces(self) -> tuple[SurfaceGroup, ...]:
+        """The facet groups with springs or mass, each with its formulation and parameters."""
 
     @property
     def space(self) -> fem.FunctionSpace:

@@ -16,7 +16,7 @@ import ufl
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract import formulation
-from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.entries import has_facet_terms, optional_entries
 from flexmbd.errors import FlexmbdError, FormulationError
 from flexmbd.multibody.bodies.homogeneous import CompiledEnergy
 
@@ -93,6 +93,8 @@ def _of_form(source: Any, parameters: Any, F: Expr, domain: ufl.Mesh) -> tuple[s
         raise FormulationError(f"{name} has a dissipation, whose forces a pseudo-rigid body would leave out")
     if optional_entries(form).gyroscopic is not None:
         raise FormulationError(f"{name} has gyroscopic(u, v, p), whose forces a pseudo-rigid body would leave out")
+    if has_facet_terms(form):
+        raise FormulationError(f"{name} has terms on facets, which a pseudo-rigid body would leave out")
     u = ufl.Coefficient(ufl.FunctionSpace(domain, element))
     W = sum((term for term, _ in form.strain_energy(u, parameters)), ufl.as_ufl(0.0))
     return name, ufl.replace(W, {u: ufl.dot(F - ufl.Identity(3), ufl.SpatialCoordinate(domain))})

@@ -18,6 +18,7 @@ from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.stress import StressRecovery
+from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
 from flexmbd.errors import InterfaceError
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.stress_field import StressField
@@ -138,7 +139,7 @@ class LinearModel(DiscretisedBody):
         return np.asfortranarray(self.layout.rigid_columns(origin, axes)[: self.n_owned])
 
     def internal_work(self, u: fem.Function, v: ufl.core.expr.Expr) -> list[ufl.Form]:
-        """Virtual work, J, of the internal forces at u on v, linear in v; not collective.
+        """Virtual work, J, of the internal forces and of springs on facets at u on v, linear in v; not collective.
 
         One form a term and cell group, whose sum it is. Each must be assembled by itself, because its
         quadrature rule is its own, and so must be its derivatives by u: tangent, geometric stiffness.
@@ -147,11 +148,11 @@ class LinearModel(DiscretisedBody):
             u: on `space`.
             v: a test function or a function on `space`.
         """
-        return assembly.internal_work(self.groups, u, v)
+        return [*assembly.internal_work(self.groups, u, v), *surface_work(self.surfaces, u, v)]
 
     def kinetic_energy(self, v: fem.Function) -> list[ufl.Form]:
         """Kinetic energy, J, of the velocity v on `space`; one form a term and cell group."""
-        return assembly.kinetic_energy(self.groups, v)
+        return [*assembly.kinetic_energy(self.groups, v), *surface_kinetic_energy(self.surfaces, v)]
 
     def tangent(self, u: FloatArray) -> PETSc.Mat:
         """Stiffness at a displacement: the derivative of the internal forces there. Collective.

@@ -3,7 +3,8 @@
 The sums of the mass matrix's rows are no rule for every element: those of a quadratic tetrahedron are
 negative at its vertices.  Elements of degree one take them, which on straight simplices is the rule
 with its points in the vertices; elements of higher degree take the diagonal, scaled in each cell so
-that its mass is kept (Hinton, Rock & Zienkiewicz 1976, doi:10.1002/eqe.4290040305).
+that its mass is kept (Hinton, Rock & Zienkiewicz 1976, doi:10.1002/eqe.4290040305).  Mass on facets takes
+the sums of its rows throughout: they are not negative for facets of either degree, and it adds to that of cells.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from flexmbd.continuum.contract.dof_layout import Field, shaped
 from flexmbd.continuum.contract.formulation import Quadrature
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
 
@@ -55,10 +57,29 @@ def lumped_mass(model: Discretisation) -> FloatArray:
             blocks = field.space.dofmap.list[group.cells]
             dofs = field.dofs[size * blocks[..., None] + np.arange(size)]
             np.add.at(total.array, dofs, entries)
+    for form in _row_sums(model):
+        fem.assemble_vector(total.array, form)
     parallel.raise_collectively(model.comm, error)
     total.scatter_reverse(la.InsertMode.add)
     lumped: FloatArray = total.array[: model.layout.n_owned].copy()
+    if model.surfaces:
+        bare = (lumped[model.layout.displacement_dofs[: model.layout.n_owned_nodes]] <= 0.0).any()
+        if bare:
+            error = FormulationError(
+                "the mass cannot be lumped: mass on facets varies so much over one of them that a node has none; "
+                "refine the mesh there"
+            )
+        parallel.raise_collectively(model.comm, error)
     return lumped
+
+
+def _row_sums(model: Discretisation) -> list[fem.Form]:
+    """Momenta of the mass on facets where every displacement has the velocity one along each axis. Collective."""
+    v, w = fem.Function(model.space), ufl.TestFunction(model.space)
+    components = int(np.prod(v.ufl_shape))
+    unit = shaped([float(k < 3) for k in range(components)], v.ufl_shape)
+    momenta = [ufl.derivative(term, v, w) for term in surface_kinetic_energy(model.surfaces, v)]
+    return [fem.form(ufl.replace(ufl.algorithms.expand_derivatives(momentum), {v: unit})) for momentum in momenta]
 
 
 @dataclass(frozen=True, eq=False)

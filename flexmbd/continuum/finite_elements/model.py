@@ -16,6 +16,7 @@ from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
 
@@ -30,6 +31,7 @@ class ContinuumModel(LinearModel):
         *,
         degree: int,
         interfaces: Sequence[Interface] = (),
+        surfaces: Surfaces | None = None,
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -40,22 +42,29 @@ class ContinuumModel(LinearModel):
             parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
             degree: of the elements, at least that of the mesh's geometry.
             interfaces: groups of the mesh that carry frames.
+            surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
+                `surface_energy` and `surface_kinetic_energy` are taken.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
-                entries that are not finite.
+                entries that are not finite; terms on facets without `surfaces`.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
                 given different ones.
-            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
+                facets that the surface has not.
         """
-        forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=interfaces)
+        forms = discretise(
+            mesh, formulation, parameters, degree=degree, interfaces=interfaces, surfaces=surfaces
+        )
         if parameters is None:
             parameters = {group.name: group.parameters for group in forms.groups}
         u, v = fem.Function(forms.space), ufl.TestFunction(forms.space)
-        momentum = [ufl.derivative(term, u, v) for term in assembly.kinetic_energy(forms.groups, u)]
+        kinetic = [*assembly.kinetic_energy(forms.groups, u), *surface_kinetic_energy(forms.surfaces, u)]
+        momentum = [ufl.derivative(term, u, v) for term in kinetic]
+        work = [*assembly.internal_work(forms.groups, u, v), *surface_work(forms.surfaces, u, v)]
         integrals = {
-            "stiffness": assembly.derivatives_at_rest(assembly.internal_work(forms.groups, u, v), u),
+            "stiffness": assembly.derivatives_at_rest(work, u),
             "mass": assembly.derivatives_at_rest(momentum, u),
         }
         stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)

@@ -32,10 +32,12 @@ from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source, refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody, discretise
 from flexmbd.continuum.finite_elements.interface import Interface
+from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
+from flexmbd.continuum.history.surface_springs import SurfaceSprings
 from flexmbd.continuum.history.trial_errors import (
     check_references,
     find_inverted_cell,
@@ -87,6 +89,7 @@ class NonlinearModel(DiscretisedBody):
         degree: int,
         interfaces: Sequence[Interface] = (),
         cell_means: bool | None = None,
+        surfaces: Surfaces | None = None,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -100,15 +103,26 @@ class NonlinearModel(DiscretisedBody):
             interfaces: groups of the mesh that carry frames.
             cell_means: whether formulations with `cell_mean` use it against volumetric locking; by default
                 with elements of degree 1. One mean a cell is too few for those of degree 2.
+            surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
+                `surface_energy` and `surface_kinetic_energy` are taken. Springs reach to the body's axes.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; formulations of both references; of the updated one a degree unlike
                 the geometry's, or unknowns besides the displacement.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
-            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two.
+            MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
+                facets that the surface has not.
         """
-        forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=interfaces, with_history=True)
+        forms = discretise(
+            mesh,
+            formulation,
+            parameters,
+            degree=degree,
+            interfaces=interfaces,
+            surfaces=surfaces,
+            with_history=True,
+        )
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
         refuse_gyroscopic(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
@@ -119,6 +133,7 @@ class NonlinearModel(DiscretisedBody):
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
+        self._springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
         self._viscous_work = 0.0
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
@@ -168,6 +183,22 @@ class NonlinearModel(DiscretisedBody):
                 "or in a machine has not; it is loaded slowly, by flexmbd.continuum.history.static_path"
             )
 
+    def refuse_surface_energy(self, *, by: str) -> None:
+        """Refuse springs on facets, which reach to the body's axes; the same on every rank.
+
+        Args:
+            by: what has axes that turn, or none.
+
+        Raises:
+            FormulationError: there are some.
+        """
+        if self.has_surface_energy:
+            raise FormulationError(
+                f"springs on facets (surface_energy) reach to the axes of the body, which {by} does not hold still: "
+                "load the body slowly (follow), reduce it (craig_bampton), or connect springs of the scene to its "
+                "frames"
+            )
+
     def vector(self) -> la.Vector:
         """A vector of the space with its ghosts, for scattering; not collective."""
         return fem.Function(self.space).x
@@ -196,6 +227,8 @@ class NonlinearModel(DiscretisedBody):
         self._set_trial(increment, self._length(dt))
         with self.present_mesh():
             self._run(increment)
+        if self._springs is not None:
+            self._springs.add(self._sum.array, self.displacement + increment)
         force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
@@ -218,7 +251,12 @@ class NonlinearModel(DiscretisedBody):
         self._set_trial(increment, self._length(dt))
         with self.present_mesh():
             self._run(increment)
-            return self._tangent.assemble()
+            matrix = self._tangent.assemble()
+        if self._springs is not None:
+            springs = self._springs.tangent(self.displacement + increment)
+            matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            springs.destroy()
+        return matrix
 
     def unloading_tangent(self) -> PETSc.Mat:
         """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
@@ -245,10 +283,8 @@ class NonlinearModel(DiscretisedBody):
     def mass(self) -> PETSc.Mat:
         """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
         zero = fem.Function(self.space)
-        momentum = [
-            ufl.derivative(term, zero, ufl.TestFunction(self.space))
-            for term in assembly.kinetic_energy(self.groups, zero)
-        ]
+        kinetic = [*assembly.kinetic_energy(self.groups, zero), *surface_kinetic_energy(self.surfaces, zero)]
+        momentum = [ufl.derivative(term, zero, ufl.TestFunction(self.space)) for term in kinetic]
         forms = {"mass": assembly.derivatives_at_rest(momentum, zero)}
         return assembly.assemble(forms, self.groups, self.space)[0]
 
@@ -319,9 +355,10 @@ class NonlinearModel(DiscretisedBody):
             history.restore(kept)
 
     def energies(self) -> dict[str, float]:
-        """Energies, J, of the last accepted step by name: "elastic", "plastic", "viscous". Collective.
+        """Energies, J, of the last accepted step by name: "elastic", "plastic", "viscous", "springs". Collective.
 
-        The sums of what the formulations compute, and what their dissipation has taken; the same on every rank.
+        The sums of what the formulations compute, what their dissipation has taken, and what springs on facets store;
+        the same on every rank.
         """
         self._set_trial(np.zeros(self.layout.n_local), 0.0)
         totals: dict[str, float] = {}
@@ -331,6 +368,8 @@ class NonlinearModel(DiscretisedBody):
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
         energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
+        if self._springs is not None:
+            energies["springs"] = float(self.comm.allreduce(self._springs.energy(self.displacement)))
         return {**energies, "viscous": self._viscous_work} if self.has_dissipation else energies
 
     def stress(self) -> list[FloatArray]:

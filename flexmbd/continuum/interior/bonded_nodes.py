@@ -62,9 +62,11 @@ class BondedNodes:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
                 with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
                 rigid part helps.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement, or springs
+                on facets.
         """
         body.check_displacement_alone()
+        body.refuse_surface_energy(by="a machine")
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)
         self._comm = body.comm

@@ -103,11 +103,13 @@ class NodalMotion:
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement, or springs on
+                facets.
             SceneError: the ranks were given different supports, planes, loads or damping; damping is negative, or no
                 number; a plane and a load have one name; a load is for slow loading alone.
         """
         body.check_displacement_alone()
+        body.refuse_surface_energy(by="an explicit run")
         plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")

@@ -179,6 +179,10 @@ class Statics:
             return StaticShapes(shapes, forces + turning, state.rigid_error)
         origin = self.interfaces[0].p
         found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
+        if self.model.has_surface_energy:
+            # springs hold a rigid motion back: it is that of the shapes once their forces are taken off
+            held = multiply(self.model.K, self.model.rigid_motions(origin, self.R))
+            found[self.mask] += self.solve(np.asfortranarray(held[self.mask]))
         error = _check_rigid_motions(self.model, found=found, origin=origin, axes=self.R)
         return StaticShapes(shapes, forces, error)
 
@@ -242,6 +246,12 @@ def body_statics(
         carrier = model.interface(frame)
         interfaces = (carrier, *(other for other in model.interfaces if other is not carrier))
     supported = not _rigid(interfaces)
+    if model.has_surface_energy and (frame is None or supported):
+        raise ReductionError(
+            "springs on facets (surface_energy) reach from the surface to the body frame, which must therefore be that "
+            "of an interface, frame=..., on a body with a rigid interface (Coupling.RIGID); a frame that floats with "
+            "the body is no ground to them"
+        )
     rigid = rigid_modes(model) if supported or frame is None else None
     if frame is None and rigid is not None:
         p, R = rigid.com, np.eye(3)
@@ -363,7 +373,7 @@ def _check_rigid_motions(
     # coordinates are known to the last digit of themselves, however far from zero the mesh lies
     sizes = abs(expected) + abs(model.rigid_motions(np.zeros(3), axes))
     with round_off(model.K) as noise:
-        excess = noise.excess(multiply(model.K, expected), sizes)
+        excess = 0.0 if model.has_surface_energy else noise.excess(multiply(model.K, expected), sizes)
         error = noise.distance(found, expected)
     if not excess <= MARGIN:
         raise ReductionError(

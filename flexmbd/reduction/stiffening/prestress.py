@@ -85,6 +85,11 @@ def prestressed(
     """
     given = {"frame": frame, "loads": tuple(loads), "forces": dict(forces or {}), "angular_velocity": angular_velocity}
     parallel.check_same(model.comm, ReductionError, **given)
+    if model.has_surface_energy:
+        raise ReductionError(
+            "springs on facets (surface_energy) are carried by bodies reduced about rest: a loaded state has no place "
+            "for them; load the reduced body in the machine instead"
+        )
     spin = _numbers("angular_velocity", angular_velocity, 3)
     wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
