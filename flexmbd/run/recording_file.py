@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.integrate import state as st
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh, ObservedInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
@@ -62,7 +63,9 @@ class Recorder:
     def watch(self) -> None:
         """Look at the bodies where an instant is due.  Collective."""
         t = self._integration.t
-        self._drop(lambda kept: kept < t)
+        # what was seen within the step that ends here was taken back
+        begin = t - 0.5 * float(self._integration.state.numbers[st.STEP_BEFORE])
+        self._drop(lambda kept: kept < begin)
         last = self._pending[-1][0] if self._pending else self._written
         if last is None or self._recording.index(t, self._begun) > self._recording.index(last, self._begun):
             self._look(t)

@@ -180,7 +180,7 @@ class Newton:
     ) -> Callable[[FloatArray], FloatArray]:
         """As `solve_columns`, for one block after the other, until the next tangent is taken. Collective."""
         self.linear.constrain(matrix)
-        self.linear.discard_preconditioner()  # a factor of this matrix solves for all columns at once
+        self.linear.renew_preconditioner()  # a factor of this matrix solves for all columns at once
         self.linear.set_operator(matrix)
         if constraints is None:
             return self.linear.solve_block
@@ -216,7 +216,7 @@ class Newton:
         if not reused:
             self.linear.constrain(matrix)
             if constraints is not None:
-                self.linear.discard_preconditioner()
+                self.linear.renew_preconditioner()
         self.linear.set_operator(matrix)
         loose = min(self._forcing_term, 0.1 * residuals[-1]) if len(residuals) > 1 else self._forcing_term
         step = self.linear.solve(right.array, loose)

@@ -135,6 +135,7 @@ class NonlinearModel(DiscretisedBody):
             self.viscous_forces = ViscousForces(self.groups, self.space)
         self._springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
         self._viscous_work = 0.0
+        self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
@@ -224,9 +225,7 @@ class NonlinearModel(DiscretisedBody):
             ConvergenceError: on all ranks: a cell is turned inside out (`InvertedCellError`, which
                 names one), or the equations at a point have no solution.
         """
-        self._set_trial(increment, self._length(dt))
-        with self.present_mesh():
-            self._run(increment)
+        self._evaluate(increment, dt)
         if self._springs is not None:
             self._springs.add(self._sum.array, self.displacement + increment)
         force = self._summed()
@@ -248,9 +247,8 @@ class NonlinearModel(DiscretisedBody):
             ConvergenceError: as `force`.
             FormulationError: as `force`.
         """
-        self._set_trial(increment, self._length(dt))
+        self._require(increment, dt)
         with self.present_mesh():
-            self._run(increment)
             matrix = self._tangent.assemble()
         if self._springs is not None:
             springs = self._springs.tangent(self.displacement + increment)
@@ -299,9 +297,7 @@ class NonlinearModel(DiscretisedBody):
             FormulationError: as `force`.
             ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
         """
-        self._set_trial(increment, self._length(dt))
-        with self.present_mesh():
-            self._run(increment)
+        self._require(increment, dt)
         finite = all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
             self.revert()
@@ -338,6 +334,7 @@ class NonlinearModel(DiscretisedBody):
 
     def revert(self) -> None:
         """Forget every trial since the last accepted step."""
+        self._evaluated = None
         for history in self._histories:
             history.revert()
 
@@ -349,6 +346,7 @@ class NonlinearModel(DiscretisedBody):
 
     def restore(self, snapshot: HistorySnapshot) -> None:
         """Go back to a snapshot of this body."""
+        self._evaluated = None
         self.displacement[:] = snapshot.displacement
         self._viscous_work = snapshot.viscous_work
         for history, kept in zip(self._histories, snapshot.history, strict=True):
@@ -431,8 +429,23 @@ class NonlinearModel(DiscretisedBody):
         return 0.0 if dt is None else dt
 
     def _renew_constants(self) -> None:
+        self._evaluated = None
         for history in self._histories:
             history.renew_constants()
+
+    def _evaluate(self, increment: FloatArray, dt: float | None) -> None:
+        """Evaluate all cells at a trial displacement. Collective."""
+        self._set_trial(increment, self._length(dt))
+        with self.present_mesh():
+            self._run(increment)
+        self._evaluated = increment.copy()
+
+    def _require(self, increment: FloatArray, dt: float | None) -> None:
+        """Evaluate all cells unless they were just evaluated there. Collective."""
+        length, known = self._length(dt), self._evaluated
+        same = known is not None and length == self._dt and np.array_equal(known, increment)
+        if not self.comm.allreduce(same, op=MPI.LAND):
+            self._evaluate(increment, dt)
 
     def _run(self, increment: FloatArray) -> None:
         """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
@@ -468,7 +481,7 @@ class NonlinearModel(DiscretisedBody):
         self._set_trial(np.zeros_like(increment), 0.0)
 
     def _set_trial(self, increment: FloatArray, dt: float) -> None:
-        self._dt = dt
+        self._dt, self._evaluated = dt, None
         for history in self._histories:
             history.set_step(dt)
         self._u.x.array[:] = increment if self.is_updated else self.displacement + increment

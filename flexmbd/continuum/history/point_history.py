@@ -100,6 +100,7 @@ class History:
         self._begin_locally()
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
         self._energies = self._energy_forms(u, p)
+        self._increment_size: ufl.core.expr.Expr | None = None
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
 
     @property
@@ -184,7 +185,9 @@ class History:
         form: Any = self.group.formulation
         if self.group.optional.increment_size is None:
             return np.zeros((0, 0))
-        return self.evaluate(form.increment_size(self._u, self._state, self.group.symbols))
+        if self._increment_size is None:
+            self._increment_size = form.increment_size(self._u, self._state, self.group.symbols)
+        return self.evaluate(self._increment_size)
 
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""

@@ -96,11 +96,19 @@ class TangentSolver:
         self._ksp: PETSc.KSP | None = None
         self._preconditioning_matrix = PETSc.Mat()  # what the preconditioner was made of
         self._stale = True
+        self._is_symmetric = False
         self.factorisations = self.iterations = 0
 
-    def discard_preconditioner(self) -> None:
-        """Make a new preconditioner of the next tangent."""
+    def renew_preconditioner(self) -> None:
+        """Make the preconditioner of the next tangent; of a factor the order of elimination is kept."""
         self._stale = True
+
+    def discard_preconditioner(self) -> None:
+        """Forget all that older tangents left, as at a checkpoint."""
+        if self._ksp is not None:
+            self._ksp.destroy()
+            self._preconditioning_matrix.destroy()
+        self._ksp, self._stale = None, True
 
     def constrain(self, matrix: PETSc.Mat) -> None:
         """Make rows and columns of prescribed dofs those of the unit matrix. Collective."""
@@ -110,11 +118,10 @@ class TangentSolver:
     def set_operator(self, matrix: PETSc.Mat) -> None:
         """Solve with this tangent from now on; prescribed dofs are constrained in it already. Collective."""
         if self._ksp is None or self._stale or self._settings.max_iterations == 0:
-            if self._ksp is not None:
-                self._ksp.destroy()
-                self._preconditioning_matrix.destroy()
-            self._preconditioning_matrix = matrix.copy()
-            self._ksp = self._new_ksp(matrix, self._preconditioning_matrix)
+            if self._ksp is None or not self._factored_anew(self._ksp, matrix):
+                self.discard_preconditioner()
+                self._preconditioning_matrix = matrix.copy()
+                self._ksp = self._new_ksp(matrix, self._preconditioning_matrix)
             self.factorisations += 1
             self._stale = False
         else:
@@ -168,6 +175,18 @@ class TangentSolver:
             raise ConvergenceError("a linear system is to be solved before there is a tangent")
         return self._ksp
 
+    def _factored_anew(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> bool:
+        """Factor a matrix in the order of the one before; False where it needs another kind of factor. Collective."""
+        kept = self._preconditioning_matrix
+        if self._uses_multigrid or _is_symmetric(matrix) != self._is_symmetric:
+            return False
+        matrix.copy(kept, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        ksp.getPC().setReusePreconditioner(False)
+        ksp.setOperators(matrix, kept)
+        ksp.setUp()
+        ksp.getPC().setReusePreconditioner(True)
+        return True
+
     def _new_ksp(self, matrix: PETSc.Mat, preconditioning_matrix: PETSc.Mat) -> PETSc.KSP:
         """Krylov's method on a matrix, preconditioned by a copy of it that is kept. Collective."""
         ksp = PETSc.KSP().create(matrix.comm)
@@ -178,7 +197,7 @@ class TangentSolver:
         if self._uses_multigrid:
             self._set_up_multigrid(ksp, preconditioning_matrix)
         else:
-            symmetric = _is_symmetric(matrix)
+            self._is_symmetric = symmetric = _is_symmetric(matrix)
             preconditioning_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
             ksp.getPC().setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
             ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)

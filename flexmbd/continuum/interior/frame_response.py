@@ -32,12 +32,14 @@ class FrameResponse:
         wrenches: (k, 6) on them.
         slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
         fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
+        relative: (6 k, owned nodes, 3) m, what of it is not the rigid motion of the body's axes, in these.
         nodal_forces: (interface nodes, 3) N, on the frames.
     """
 
     wrenches: FloatArray
     slopes: FloatArray
     fields: FloatArray
+    relative: FloatArray
     nodal_forces: FloatArray
 
 
@@ -71,13 +73,13 @@ class Condensation:
 
         Args:
             residual: (owned dofs,) N, in inertial axes.
-            apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
+            apparent_acceleration: (held nodes, 3) m/s^2, acceleration less gravity of the nodes that frames hold.
         """
         bonds = self.bonds
         forces = np.zeros((len(bonds.nodes), 3))
         forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
-        inertia = bonds.mass[:, None] * apparent_acceleration[bonds.nodes]
-        return np.where(bonds.averaged[:, None], forces, forces + inertia)
+        forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * apparent_acceleration
+        return forces
 
     def condense(
         self,
@@ -101,13 +103,40 @@ class Condensation:
             dead_load: (owned dofs,) N, in inertial axes, what of the loads does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
         """
+        matrix = tangent()
+        full_tangent = matrix.copy()
+        constraints = self.averages.constraints(motion, self.bonds.pose(motion)[1])
+        response = self.respond(
+            full_tangent,
+            lambda block: self.newton.solve_columns(matrix, block, constraints),
+            residual,
+            motion,
+            x=x,
+            apparent_acceleration=apparent_acceleration,
+            dead_load=dead_load,
+            slopes=slopes,
+        )
+        full_tangent.destroy()
+        return response
+
+    def respond(
+        self,
+        tangent: PETSc.Mat,
+        inverse: Callable[[FloatArray], FloatArray],
+        residual: FloatArray,
+        motion: FrameMotion,
+        *,
+        x: FloatArray,
+        apparent_acceleration: FloatArray,
+        dead_load: FloatArray,
+        slopes: tuple[float, float],
+    ) -> FrameResponse:
+        """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
-        nodal_forces = self.nodal_forces(residual, apparent_acceleration)
-        matrix = tangent()
-        full_tangent = matrix.copy()
+        nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
         columns = range(6 * len(bonds.frames))
         arms = x[nodes] - motion.p[bonds.frame_of]
         moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
@@ -126,11 +155,10 @@ class Condensation:
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        left = multiply(full_tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
+        left = multiply(tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
         left += _columns(turned @ R)
-        constraints = self.averages.constraints(motion, R)
-        moved = self.newton.solve_columns(matrix, -left - _columns(constraint_forces @ R), constraints)
-        changes = (left + multiply(full_tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
+        moved = inverse(-left - _columns(constraint_forces @ R))
+        changes = (left + multiply(tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
         moved = moved.T.reshape(len(columns), n, 3) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
@@ -143,8 +171,9 @@ class Condensation:
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
             derivative[:, j] = wrench.reshape(-1)
-        full_tangent.destroy()
-        return FrameResponse(bonds.wrenches(nodal_forces, arms), derivative, carried + relative + moved, nodal_forces)
+        relative += moved
+        wrenches = bonds.wrenches(nodal_forces, arms)
+        return FrameResponse(wrenches, derivative, carried + relative, relative @ R, nodal_forces)
 
 
 def _columns(fields: FloatArray) -> FloatArray:

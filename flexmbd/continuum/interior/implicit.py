@@ -25,12 +25,20 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.body_observer import BodyObserver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.linear_interior import linear_equations
+from flexmbd.continuum.interior.step_equations import ROUND_OFF, BodyAxes, NodalState, StepEquations
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.bodies.body import RigidBody
-from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame, Memory, Scheme
+from flexmbd.multibody.bodies.continuum_body import (
+    FrameMotion,
+    InteriorFrame,
+    InteriorIteration,
+    Memory,
+    Scheme,
+)
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
@@ -39,7 +47,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Far below the tolerance of a machine's own iteration.
-_CONVERGENCE = Convergence(tolerance=1e-11, round_off=1e-6)
+_CONVERGENCE = Convergence(tolerance=1e-11, round_off=ROUND_OFF)
 
 #: A tangent costs some ten times the forces, and a step of a motion is short.
 _SOLVER = LinearSolver(reuse_below=0.03)
@@ -49,35 +57,17 @@ _AT_REST = (np.inf, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class _NodalState:
-    """Nodes at an instant: (local nodes including ghosts, 3) each, in inertial axes.
-
-    Attributes:
-        t: s.
-        x, v, a: m, m/s, m/s^2.
-        auxiliary: m/s^2, of the scheme.
-        h: s, of the step before; zero at the start.
-    """
-
-    t: float
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
-    auxiliary: FloatArray
-    h: float
-
-
-@dataclass(frozen=True, eq=False)
 class _Trial:
     """A step's end that was solved for.
 
     Attributes:
-        motion, increment: there.
+        state: of the nodes there.
+        increment: (local dofs,) m, displacement since the last accepted step.
         load: (owned nodes, 3) N, in inertial axes, that acts there.
         dt: s, the time that passes for the material, none on the way to rest.
     """
 
-    motion: _NodalState
+    state: NodalState
     increment: FloatArray
     load: FloatArray
     dt: float
@@ -137,25 +127,28 @@ class ImplicitContinuum:
         self._load: FloatArray = np.zeros((body.layout.n_owned_nodes, 3))
         self._R_begun: FloatArray = np.eye(3)
         self._undeformed = body.snapshot()
-        # a residual of this size's `round_off` is rounding's, and good
         stiffness = body.tangent(np.zeros(body.layout.n_local), dt=0.0)
-        self._smallest_force = self._round_off(stiffness, body.layout.node_x) / _CONVERGENCE.round_off
+        eps = float(np.finfo(float).eps)
+        self._round_off = eps * stiffness.getDiagonal().norm() * self._extent_of(body.layout.node_x)
+        self._mass_size = eps * self._M.getDiagonal().norm()
         self._gravity: FloatArray = np.zeros(3)
-        self._state: _NodalState | None = None
-        self._pose: tuple[FloatArray, FloatArray] = (np.zeros(3), np.eye(3))
+        self._state: NodalState | None = None
         self._trial: _Trial | None = None
+        self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
+        self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
+        self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
         body, bonds = self.body, self._bonds
         body.restore(self._undeformed)
-        self._newton.discard_factor()
-        self._gravity, self._pose, self._trial = np.asarray(gravity, dtype=float), bonds.pose(motion), None
-        p, R = self._pose
+        self._forget()
+        self._set_gravity(np.asarray(gravity, dtype=float))
+        p, R = bonds.pose(motion)
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
-        self._state = _NodalState(t, x, v, v, v, 0.0)
+        self._state = NodalState(t, x, v, v, v, 0.0)
         self._R_begun, self._load_work = R, 0.0
         self._load = self._loads_after(t, x, R)
         return self._start_accelerations(motion, -self._load.reshape(-1))
@@ -166,42 +159,42 @@ class ImplicitContinuum:
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
-        R = self._bonds.pose(motion)[1]
-        self._load = self._loads_after(t, now.x, R)
-        return self._start_accelerations(motion, self._in_inertial(internal, R) - self._load.reshape(-1))
+        axes = self._axes(motion)
+        self._load = self._loads_after(t, now.x, axes.R)
+        self._forget()
+        return self._start_accelerations(motion, axes.to_inertial(internal) - self._load.reshape(-1))
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
         self._check_rigid_interface()
         self._check_settles()
-        body, bonds = self.body, self._bonds
-        pose, still = bonds.pose(motion), np.zeros_like(self._current_state().x)
-        weight = self._in_body(self._inertia(still), pose[1])
-        loads = self._loads_at(self._loads.values(t), pose[1])
+        body, axes, still = self.body, self._axes(motion), np.zeros_like(self._current_state().x)
+        weight = axes.to_body(self._inertia(still))
+        loads = self._loads_at(self._loads.values(t), axes)
 
         def forces(increment: FloatArray) -> Balance:
             internal = body.force(increment, dt=0.0)
             if body.is_updated:
                 body.check_cells()
             outer = weight - loads.force(increment)
-            return Balance(internal + outer, max(body.norm(internal), body.norm(outer), self._smallest_force))
+            return Balance(internal + outer, max(body.norm(internal), body.norm(outer), self._round_off / ROUND_OFF))
 
         def tangent(increment: FloatArray) -> PETSc.Mat:
             return loads.subtract_slopes(body.tangent(increment, dt=0.0), increment)
 
         guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
-        solution = self._solve(guess, motion, forces, tangent)
-        x: FloatArray = self._positions(solution.increment, pose)
+        solution = self._solve(guess, motion, axes, forces, tangent)
+        x: FloatArray = axes.positions(solution.increment)
         v = still + motion.v[0]
-        force = self._in_inertial(loads.force(solution.increment), pose[1]).reshape(-1, 3)
-        self._trial = _Trial(_NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
+        force = axes.to_inertial(loads.force(solution.increment)).reshape(-1, 3)
+        self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
         response = self._frames.condense(
             lambda: tangent(solution.increment),
-            self._in_inertial(solution.balance.residual, pose[1]),
+            axes.to_inertial(solution.balance.residual),
             motion,
             x=x,
             apparent_acceleration=still - self._gravity,
-            dead_load=self._in_inertial(loads.dead, pose[1]),
+            dead_load=axes.to_inertial(loads.dead),
             slopes=_AT_REST,
         )
         return response.wrenches, response.slopes
@@ -217,13 +210,13 @@ class ImplicitContinuum:
                 "without it, or with follows=False"
             )
         internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
-        R = self._bonds.pose(motion)[1]
+        axes = self._axes(motion)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
-        dead_load = self._loads_after(now.t, now.x, R).reshape(-1)
+        dead_load = self._loads_after(now.t, now.x, axes.R).reshape(-1)
         found = linear_equations(
             self._frames,
             motion,
-            internal=self._in_inertial(internal, R) - dead_load,
+            internal=axes.to_inertial(internal) - dead_load,
             dead_load=dead_load,
             x=now.x,
             apparent_acceleration=apparent_acceleration,
@@ -237,80 +230,63 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
     ) -> tuple[FloatArray, FloatArray]:
         """See `ImplicitInterior.trial`. Collective."""
-        now, body, bonds = self._current_state(), self.body, self._bonds
-        auxiliary = now.auxiliary
-        if now.h > 0.0:
-            auxiliary = scheme.carry(auxiliary, h, now.h, now.a)
-        pose = bonds.pose(motion)
-        a_bonds = bonds.accelerations(motion)[~bonds.averaged]
-        per_x, _ = scheme.slopes(h)
-        # accelerations are differences of places over the square of the step
-        smallest = max(self._smallest_force, self._round_off(self._M, now.x) / (per_x * _CONVERGENCE.round_off))
-        loads = self._loads_at(self._loads.values(beside(t_end, -1)), pose[1])
-
-        def motion_of(increment: FloatArray) -> _NodalState:
-            x = self._positions(increment, pose)
-            a: FloatArray = (1.0 / per_x) * (x - self._predictor(now, auxiliary, h, scheme))
-            a[self._bonded] = a_bonds
-            return _NodalState(t_end, x, now.v, a, auxiliary, h)
-
-        def forces(increment: FloatArray) -> Balance:
-            internal = body.force(increment, dt=h)
-            inertia = self._in_body(self._inertia(motion_of(increment).a), pose[1])
-            outer = loads.force(increment)
-            size = max(body.norm(internal), body.norm(inertia), body.norm(outer), smallest)
-            return Balance(internal + inertia - outer, size)
-
-        def tangent(increment: FloatArray) -> PETSc.Mat:
-            matrix = loads.subtract_slopes(body.tangent(increment, dt=h), increment)
-            matrix.axpy(1.0 / per_x, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-            return matrix
-
-        guess = self._initial_guess(now, auxiliary, h, scheme, pose=pose)
+        equations = self._equations(t_end, h, scheme, motion)
+        axes = equations.axes
+        guess = axes.increment(equations.coasted()).reshape(-1) if self._trial is None else self._trial.increment
         try:
-            solution = self._solve(guess, motion, forces, tangent)
+            solution = self._solve(guess, motion, axes, equations.balance, equations.tangent)
         except ConvergenceError:
             # a guess by accelerations of vibrations shorter than the step is far off: begin from the deformed body
             if not guess.any():
                 raise
             self._newton.discard_factor()
-            solution = self._solve(np.zeros_like(guess), motion, forces, tangent)
-        body.check_increment(solution.increment)
-        end = motion_of(solution.increment)
-        _, v, last = scheme.end(h, now.v, now.a, auxiliary, end.a)
-        v[self._bonded] = bonds.velocities(motion)[~bonds.averaged]
-        load = self._in_inertial(loads.force(solution.increment), pose[1]).reshape(-1, 3)
-        self._trial = _Trial(replace(end, v=v, auxiliary=last), solution.increment, load, h)
+            solution = self._solve(np.zeros_like(guess), motion, axes, equations.balance, equations.tangent)
+        self.body.check_increment(solution.increment)
+        self._trial, self._iterated = self._end(equations, motion, solution.increment), None
         response = self._frames.condense(
-            lambda: tangent(solution.increment),
-            self._in_inertial(solution.balance.residual, pose[1]),
+            lambda: equations.tangent(solution.increment),
+            axes.to_inertial(solution.balance.residual),
             motion,
-            x=end.x,
-            apparent_acceleration=end.a - self._gravity,
-            dead_load=self._in_inertial(loads.dead, pose[1]),
+            x=self._trial.state.x,
+            apparent_acceleration=self._trial.state.a - self._gravity,
+            dead_load=axes.to_inertial(equations.loads.dead),
             slopes=scheme.slopes(h),
         )
         return response.wrenches, response.slopes
 
+    def iterate(
+        self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
+    ) -> InteriorIteration:
+        """See `IteratedInterior.iterate`. Collective."""
+        equations, joint = self._equations(t_end, h, scheme, motion), self._joint
+        energy = sum(abs(value) for value in self._own_energies().values())
+        found = joint.iterate(equations, motion, energy=energy, tolerance=tolerance, renew=renew)
+        if found.correction <= tolerance:
+            self.body.check_increment(found.increment)
+        self._iterated = equations, motion, found.increment
+        return InteriorIteration(found.wrenches, found.slopes, found.correction)
+
     def commit(self) -> None:
         """See `ImplicitInterior.commit`. Collective."""
+        if self._iterated is not None:
+            self._trial = self._end(*self._iterated)
         if self._trial is None:
             raise SceneError("a continuum body is to accept a step that was not tried")
         self.body.commit(self._trial.increment, dt=self._trial.dt)
-        before, self._state = self._current_state(), self._trial.motion
+        before, self._state = self._current_state(), self._trial.state
         if self._loads.any:
             n = self.body.layout.n_owned_nodes
             work = 0.5 * np.vdot(self._state.x[:n] - before.x[:n], self._load + self._trial.load)
             self._load_work += float(self._bonds.total(np.array(work)))
             self._load = self._trial.load
         self._state = replace(self._state, h=self._state.t - before.t)
-        self._trial = None
+        self._trial = self._iterated = self._known_energies = None
+        self._joint.end_step()
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
         self.body.revert()
-        self._trial = None
-        self._newton.discard_factor()
+        self._forget()
 
     def snapshot(self) -> Memory:
         """See `Interior.snapshot`. Collective."""
@@ -327,26 +303,39 @@ class ImplicitContinuum:
         self.body.restore(self._memory.scatter(arrays))
         nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
         t, h = (float(value) for value in arrays["times"])
-        self._gravity, self._R_begun = arrays["gravity"].copy(), arrays["begun"].copy()
+        self._set_gravity(arrays["gravity"].copy())
+        self._R_begun = arrays["begun"].copy()
         self._load_work = float(arrays["load work"])
         self._load = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
-        self._state = _NodalState(t=t, h=h, **nodal)
-        self._trial = None
-        self._newton.discard_factor()
+        self._state = NodalState(t=t, h=h, **nodal)
+        self._forget()
 
     def energies(self) -> Mapping[str, float]:
         """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective."""
+        now, bonds = self._current_state(), self._bonds
+        mine = bonds.own & ~bonds.averaged
+        bonded, mass = bonds.nodes[mine], bonds.mass[mine]
+        potential = (mass[:, None] * now.x[bonded] @ self._gravity).sum()
+        potential -= (self._weight * now.x[: len(self._weight)]).sum()
+        own, outer = self._own_energies(), {"loads": -self._load_work} if self._loads.any else {}
+        gravitational = float(bonds.total(np.array(potential)))
+        return {"kinetic": own["kinetic"], "gravitational": gravitational, **own, **outer}
+
+    def _own_energies(self) -> dict[str, float]:
+        """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
+        if self._known_energies is None:
+            self._known_energies = {"kinetic": self._kinetic_energy(), **self.body.energies()}
+        return self._known_energies
+
+    def _kinetic_energy(self) -> float:
+        """J, of the nodes, without the mass that moves with rigid frames. Collective."""
         now, bonds = self._current_state(), self._bonds
         n = self.body.layout.n_owned_nodes
         mine = bonds.own & ~bonds.averaged
         bonded, mass = bonds.nodes[mine], bonds.mass[mine]
         momentum = self._frames.product(now.v).reshape(-1, 3)
         kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
-        weight = self._frames.product(np.tile(self._gravity, (len(now.x), 1))).reshape(-1, 3)
-        potential = -(weight * now.x[:n]).sum() + (mass[:, None] * now.x[bonded] @ self._gravity).sum()
-        kinetic, potential = (float(value) for value in bonds.total(np.array([kinetic, potential])))
-        outer = {"loads": -self._load_work} if self._loads.any else {}
-        return {"kinetic": kinetic, "gravitational": potential, **self.body.energies(), **outer}
+        return float(bonds.total(np.array(kinetic)))
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:
@@ -382,9 +371,9 @@ class ImplicitContinuum:
         turned = self._loads.following(values, x[: self.body.layout.n_owned_nodes] @ R)
         return np.asarray(turned @ R.T + self._loads.dead(values, self._R_begun))
 
-    def _loads_at(self, values: FloatArray, R: FloatArray) -> TrialLoads:
-        """What acts on the body at trial displacements with its axes turned by R. Not collective."""
-        dead = self._in_body(self._loads.dead(values, self._R_begun).reshape(-1), R)
+    def _loads_at(self, values: FloatArray, axes: BodyAxes) -> TrialLoads:
+        """What acts on the body at trial displacements in these axes. Not collective."""
+        dead = axes.to_body(self._loads.dead(values, self._R_begun).reshape(-1))
         return TrialLoads(self.body, self._loads, values, dead)
 
     def _check_rigid_interface(self) -> None:
@@ -401,30 +390,40 @@ class ImplicitContinuum:
                 "to small motions, depends on the time that this takes. Let it come to rest in a simulation"
             )
 
-    def _current_state(self) -> _NodalState:
+    def _current_state(self) -> NodalState:
         if self._state is None:
             raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
         return self._state
 
-    def _predictor(self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme) -> FloatArray:
-        """(local nodes, 3) m, positions at the step's end by the scheme with zero accelerations there."""
-        return now.x + scheme.end(h, now.v, now.a, auxiliary, np.zeros_like(now.a))[0]
+    def _axes(self, motion: FrameMotion) -> BodyAxes:
+        return BodyAxes(self.body, *self._bonds.pose(motion))
 
-    def _initial_guess(
-        self, now: _NodalState, auxiliary: FloatArray, h: float, scheme: Scheme, *, pose: tuple[FloatArray, FloatArray]
-    ) -> FloatArray:
-        """Where Newton's method begins, in body axes: at the last trial's end, or with unchanged accelerations."""
-        if self._trial is not None:
-            return self._trial.increment
-        x = now.x + scheme.end(h, now.v, now.a, auxiliary, now.a)[0]
-        return self._increment(x, np.arange(len(x)), pose).reshape(-1)
+    def _equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
+        """The balance at a step's end with the frames as ``motion`` says. Collective."""
+        now, bonds, axes = self._current_state(), self._bonds, self._axes(motion)
+        if now.h > 0.0:
+            now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
+        return StepEquations(
+            self.body,
+            axes,
+            self._frames,
+            self._loads_at(self._loads.values(beside(t_end, -1)), axes),
+            self._gravity,
+            t_end,
+            h,
+            scheme,
+            now,
+            self._bonded,
+            bonds.accelerations(motion)[~bonds.averaged],
+            # accelerations are differences of places over the square of the step
+            max(self._round_off, self._mass_size * self._extent_of(now.x) / scheme.slopes(h)[0]),
+        )
 
-    def _increment(
-        self, x: FloatArray, nodes: NDArray[np.integer], pose: tuple[FloatArray, FloatArray]
-    ) -> FloatArray:
-        """(n, 3) m, displacement in body axes since the last accepted step of nodes at inertial positions x."""
-        before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
-        return np.ascontiguousarray((x - pose[0]) @ pose[1] - before)
+    def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> _Trial:
+        """A trial's end. Collective."""
+        state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
+        load = equations.axes.to_inertial(equations.loads.force(increment)).reshape(-1, 3)
+        return _Trial(state, increment, load, equations.h)
 
     def _inertia(self, a: FloatArray) -> FloatArray:
         """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
@@ -434,33 +433,33 @@ class ImplicitContinuum:
         self,
         guess: FloatArray,
         motion: FrameMotion,
+        axes: BodyAxes,
         forces: Callable[[FloatArray], Balance],
         tangent: Callable[[FloatArray], PETSc.Mat],
     ) -> Solution:
         """Newton's solution with the frames as ``motion`` says. Collective."""
-        bonds, pose = self._bonds, self._bonds.pose(motion)
+        bonds = self._bonds
         # the first step moves the bonded nodes, and the others with them
-        moved, steps = guess.reshape(-1, 3).copy(), self._increment(bonds.positions(motion), bonds.nodes, pose)
+        moved, steps = guess.reshape(-1, 3).copy(), axes.increment(bonds.positions(motion), bonds.nodes)
         gap = steps - moved[bonds.nodes]
         moved[self._bonded] = steps[~bonds.averaged]
-        constraints = self._averages.constraints(motion, pose[1], displacement=gap)
+        constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         return self._newton.solve(guess, moved.reshape(-1)[self._prescribed], forces, tangent, constraints)
 
-    def _positions(self, increment: FloatArray, pose: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """(local nodes, 3) m, of the nodes in inertial axes."""
-        shape = (self.body.layout.node_x.reshape(-1) + self.body.displacement + increment).reshape(-1, 3)
-        return np.asarray(pose[0] + shape @ pose[1].T)
+    def _set_gravity(self, gravity: FloatArray) -> None:
+        """Take (3,) m/s^2. Collective."""
+        self._gravity = gravity
+        self._weight = self._frames.product(np.tile(gravity, (self.body.layout.n_local // 3, 1))).reshape(-1, 3)
 
-    def _in_inertial(self, forces: FloatArray, R: FloatArray) -> FloatArray:
-        return np.asarray((forces.reshape(-1, 3) @ R.T).reshape(-1))
+    def _forget(self) -> None:
+        """Forget trials, guesses and factors."""
+        self._trial = self._iterated = self._known_energies = None
+        self._newton.discard_factor()
+        self._joint.discard()
 
-    def _in_body(self, forces: FloatArray, R: FloatArray) -> FloatArray:
-        return np.asarray((forces.reshape(-1, 3) @ R).reshape(-1))
-
-    def _round_off(self, matrix: PETSc.Mat, x: FloatArray) -> float:
-        """Round-off of a matrix times places x (local nodes, 3) m. Collective."""
-        extent = float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
-        return float(matrix.getDiagonal().norm() * extent * np.finfo(float).eps)
+    def _extent_of(self, x: FloatArray) -> float:
+        """m, the largest coordinate of all nodes, of which these (local nodes, 3) are here. Collective."""
+        return float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
         """Set the accelerations that internal forces (owned dofs,) N, in inertial axes, cause. Collective.
@@ -482,7 +481,7 @@ class ImplicitContinuum:
         vector.scatter_forward()
         a = np.asarray(a + vector.array.reshape(-1, 3))
         self._state = replace(now, a=a, auxiliary=a.copy())
-        nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a - self._gravity)
+        nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
         return bonds.wrenches(nodal_forces, bonds.arms(motion))
 
     def _remove_frame_mass(self) -> None:

@@ -11,6 +11,8 @@ stretch of data, for beyond it they go another way; with error control the steps
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +24,7 @@ from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
 from flexmbd.integrate.alpha.step import correct, evaluate_step, predict, update_end
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace
-from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, Scheme
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, IteratedInterior, Scheme
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
@@ -31,6 +33,7 @@ from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_
 FloatArray = NDArray[np.float64]
 
 _MAX_ITERATIONS = 20
+_SLOW = 0.25  # a contraction above it asks interiors for tangents of their own
 _STALLED = 1e-10  # a correction below which an iteration may stall: interiors are solved to a tolerance of their own
 
 
@@ -41,6 +44,12 @@ def begin_step(rule, knots, plan, work, state, groups, scratch):
     tolerance = step_history.prepare_step(plan, work, state, groups, scratch, h)
     predict(plan, state, scratch, h, True)
     return h, tolerance
+
+
+@entry_kernel
+def predict_end(plan, state, scratch, h):
+    """Write the predictor."""
+    predict(plan, state, scratch, h, True)
 
 
 @entry_kernel
@@ -138,41 +147,65 @@ class ImplicitInteriors:
 
     def _solve(self, h: float, tolerance: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
+        failure = self._iterate(h, tolerance, scheme, jointly=True)
+        if failure is not None and self._may_nest:
+            # there is no shorter step: the interiors solve for themselves, with searches along their corrections
+            self._revert()
+            self._interiors.failure.clear()
+            predict_end(self._plan, self._state, self._scratch, h)
+            failure = self._iterate(h, tolerance, scheme, jointly=False)
+        return failure
+
+    @property
+    def _may_nest(self) -> bool:
+        fixed = self._state.counts[st.FIXED_STEP] == 1
+        return fixed and any(isinstance(body.interior, IteratedInterior) for body in self._interiors.bodies)
+
+    def _iterate(self, h: float, tolerance: float, scheme: Scheme, *, jointly: bool) -> int | None:
         plan, work, state, s = self._plan, self._work, self._state, self._scratch
-        before = np.inf
+        before, slow = np.inf, False
         for _ in range(_MAX_ITERATIONS):
             place_end(plan, work, state, s, h, self._rows, self._motions)
             if plan.flag[0] != 0 or not np.isfinite(self._motions).all():
                 return st.NOT_CONVERGED
             try:
-                self._try_interiors(h, scheme)
+                lacking = self._try_interiors(h, scheme, tolerance=tolerance, jointly=jointly, renew=slow)
             except SceneError as reason:
                 self._interiors.failure.append(reason)
                 return st.INTERIOR_FAILED
-            size = float(newton_iteration(plan, work, state, s, h))
+            size = max(float(newton_iteration(plan, work, state, s, h)), lacking)
             if size <= tolerance or (size <= _STALLED and size > 0.5 * before):
                 return None
             if not np.isfinite(size):
                 break
-            before = size
+            slow, before = size > _SLOW * before, size
         return st.NOT_CONVERGED
 
-    def _try_interiors(self, h: float, scheme: Scheme) -> None:
-        """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix."""
+    def _try_interiors(self, h: float, scheme: Scheme, *, tolerance: float, jointly: bool, renew: bool) -> float:
+        """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix.
+
+        Returns:
+            The largest correction that an interior lacks.
+        """
         plan, scratch, t = self._plan, self._scratch, float(self._state.numbers[st.TIME])
         motions = self._interiors.split_motions(self._motions)
-        answers = self._interiors.evaluate(
-            lambda k, body: _implicit(body).trial(t + h, h, scheme, motions[k]),
-            doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s",
-        )
-        self._interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, _ in answers]))
+
+        def answer(k: int, body: ContinuumBody) -> Sequence[FloatArray]:
+            if jointly and isinstance(body.interior, IteratedInterior):
+                found = body.interior.iterate(t + h, h, scheme, motions[k], tolerance=tolerance, renew=renew)
+                return found.wrenches, found.slopes, np.array(found.correction)
+            return *_implicit(body).trial(t + h, h, scheme, motions[k]), np.array(0.0)
+
+        answers = self._interiors.evaluate(answer, doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s")
+        self._interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, *_ in answers]))
         twists = self._interiors.twists(plan, self._work, scratch.x)[:, plan.free]
         scratch.interior_stiffness[:] = 0.0
         first = 0
-        for _, slopes in answers:
+        for _, slopes, _ in answers:
             part = twists[first : first + len(slopes)]
             scratch.interior_stiffness[:] -= part.T @ slopes @ part
             first += len(slopes)
+        return max(float(correction) for *_, correction in answers)
 
     def _revert(self) -> None:
         """Revert the interiors' trials."""

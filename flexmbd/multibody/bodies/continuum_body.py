@@ -251,6 +251,44 @@ class ImplicitInterior(Interior, Protocol):
         """Forget all trials since the last state committed; nothing of them may be seen in what follows."""
 
 
+class InteriorIteration(NamedTuple):
+    """What one of Newton's iterations of an interior tells the machine.
+
+    wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its unknowns
+        would go with these frames, and with frames a little beside.
+    correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
+    """
+
+    wrenches: FloatArray
+    slopes: FloatArray
+    correction: float
+
+
+@runtime_checkable
+class IteratedInterior(ImplicitInterior, Protocol):
+    """An interior that takes one Newton iteration of its own in each of the machine's: both converge as one."""
+
+    def iterate(
+        self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
+    ) -> InteriorIteration:
+        """Move with the frames, evaluate the forces, linearise: a trial that need not be in balance.
+
+        The next iteration of the step begins with this one's correction, and with what the frames' further motion
+        adds to it.  ``commit`` takes the unknowns at which the forces were evaluated last, ``revert`` forgets them.
+
+        Args:
+            t_end: s, as of ``ImplicitInterior.trial``.
+            h: s, as there.
+            scheme: as there.
+            motion: of the frames, as there.
+            tolerance: of the corrections with which the step ends.
+            renew: whether older factors converge too slowly for the machine.
+
+        Raises:
+            ConvergenceError: the forces cannot be had there.
+        """
+
+
 @dataclass(eq=False)
 class ContinuumBody:
     """A body with history in a machine: rigid interface frames, and an interior between them.

@@ -1,0 +1,182 @@
+"""The balance of a body's nodes at a step's end, by the machine's scheme of integration.
+
+Nodes have absolute positions, velocities and accelerations in inertial axes, so that the mass matrix is constant and
+there are no gyroscopic terms (Ambrosio & Nikravesh 1992, eq. 43-46); internal forces are those of the body's
+axes, which the first interface frame carries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.applied_loads import TrialLoads
+from flexmbd.continuum.history.displacement_newton import Balance
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.multibody.bodies.continuum_body import Scheme
+
+FloatArray = NDArray[np.float64]
+
+#: The share of the forces at hand below which a residual that falls no more is rounding's.
+ROUND_OFF = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class NodalState:
+    """Nodes at an instant: (local nodes including ghosts, 3) each, in inertial axes.
+
+    Attributes:
+        t: s.
+        x, v, a: m, m/s, m/s^2.
+        auxiliary: m/s^2, of the scheme.
+        h: s, of the step before; zero at the start.
+    """
+
+    t: float
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    auxiliary: FloatArray
+    h: float
+
+
+@dataclass(frozen=True, eq=False)
+class BodyAxes:
+    """The body's axes, which the first interface frame carries; displacements are since the last accepted step.
+
+    Attributes:
+        body: the body.
+        p: (3,) m, where they stand.
+        R: (3, 3) rotation from them to inertial ones.
+    """
+
+    body: NonlinearModel
+    p: FloatArray
+    R: FloatArray
+
+    def positions(self, increment: FloatArray, nodes: NDArray[np.integer] | slice = slice(None)) -> FloatArray:
+        """(n, 3) m, of nodes in inertial axes at a displacement (local dofs,) m."""
+        moved = (self.body.displacement + increment).reshape(-1, 3)[nodes]
+        return np.asarray(self.p + (self.body.layout.node_x[nodes] + moved) @ self.R.T)
+
+    def increment(self, x: FloatArray, nodes: NDArray[np.integer] | slice = slice(None)) -> FloatArray:
+        """(n, 3) m, displacement of nodes at inertial positions x (n, 3)."""
+        before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
+        return np.ascontiguousarray((x - self.p) @ self.R - before)
+
+    def to_inertial(self, forces: FloatArray) -> FloatArray:
+        """(dofs,) in inertial axes."""
+        return np.asarray((forces.reshape(-1, 3) @ self.R.T).reshape(-1))
+
+    def to_body(self, forces: FloatArray) -> FloatArray:
+        """(dofs,) in the body's axes."""
+        return np.asarray((forces.reshape(-1, 3) @ self.R).reshape(-1))
+
+
+@dataclass(frozen=True, eq=False)
+class StepEquations:
+    """Internal, inertia and outer forces at the end of a step, in body axes, as they depend on the displacement.
+
+    Attributes:
+        body: the body.
+        axes: at the step's end.
+        frames: with the mass matrix.
+        loads: that act there.
+        gravity: (3,) m/s^2.
+        t_end, h: s.
+        scheme: of integration.
+        before: the last accepted state, its auxiliary accelerations carried to this step.
+        held: nodes that rigid frames hold.
+        held_accelerations: (n, 3) m/s^2, of them.
+        round_off: N, 2-norm of what rounding leaves of the residual.
+    """
+
+    body: NonlinearModel
+    axes: BodyAxes
+    frames: Condensation
+    loads: TrialLoads
+    gravity: FloatArray
+    t_end: float
+    h: float
+    scheme: Scheme
+    before: NodalState
+    held: NDArray[np.integer]
+    held_accelerations: FloatArray
+    round_off: float
+
+    @property
+    def per_x(self) -> float:
+        """s^2, position at the step's end per unit of the acceleration there."""
+        return self.scheme.slopes(self.h)[0]
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        """(local nodes, 3) m, inertial positions at the step's end without accelerations there."""
+        return self._moved(np.zeros_like(self.before.a))
+
+    def coasted(self) -> FloatArray:
+        """(local nodes, 3) m, inertial positions at the step's end with unchanged accelerations."""
+        return self._moved(self.before.a)
+
+    def _moved(self, a: FloatArray) -> FloatArray:
+        before = self.before
+        return np.asarray(before.x + self.scheme.end(self.h, before.v, before.a, before.auxiliary, a)[0])
+
+    def motion(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(local nodes, 3) m, m/s^2, positions and accelerations in inertial axes at a displacement (local dofs,)."""
+        x = self.axes.positions(increment)
+        a: FloatArray = (1.0 / self.per_x) * (x - self.predicted)
+        a[self.held] = self.held_accelerations
+        return x, a
+
+    def forces(self, increment: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Internal, inertia and outer forces (owned dofs,) N at a displacement (local dofs,) m. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.force`.
+        """
+        internal = self.body.force(increment, dt=self.h)
+        inertia = self.axes.to_body(self.frames.product(self.motion(increment)[1] - self.gravity))
+        return internal, inertia, self.loads.force(increment)
+
+    def residual(self, increment: FloatArray) -> FloatArray:
+        """(owned dofs,) N, what is out of balance at a displacement (local dofs,) m. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.force`.
+        """
+        internal, inertia, outer = self.forces(increment)
+        return internal + inertia - outer
+
+    def balance(self, increment: FloatArray) -> Balance:
+        """As `residual`, with the size of the forces. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.force`.
+        """
+        internal, inertia, outer = self.forces(increment)
+        size = max(self.round_off / ROUND_OFF, *(self.body.norm(part) for part in (internal, inertia, outer)))
+        return Balance(internal + inertia - outer, size)
+
+    def tangent(self, increment: FloatArray) -> PETSc.Mat:
+        """Derivative of the residual; the body's own matrix. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.tangent`.
+        """
+        matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.h), increment)
+        matrix.axpy(1.0 / self.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return matrix
+
+    def end(self, increment: FloatArray, held_velocities: FloatArray) -> NodalState:
+        """The nodes at the step's end."""
+        before, (x, a) = self.before, self.motion(increment)
+        _, v, last = self.scheme.end(self.h, before.v, before.a, before.auxiliary, a)
+        v[self.held] = held_velocities
+        return NodalState(self.t_end, x, v, a, last, self.h)
