@@ -40,9 +40,9 @@ from flexmbd.multibody.bodies.body import Ground as Ground
 from flexmbd.multibody.bodies.body import RigidBody as RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody as ContinuumBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion as FrameMotion
-from flexmbd.multibody.bodies.continuum_body import InteriorIteration as InteriorIteration
 from flexmbd.multibody.bodies.continuum_body import Interior as Interior
 from flexmbd.multibody.bodies.continuum_body import InteriorFrame as InteriorFrame
+from flexmbd.multibody.bodies.continuum_body import InteriorIteration as InteriorIteration
 from flexmbd.multibody.bodies.continuum_body import Memory as Memory
 from flexmbd.multibody.bodies.continuum_body import Push as Push
 from flexmbd.multibody.bodies.continuum_body import Scheme as Scheme
