@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import elements_e
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
+from flexmbd.multibody.kernels.physics.gyroscopic import rotor_momentum
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
@@ -103,6 +104,11 @@ def momentum_series(plan, work, x, v, none, scratch, out):
             l_W = rotate(R, load3(row, at.B_F))
             linear = add3(linear, l_W)
             angular = add3(angular, add3(rotate(R, load3(row, at.B_T)), cross3(load3(row, at.B_P), l_W)))
+            tree = plan.tree[i]
+            if tree[at.FLEX] >= 0 and plan.flex[tree[at.FLEX], at.GYROSCOPIC] >= 0:
+                flex = plan.flex[tree[at.FLEX]]
+                q = x[k][tree[at.MODAL_X] : tree[at.MODAL_X] + flex[at.N_MODES]]
+                angular = add3(angular, rotate(R, rotor_momentum(plan.modal, flex, q)))
         store3(out[k], 0, moment)
         store3(out[k], 3, linear)
         store3(out[k], 6, angular)
