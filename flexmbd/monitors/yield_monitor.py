@@ -8,8 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
-from scipy.spatial import cKDTree
 
 from flexmbd.errors import SceneError
 from flexmbd.monitors.yield_history import YieldHistory, YieldPoint
@@ -181,6 +179,8 @@ class YieldMonitor:
         chosen = np.ones(len(self._modes.node), dtype=bool)
         held = self._modes.interface >= 0
         if self.clearance is not None and held.any():
+            from scipy.spatial import cKDTree  # on need: 0.1 s
+
             distance, _ = cKDTree(self._modes.x[held]).query(self._modes.x)
             chosen &= distance > self.clearance
         if self.where is not None:
@@ -262,6 +262,8 @@ class YieldMonitor:
 
         if excess(before) >= 0.0 or excess(after) <= 0.0:
             return after
+        from scipy.optimize import brentq  # on need: 0.1 s
+
         return float(brentq(excess, before, after, xtol=1e-12 * max(abs(after), after - before)))
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
@@ -206,6 +205,8 @@ class EventSearch:
             if self._step_to(before, t) != st.DONE:
                 return float("nan")
             return event.value(self._moment(), self._team)
+
+        from scipy.optimize import brentq  # on need: 0.1 s
 
         spacing = 4.0 * np.spacing(max(abs(begin), abs(end)))
         return max(float(brentq(value, begin, end, xtol=spacing)), begin + spacing)

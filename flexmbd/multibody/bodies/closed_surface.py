@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from flexmbd.errors import SceneError
 
@@ -115,6 +113,9 @@ def _pieces(x: FloatArray, corners: IntArray) -> IntArray:
             f"the triangles do not agree which side is out: on {len(turned)} edges both pass the same way, "
             f"{_named(x, edges[turned])}; list the corners of all anticlockwise as seen from outside"
         )
+    from scipy.sparse import coo_array  # on need: few scenes have surfaces
+    from scipy.sparse.csgraph import connected_components
+
     triangle = np.repeat(np.arange(len(corners)), 3)
     graph = coo_array((np.ones(len(triangle)), (edge_of, triangle)), shape=(len(edges), len(corners))).tocsr()
     labels: IntArray = connected_components(graph.T @ graph, directed=False)[1].astype(np.int64)

@@ -12,14 +12,17 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import kinds
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -116,6 +119,8 @@ def _of_short_stretches(poly: PPoly, knots: FloatArray, length: float) -> FloatA
 
 def _polynomial(row: TimeRow) -> PPoly:
     """The piecewise polynomial of a row's data."""
+    from scipy.interpolate import PPoly  # on need: it takes as long to load as a pendulum to compute
+
     order, pieces = int(row.data[0]), row.count
     x = row.data[1 : pieces + 2]
     return PPoly(row.data[pieces + 2 :].reshape(pieces, order).T, x)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from flexmbd.errors import SceneError, TableWarning, warn
 from flexmbd.given import numbers, refuse_no_truth
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +55,12 @@ class Table:
     beyond: Beyond = field(default=Beyond.HOLD, kw_only=True)
 
 
+def is_polynomial(function: Any) -> TypeGuard[PPoly]:
+    """Whether it is scipy's piecewise polynomial; where scipy.interpolate was never loaded there is none."""
+    loaded = sys.modules.get("scipy.interpolate")
+    return loaded is not None and isinstance(function, loaded.PPoly)
+
+
 def spline(table: Table, what: str) -> PPoly:
     """A table as a piecewise cubic whose end pieces go on as the table is to.
 
@@ -69,6 +79,8 @@ def spline(table: Table, what: str) -> PPoly:
             f"{what}: a table's beyond must be fm.Beyond.HOLD, LINEAR or EXTRAPOLATE, got {table.beyond!r}"
         )
     refuse_no_truth(monotone=table.monotone)
+    from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly  # on need: 0.2 s
+
     inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
     _warn_of_swings(inner, t, y, what)
     if table.beyond is Beyond.EXTRAPOLATE:

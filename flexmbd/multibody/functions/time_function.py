@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Union
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_truth, numbers
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.fingerprint import fingerprint
-from flexmbd.multibody.functions.spline_table import Table, spline
+from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
 from flexmbd.multibody.kernels.base import kinds
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 FloatArray = NDArray[np.float64]
 
@@ -66,8 +68,8 @@ class Piecewise:
 
 
 #: Types that serve as a function of time.
-TimeFunction = Union[  # noqa: UP007  (a plain | fails at run time: scipy types are unknown to it)
-    float, Sine, Table, PPoly, Compiled, Motion, Piecewise, Callable[[float], Any]
+TimeFunction = Union[
+    float, Sine, Table, "PPoly", Compiled, Motion, Piecewise, Callable[[float], Any]
 ]
 
 
@@ -145,7 +147,7 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
         return TimeRow(kinds.TIME_SINE, values, 0, none, None, "sine")
     if isinstance(function, Table):
         function = spline(function, what)
-    if isinstance(function, PPoly):
+    if is_polynomial(function):
         return _piecewise(function, what)
     if isinstance(function, Motion):
         addresses = (

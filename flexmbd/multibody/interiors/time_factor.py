@@ -6,12 +6,11 @@ from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from scipy.interpolate import PPoly
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import Interior
 from flexmbd.multibody.functions.compiled_function import Compiled
-from flexmbd.multibody.functions.spline_table import Table, spline
+from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
 from flexmbd.multibody.functions.time_function import Motion, Piecewise, Sine, TimeFunction, as_row, checked
 
 
@@ -58,7 +57,7 @@ def _callable(function: Any, what: str) -> Callable[[float], Any]:
     if isinstance(function, Compiled):
         call: Callable[[float], Any] = function.source
         return call
-    if isinstance(function, PPoly):
+    if is_polynomial(function):
         return lambda t: function(t).item()
     if callable(function):
         given: Callable[[float], Any] = function

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -107,6 +106,8 @@ def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:
     for joint in tree_joints(scene.plan):
         values[joint.plain_v] = x[joint.plain_x]
         if joint.quaternion is not None:
+            from scipy.spatial.transform import Rotation  # on need: 0.1 s
+
             values[joint.spin] = Rotation.from_quat(np.roll(x[joint.quaternion], -1)).as_rotvec()
     for slots in scene.index.modes.values():
         values[slots.v] = x[slots.x]
