@@ -135,3 +135,19 @@ def test_what_would_leave_it_out_refuses_it():
     for attempt, told in refused:
         with pytest.raises(FlexmbdError, match=told):
             attempt()
+
+
+@pytest.mark.parametrize("rate", [1e-8, 1.0, 1e9])
+def test_a_function_that_turns_concave_is_found_at_its_own_rates(tmp_path, rate):
+    """Whatever their size; a force that saturates is sound, one that falls is not."""
+    path = tmp_path / "my_form.py"
+    convex = "p.eta * RATE**2 * (ufl.sqrt(1 + ufl.inner(rate, rate) / RATE**2) - 1)"
+    concave = "p.eta * RATE**2 * ufl.ln(1 + ufl.inner(rate, rate) / RATE**2)"
+
+    def load(density):
+        path.write_text(TEXT.replace(RATE, f"return [({density.replace('RATE', repr(rate))}, Quadrature(2))]"))
+        return load_form(path)
+
+    assert load(convex).dissipation
+    with pytest.raises(FormulationError, match="is not convex"):
+        load(concave)

@@ -11,13 +11,19 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import ufl
 
 from flexmbd.continuum.contract.hessian import EXACT, SecondDerivative, is_semidefinite
 from flexmbd.continuum.contract.trial_symbols import FloatArray, TrialSymbols, affine, slope_at_rest
 
-# Rates at which a function that is not quadratic is tried, 1/s.
-_RATES = (1e-3, 1.0, 1e3)
+# Rates at which the curvature along a motion is looked at, 1/s: every decade of what a body could do in any units.
+_DECADES = tuple(10.0**k for k in range(-12, 13))
+
+# A curvature that differs from that at rest by more than this share of it: the rate matters there.
+_CHANGED = 0.5
+
+_NOT_CONVEX = "is not convex: some rates would gain energy by it; check the signs and ranges of the viscosities"
 
 
 def dissipation_faults(
@@ -64,14 +70,32 @@ def _convexity_faults(density: ufl.core.expr.Expr, unknown: TrialSymbols) -> Ite
     second = SecondDerivative(density, unknown)
     rates = [affine(shape, seed=None)]
     if not second.is_constant:
-        rates += [_scaled(affine(shape, seed=4), rate) for rate in _RATES]
+        motion = affine(shape, seed=4)
+        curvatures = np.array([second.along(_scaled(motion, rate), motion) for rate in (0.0, *_DECADES)])
+        # what is left of sums that cancel is no curvature
+        if (curvatures < -EXACT * np.fmax.accumulate(abs(curvatures))).any():
+            yield _NOT_CONVEX
+            return
+        rates += [_scaled(motion, rate) for rate in _rates_of_change(curvatures)]
     for rate in rates:
         hessian = second.at(rate)
         if hessian is None:
             return
         if not is_semidefinite(hessian):
-            yield "is not convex: some rates would gain energy by it; check the signs and ranges of the viscosities"
+            yield _NOT_CONVEX
             return
+
+
+def _rates_of_change(curvatures: FloatArray) -> Sequence[float]:
+    """The first decade in which the function departs from a quadratic one, and those beside it, 1/s.
+
+    Args:
+        curvatures: second derivatives along a motion, at rest and at its multiples by the decades.
+    """
+    rest, moving = curvatures[0], curvatures[1:]
+    departs = np.flatnonzero(abs(moving - rest) > _CHANGED * abs(rest))
+    first = int(departs[0]) if len(departs) else len(_DECADES) - 1
+    return _DECADES[max(first - 1, 0) : first + 2]
 
 
 def _scaled(field: Callable[[int], FloatArray], factor: float) -> Callable[[int], FloatArray]:

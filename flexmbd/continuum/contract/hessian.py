@@ -34,6 +34,12 @@ class SecondDerivative:
         """Whether it is the same for every field: the density is quadratic."""
         return self._unknown.u not in ufl.algorithms.extract_coefficients(self._second)
 
+    def along(self, field: Callable[[int], FloatArray], motion: Callable[[int], FloatArray]) -> float:
+        """Twice along a motion, at a field; NaN where it has no finite value, or only a mesh has one."""
+        fields = {self._unknown.u: field, self._along: motion, self._across: motion}
+        value = self._unknown.evaluate_expanded(self._second, fields)
+        return value if value is not None and np.isfinite(value) else np.nan
+
     def at(self, field: Callable[[int], FloatArray]) -> FloatArray | None:
         """(n, n) at a field, by its components, then by those of its gradient; None where only a mesh has a value."""
         shape = self._unknown.u.ufl_shape

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator
 from types import ModuleType
 from typing import Any
 
+import basix
 import numpy as np
 import ufl
 
@@ -87,7 +88,17 @@ def _kinetic_energy(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
 def _dissipation(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     terms = module.dissipation(unknown.u, unknown.parameters)
     faults = list(term_faults(terms, unknown.cell, lambda integrand: rest_faults(integrand, unknown, derivatives=2)))
-    yield from faults or dissipation_faults(terms, unknown, rigid_motion=module.rigid_motion)
+    yield from faults
+    if not faults and _is_first_of_its_dimension(module, unknown):
+        yield from dissipation_faults(terms, unknown, rigid_motion=module.rigid_motion)
+
+
+def _is_first_of_its_dimension(module: ModuleType, unknown: TrialSymbols) -> bool:
+    """Whether the form was not tried before on a cell of that dimension: of the same fields it makes the same there."""
+    dimension = topological_dimension(unknown.domain)
+    cell = next(one for one in module.CELLS if len(basix.topology(basix.CellType[one])) == dimension + 1)
+    degrees = module.ORDER[cell] if cell in module.ORDER else module.ORDER
+    return (unknown.cell, unknown.degree) == (cell, next(iter(degrees)))
 
 
 def _gyroscopic(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:

@@ -50,7 +50,7 @@ class TrialSymbols:
             degree: one of its degrees on that cell.
             parameters: whose values the symbols have; those of its reference if None.
         """
-        self.cell = cell
+        self.cell, self.degree = cell, degree
         self.domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(GDIM,)))
         element = module.element(cell, GDIM, degree)
         if not isinstance(element, basix.ufl._ElementBase):
