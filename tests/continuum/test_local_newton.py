@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 
 from flexmbd import meshes
 from flexmbd.continuum import NonlinearModel, check_form, follow, load_form, prescribed_dofs
+from flexmbd.continuum.history.cell_pass import LocalEquationError
+from flexmbd.continuum.history.displacement_newton import Balance, Newton
 from flexmbd.forms import j2_plasticity as j2
 
 FILE = Path(__file__).parents[1] / "data" / "mohr_coulomb.py"
@@ -89,3 +91,25 @@ def test_a_bar_of_soil_yields_at_its_strength(sign):
     strength = brentq(lambda stress: surface(stress, SOIL.friction), 1e-3 * bound, bound, xtol=1.0)
     for step in path.steps:
         np.testing.assert_allclose(step.reactions[moved].sum(), strength, rtol=1e-6)
+
+
+def test_a_step_beyond_which_points_have_no_solution_is_halved():
+    """The first whole step of equilibrium fails at a point; half of it does not, and the rest follows."""
+    body = cube(FORM, SOIL)
+    held = prescribed_dofs(body, {"x_min": "xyz"})
+    load = np.zeros(body.n_owned)
+    load[1::3] = 1e3
+    load[held] = 0.0
+    tried = []
+
+    def forces(u):
+        tried.append(u.copy())
+        if len(tried) == 2:
+            raise LocalEquationError("beyond")
+        return Balance(body.force(u) - load, np.linalg.norm(load))
+
+    zero = np.zeros(body.layout.n_local)
+    solution = Newton(body, held).solve(zero, np.zeros(len(held)), forces, body.tangent)
+    np.testing.assert_allclose(tried[2], 0.5 * tried[1], rtol=1e-12)
+    free = np.setdiff1d(np.arange(body.n_owned), held)
+    assert np.linalg.norm((body.force(solution.increment) - load)[free]) < 1e-8 * np.linalg.norm(load)

@@ -320,11 +320,11 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
                 for i in range(locals_):
                     room.row[begin + i] = fields.local[cell, i]
                 change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[1], tolerance, True)
-            for i in range(locals_):
-                fields.local[cell, i] = room.row[begin + i]
             if change != 0.0:
                 room.where[0] = cell
                 return change
+            for i in range(locals_):
+                fields.local[cell, i] = room.row[begin + i]
         for k in range(FORCES, kernels.addresses.shape[0]):
             _tabulate(kernels, k, room, begin)
             for i in range(blocks.shape[1]):

@@ -36,6 +36,10 @@ _LOCAL = 1e-10
 _NONE = np.zeros(0)
 
 
+class LocalEquationError(ConvergenceError):
+    """The equations at a quadrature point are not solved for a trial displacement; a smaller step may help."""
+
+
 @dataclass(frozen=True, eq=False)
 class Unknowns:
     """The functions that a group's forms read; None for what the formulation does not have.
@@ -173,7 +177,7 @@ class CellPass:
                 f"{self._group.form_name}: {FAULTS[fault - 1]}, {self._where()}; take a smaller step"
             )
         if change != 0.0:
-            raise ConvergenceError(
+            raise LocalEquationError(
                 f"{self._group.form_name}: the equations at a quadrature point were not solved, in {_SWEEPS[0]} whole "
                 f"steps of Newton's method and {_SWEEPS[1]} that were shortened where they did not help (last "
                 f"relative change {change:.1e}): {self._where()}; take a smaller step"

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.history.trial_errors import InvertedCellError
@@ -259,17 +260,19 @@ class Newton:
     ) -> tuple[FloatArray, Balance]:
         """Go along a step until the residual does no more work on it. Collective.
 
-        A step that turns cells inside out is halved; one that moves prescribed dofs is taken in full.
+        A step that turns cells inside out, or for which the equations at a point are not solved, is halved; one that
+        moves prescribed dofs is taken in full.
         """
         work = self._work(change, before.residual)
-        share, best, inverted = 1.0, None, InvertedCellError()
+        share, best = 1.0, None
+        failed: ConvergenceError = InvertedCellError()
         for _ in range(_MAX_HALVINGS):
             try:
                 balance = forces(increment + share * change)
-            except InvertedCellError as error:
+            except (InvertedCellError, LocalEquationError) as error:
                 if full:
                     raise
-                share, inverted = 0.5 * share, error
+                share, failed = 0.5 * share, error
                 continue
             if full:
                 return increment + change, balance
@@ -282,7 +285,7 @@ class Newton:
             guess = share * work / (work - left) if work != left else 0.5 * share
             share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
         if best is None:
-            raise inverted
+            raise failed
         return increment + best[1] * change, best[2]
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:

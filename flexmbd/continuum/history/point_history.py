@@ -124,7 +124,7 @@ class History:
             forces: (local dofs including ghosts,) N, to which this rank's internal forces are added.
 
         Raises:
-            ConvergenceError: at a point Newton's method does not end.
+            LocalEquationError: at a point Newton's method does not end.
         """
         self._pass.run(forces)
 
