@@ -20,6 +20,8 @@ _VERSION = 2
 def fingerprint(body: NonlinearModel, **surroundings: object) -> str:
     """Tells bodies of other meshes, elements or materials apart, and what they stand in. Collective."""
     materials = [(group.name, group.form_name, group.parameters) for group in body.groups]
+    if body.surfaces:
+        surroundings["surfaces"] = [(group.name, group.form_name, group.parameters) for group in body.surfaces]
     identity = (body.mesh.fingerprint(), body.degree, materials, surroundings)
     return hashlib.sha256(repr(identity).encode()).hexdigest()
 

@@ -78,6 +78,7 @@ class NonlinearModel(DiscretisedBody):
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed
             mesh. Not to be changed by hand.
         viscous_forces: of the formulations' dissipation; None where there is none.
+        springs: on facets, from the surface to the body's axes; None where there are none.
     """
 
     def __init__(
@@ -133,7 +134,7 @@ class NonlinearModel(DiscretisedBody):
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
-        self._springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
+        self.springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
         self._viscous_work = 0.0
         self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
@@ -188,7 +189,7 @@ class NonlinearModel(DiscretisedBody):
         """Refuse springs on facets, which reach to the body's axes; the same on every rank.
 
         Args:
-            by: what has axes that turn, or none.
+            by: what has axes that turn.
 
         Raises:
             FormulationError: there are some.
@@ -196,8 +197,8 @@ class NonlinearModel(DiscretisedBody):
         if self.has_surface_energy:
             raise FormulationError(
                 f"springs on facets (surface_energy) reach to the axes of the body, which {by} does not hold still: "
-                "load the body slowly (follow), reduce it (craig_bampton), or connect springs of the scene to its "
-                "frames"
+                "load the body slowly (follow), run it by itself (ExplicitRun), reduce it (craig_bampton), or connect "
+                "springs of the scene to its frames"
             )
 
     def vector(self) -> la.Vector:
@@ -226,8 +227,8 @@ class NonlinearModel(DiscretisedBody):
                 names one), or the equations at a point have no solution.
         """
         self._evaluate(increment, dt)
-        if self._springs is not None:
-            self._springs.add(self._sum.array, self.displacement + increment)
+        if self.springs is not None:
+            self.springs.add(self._sum.array, self.displacement + increment)
         force = self._summed()
         if not self.comm.allreduce(bool(np.isfinite(force).all()), op=MPI.LAND):
             self.check_cells()
@@ -250,8 +251,8 @@ class NonlinearModel(DiscretisedBody):
         self._require(increment, dt)
         with self.present_mesh():
             matrix = self._tangent.assemble()
-        if self._springs is not None:
-            springs = self._springs.tangent(self.displacement + increment)
+        if self.springs is not None:
+            springs = self.springs.tangent(self.displacement + increment)
             matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             springs.destroy()
         return matrix
@@ -307,7 +308,8 @@ class NonlinearModel(DiscretisedBody):
     def step(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
         """Internal forces at a displacement that is accepted at once, as explicit steps do. Collective.
 
-        The same as `force` and `commit`, in one pass.
+        The same as `force` and `commit`, in one pass, but for springs on facets, which are left out: whoever steps
+        explicitly knows where the ground is.
 
         Args:
             increment: as for `force`.
@@ -366,8 +368,8 @@ class NonlinearModel(DiscretisedBody):
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
         energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
-        if self._springs is not None:
-            energies["springs"] = float(self.comm.allreduce(self._springs.energy(self.displacement)))
+        if self.springs is not None:
+            energies["springs"] = float(self.comm.allreduce(self.springs.energy(self.displacement)))
         return {**energies, "viscous": self._viscous_work} if self.has_dissipation else energies
 
     def stress(self) -> list[FloatArray]:

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements import assembly
@@ -23,7 +23,11 @@ FloatArray = NDArray[np.float64]
 
 
 class SurfaceSprings:
-    """The springs of all facet groups that have some. Constructing one is collective, and may compile."""
+    """The springs of all facet groups that have some. Constructing one is collective, and may compile.
+
+    Attributes:
+        are_linear: whether their forces are linear in the displacement.
+    """
 
     def __init__(self, surfaces: Sequence[SurfaceGroup], groups: Sequence[CellGroup], space: fem.FunctionSpace) -> None:
         """Compile the forces.
@@ -39,12 +43,37 @@ class SurfaceSprings:
         self._forces = [fem.form(work) for work in self._work]
         self._energies = [fem.form(energy) for group in surfaces for energy in group.energy(self._u)]
         self._slopes: list[fem.Form] | None = None
+        along = ufl.TrialFunction(space)
+        slopes = [ufl.algorithms.expand_derivatives(ufl.derivative(work, self._u, along)) for work in self._work]
+        self.are_linear = all(self._u not in slope.coefficients() for slope in slopes)
+        self._sum = fem.Function(space).x
 
     def add(self, forces: FloatArray, displacement: FloatArray) -> None:
         """Add this rank's part of the forces, N, that hold the springs; both (local dofs including ghosts,)."""
         self._u.x.array[:] = displacement
         for form in self._forces:
             fem.assemble_vector(forces, form)
+
+    def of_nodes(self, displacement: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, that hold the springs of a body of displacements alone at that of its nodes. Collective.
+
+        Args:
+            displacement: (owned nodes, 3) m.
+        """
+        self._set_owned(displacement)
+        self._sum.array[:] = 0.0
+        self.add(self._sum.array, self._u.x.array.copy())
+        self._sum.scatter_reverse(la.InsertMode.add)
+        return np.asarray(self._sum.array[: displacement.size].reshape(-1, 3).copy())
+
+    def energy_of_nodes(self, displacement: FloatArray) -> float:
+        """Energy, J, of all ranks at that displacement; as `of_nodes`. Collective."""
+        self._set_owned(displacement)
+        return float(self._space.mesh.comm.allreduce(self.energy(self._u.x.array.copy())))
+
+    def _set_owned(self, displacement: FloatArray) -> None:
+        self._u.x.array[: displacement.size] = displacement.ravel()
+        self._u.x.scatter_forward()
 
     def tangent(self, displacement: FloatArray) -> PETSc.Mat:
         """Derivative of the forces by the displacement, N/m, a new matrix. Collective; compiles at the first call."""

@@ -103,13 +103,12 @@ class NodalMotion:
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement, or springs on
-                facets.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement; springs on
+                facets are not linear.
             SceneError: the ranks were given different supports, planes, loads or damping; damping is negative, or no
                 number; a plane and a load have one name; a load is for slow loading alone.
         """
         body.check_displacement_alone()
-        body.refuse_surface_energy(by="an explicit run")
         plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
@@ -227,7 +226,7 @@ class NodalMotion:
             move[self.bonded] = bonded - self.x[self.bonded]
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
-        self.force = self.mesh.pull(self.x, dt=h)
+        self.force = self._pull(h)
         self.t += h
         if self.loads.any:
             self.load = self.loads_at(self.t - _BESIDE * h)
@@ -239,11 +238,20 @@ class NodalMotion:
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
 
+    def _pull(self, h: float) -> FloatArray:
+        """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
+        force = self.mesh.pull(self.x, dt=h)
+        if self.body.springs is not None:
+            # to the ground, on which a body by itself began
+            force -= self.body.springs.of_nodes(self.x - self.mesh.X)
+        return force
+
     def energies(self) -> dict[str, float]:
         """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
 
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
         impacts), "friction" and "damping" (lost), "gravitational"; "viscous" (lost) where formulations dissipate;
+        "springs" on facets, where there are some;
         "loads" where there are some: minus the work that they have done, on bonded nodes as well.
         """
         body_energies = self.body.energies()
@@ -261,8 +269,13 @@ class NodalMotion:
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
             **{name: value for name, value in body_energies.items() if name == "viscous"},
+            **self._spring_energy(),
             **outer,
         }
+
+    def _spring_energy(self) -> dict[str, float]:
+        springs = self.body.springs
+        return {} if springs is None else {"springs": springs.energy_of_nodes(self.x - self.mesh.X)}
 
     def internal_work(self) -> float:
         """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""

@@ -5,7 +5,8 @@ derivatives along Lanczos' vectors are taken by differences.  Later the stiffnes
 cells.  That change is seen on the operator of grad u : grad v, which knows of nothing but shapes: the step goes with
 the inverse root of its largest eigenvalue.  Between two such estimates it goes with the least size of a cell, the
 inverse norm of the inverse Jacobian.  Viscous forces, which act by the rates of the step before, shorten it: with the
-largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Plastic flow only
+largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Springs on facets
+are in the estimate at rest, beyond which no change of shape then lengthens it.  Plastic flow only
 softens a body, and is left out on purpose.
 """
 
@@ -57,6 +58,11 @@ class StableStep:
         self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
         self._first, self._size = self._of_shapes(), self._smallest()
         self._damping = self._damping_rate()
+        if body.springs is not None and not body.springs.are_linear:
+            raise FormulationError(
+                f"springs on facets of {body.form_name} are not linear in the displacement, and explicit steps have no "
+                "stable length; load the body slowly (follow), or give them an energy that is quadratic"
+            )
         squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned, begin=self._begin)
         body.revert()
         self._elastic = self._found = 2.0 / float(np.sqrt(squared))
@@ -74,6 +80,8 @@ class StableStep:
         if abs(size / self._size - 1.0) > _CHANGE:
             self._size = size
             self._found = self._elastic * float(np.sqrt(self._first / self._of_shapes()))
+            if self._body.springs is not None:
+                self._found = min(self._found, self._elastic)
         return self._with_viscosity(self._found * min(1.0, size / self._size))
 
     @property
