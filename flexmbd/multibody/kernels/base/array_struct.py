@@ -213,7 +213,15 @@ def _load_field(context: Any, builder: Any, kind: StructType, pointer: Any, name
         return load(0, _WORD.as_pointer())
     if not isinstance(field, types.Array):
         return load(0, context.get_value_type(field))
-    array = context.make_array(field)(context, builder)
+    return _array_of(context, builder, field, load)
+
+
+def _array_of(context: Any, builder: Any, field: types.Array, load: Any) -> Any:
+    """The array whose words ``load`` loads, set up as one value.
+
+    numba's own way writes each part to the stack and reads it back, three times the text for LLVM to read.
+    """
+    model = context.data_model_manager[field]
     shape = [load(1 + axis) for axis in range(field.ndim)]
     size = context.get_abi_sizeof(context.get_data_type(field.dtype))
     strides = [ir.Constant(_WORD, size)]
@@ -222,14 +230,21 @@ def _load_field(context: Any, builder: Any, kind: StructType, pointer: Any, name
     count = shape[0]
     for length in shape[1:]:
         count = builder.mul(count, length, flags=("nsw",))
-    array.meminfo = ir.Constant(array.meminfo.type, None)
-    array.parent = ir.Constant(array.parent.type, None)
-    array.data = load(0, array.data.type)
-    array.shape = cgutils.pack_array(builder, shape)
-    array.strides = cgutils.pack_array(builder, strides)
-    array.itemsize = ir.Constant(_WORD, size)
-    array.nitems = count
-    return array._getvalue()
+    kinds = [model.get_type(name) for name in model._fields]
+    kinds = [context.data_model_manager[kind].get_value_type() for kind in kinds]
+    places = {name: model.get_field_position(name) for name in model._fields}
+    constants = [ir.Constant(kind, None) for kind in kinds]
+    constants[places["itemsize"]] = ir.Constant(_WORD, size)
+    if field.ndim == 1:
+        constants[places["strides"]] = ir.Constant(kinds[places["strides"]], strides)
+    array = ir.Constant(ir.LiteralStructType(kinds), constants)
+    array = builder.insert_value(array, count, places["nitems"])
+    array = builder.insert_value(array, load(0, kinds[places["data"]]), places["data"])
+    for axis in range(field.ndim):
+        array = builder.insert_value(array, shape[axis], (places["shape"], axis))
+        if field.ndim > 1:
+            array = builder.insert_value(array, strides[axis], (places["strides"], axis))
+    return array
 
 
 @unbox(StructType)
