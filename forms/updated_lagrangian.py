@@ -26,7 +26,11 @@ the elastic strain is small and no rate shows; for large elastic strain take `he
 
 Plastic flow keeps the volume, and fully integrated linear cells lock. The cure is the mean of det f over
 a cell (`cell_mean`), by which f is scaled to (mean / det f)^(1/3) f in the stress (F-bar, de Souza Neto
-et al. 1996, doi:10.1016/0020-7683(95)00259-6).
+et al. 1996, doi:10.1016/0020-7683(95)00259-6). There the pressure follows that mean alone, by the same
+rate. In full Truesdell's rate makes pressure of a flowing shear as well, 2/3 of its power, and finite
+steps more (`increment_size`), at each point another. Nothing takes that back where volumes are means:
+pressures of one cell drift apart until they turn it inside out. Of elastic shears beyond one, which
+no metal has, the stress then swings.
 
 Equations of Ambrosio & Nikravesh 1992, Nonlinear Dynamics 3, "Elasto-plastic deformations in multibody
 dynamics"; eq. 64 without its leading minus.
@@ -203,7 +207,13 @@ def _trial(u: Expr, state: Expr, p: Parameters, mean: Expr | None) -> Expr:
         f, strain = factor * f, factor**2 * strain + (factor**2 - 1) / 2 * ufl.Identity(3)
     # a root, which has no value where a cell is inside out
     volume = ufl.sqrt(ufl.det(f)) ** 2
-    return f * (tensor(state) + elasticity(strain, p)) * f.T / volume
+    stress = f * (tensor(state) + elasticity(strain, p)) * f.T / volume
+    if mean is None:
+        return stress
+    # the same rate of a change of volume alone, the cell's
+    growth = mean ** (1 / 3)
+    pressure = (ufl.tr(tensor(state)) / 3 + 1.5 * bulk_modulus(p) * (growth**2 - 1)) / growth
+    return ufl.dev(stress) + pressure * ufl.Identity(3)
 
 
 def _returned(
