@@ -13,6 +13,7 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel
 from flexmbd.errors import InterfaceError, SceneError
+from flexmbd.integrate.alpha import interiors as alpha_interiors
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
 
@@ -219,6 +220,117 @@ def test_a_rejected_trial_leaves_no_trace():
         assert interior.energies()["plastic"] > 0.0
     for name, part in answers[0].items():
         assert np.array_equal(answers[1][name], part), name
+
+
+def iterations(interior, motion, *, h=H, most=12, tolerance=1e-12):
+    """Newton's iterations of a step with the frames held at a motion."""
+    found = []
+    for _ in range(most):
+        found.append(interior.iterate(h, h, scheme(), motion, tolerance=tolerance, renew=False))
+        if found[-1].correction <= tolerance:
+            break
+    return found
+
+
+@pytest.mark.parametrize("held", HELD)
+@pytest.mark.parametrize("name", CASES)
+def test_iterations_end_where_a_trial_does(name, held):
+    """One way solves for the nodes with searches and its own factors, the other goes along with the machine."""
+    form, parameters, size = CASES[name]
+    answers = []
+    for jointly in (True, False):
+        interior = ImplicitContinuum(bar(form, parameters, interfaces=ends(HELD[held])))
+        start = spinning(interior)
+        interior.begin(0.0, start, GRAVITY)
+        motion = TrialMotion(start, size=size)
+        if jointly:
+            found = iterations(interior, motion.at(np.full(12, 1e-5)))
+            found += iterations(interior, motion.at(np.zeros(12)))
+            assert found[-1].correction <= 1e-12
+            wrenches, slopes = found[-1].wrenches, found[-1].slopes
+        else:
+            wrenches, slopes = interior.trial(H, H, scheme(), motion.at(np.zeros(12)))
+        interior.commit()
+        answers.append((wrenches, slopes, interior.snapshot(), interior.energies()))
+    (joint, joint_slopes, kept, energies), (alone, slopes, kept_alone, energies_alone) = answers
+    assert joint == pytest.approx(alone, abs=1e-8 * abs(alone).max())
+    assert kept["x"] == pytest.approx(kept_alone["x"], abs=1e-10)
+    assert energies == pytest.approx(energies_alone, rel=1e-8)
+    # kept from an iteration before, slopes are of somewhere near
+    assert joint_slopes == pytest.approx(slopes, abs=(0.5 if name != "elastic" else 0.01) * abs(slopes).max())
+
+
+@pytest.mark.parametrize("held", ["both rigid", "both averaged"])
+def test_the_first_iteration_of_a_linear_body_is_the_last(held):
+    """A body that answers linearly, moved as a machine moves it: what the first iteration foretells is the solution."""
+    form, parameters, _ = CASES["elastic"]
+    interior = ImplicitContinuum(bar(form, parameters, interfaces=ends(HELD[held])))
+    start = spinning(interior)
+    still = start._replace(**{name: np.zeros((2, 3)) for name in ("v", "w", "a", "alpha")})
+    interior.begin(0.0, still, np.zeros(3))
+    pulled = still._replace(p=still.p + 1e-9 * np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]]))
+    first, second, *_ = iterations(interior, pulled, tolerance=1e-6)
+    assert second.correction < 1e-6
+    assert first.wrenches == pytest.approx(second.wrenches, abs=1e-6 * abs(second.wrenches).max())
+    assert abs(first.wrenches).max() > 0.01
+
+
+def test_elastic_steps_assemble_no_tangent(monkeypatch):
+    """Of a swing below the yield limit; and each takes few evaluations of the forces."""
+    form, parameters, _ = CASES["logarithmic"]
+    made, evaluated = [], []
+    for name, calls in (("tangent", made), ("force", evaluated)):
+        old = getattr(NonlinearModel, name)
+
+        def counted(self, *args, old=old, calls=calls, **options):
+            calls.append(0)
+            return old(self, *args, **options)
+
+        monkeypatch.setattr(NonlinearModel, name, counted)
+    interior = ImplicitContinuum(bar(form, parameters))
+    made.clear()
+    _, run = swing(fm.ContinuumBody(interior), gravity=9.81, t_end=0.05)
+    assert run.energies(next(iter(run.scene.interiors.bodies)))["plastic"][-1] == 0.0
+    assert len(made) <= 3
+    assert len(evaluated) <= 7 * run.stats.steps
+
+
+def test_rejected_iterations_leave_no_trace():
+    """To the bit what an interior finds that never heard of them."""
+    form, parameters, size = CASES["small strain"]
+    answers = []
+    for rejected in (0, 2):
+        interior = ImplicitContinuum(bar(form, parameters))
+        start = spinning(interior)
+        interior.begin(0.0, start, GRAVITY)
+        kept = interior.snapshot()
+        for k in range(rejected):
+            iterations(interior, TrialMotion(start, size=(2 + k) * size).at(np.zeros(12)), h=2 * H, most=3)
+            interior.revert()
+            assert all(np.array_equal(part, kept[name]) for name, part in interior.snapshot().items())
+        found = iterations(interior, TrialMotion(start, size=size).at(np.zeros(12)))
+        interior.commit()
+        answers.append({"wrenches": found[-1].wrenches, "slopes": found[-1].slopes, **interior.snapshot()})
+        assert interior.energies()["plastic"] > 0.0
+    for name, part in answers[0].items():
+        assert np.array_equal(answers[1][name], part), name
+
+
+def test_a_swing_that_yields_is_the_one_of_nodes_solved_for_by_themselves(monkeypatch):
+    """Machine and nodes as one, and nested: to the tolerance the same."""
+    form, _, _ = CASES["logarithmic"]
+    parameters = form.Parameters(**STEEL, yield_stress=0.5e6, hardening=J2.LinearHardening(1.0e8))
+    ends_of = []
+    for nested in (False, True):
+        body = fm.ContinuumBody(ImplicitContinuum(bar(form, parameters)))
+        if nested:
+            monkeypatch.setattr(alpha_interiors, "IteratedInterior", type("Nothing", (), {}))
+        tip, run = swing(body, gravity=98.1)
+        ends_of.append((tip, run.energies(body)["plastic"]))
+    (tip, plastic), (tip_nested, plastic_nested) = ends_of
+    assert plastic[-1] > 1.0
+    assert tip == pytest.approx(tip_nested, abs=1e-7)
+    assert plastic == pytest.approx(plastic_nested, abs=1e-5 * plastic[-1])
 
 
 @pytest.mark.mpi
