@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -169,6 +170,21 @@ class TangentSolver:
         left.destroy()
         right.destroy()
         return solution
+
+    def solve_factored(self, load: FloatArray) -> FloatArray:
+        """As `solve_block`, for one load (owned dofs,). Collective."""
+        if self._uses_multigrid:
+            return self.solve_block(load[:, None])[:, 0]
+        right, left = self._factored_vectors
+        right.array[:] = load
+        right.array[self._prescribed] = 0.0
+        self._current_ksp().getPC().getFactorMatrix().solve(right, left)
+        return np.asarray(left.array_r.copy())
+
+    @cached_property
+    def _factored_vectors(self) -> tuple[PETSc.Vec, PETSc.Vec]:
+        right, left = self._preconditioning_matrix.createVecs()
+        return right, left
 
     def _current_ksp(self) -> PETSc.KSP:
         if self._ksp is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,22 +100,22 @@ class BondedNodes:
 
     def velocities(self, motion: FrameMotion) -> FloatArray:
         """(n, 3) m/s, of the nodes."""
-        k = self.frame_of
-        return np.asarray(motion.v[k] + np.cross(motion.w[k], self.arms(motion)))
+        turning = _skew(motion.w) @ motion.R
+        return motion.v[self.frame_of] + np.einsum("nab,nb->na", turning[self.frame_of], self._arms)
 
     def accelerations(self, motion: FrameMotion) -> FloatArray:
         """(n, 3) m/s^2, of the nodes."""
-        k, arms = self.frame_of, self.arms(motion)
-        turning = np.cross(motion.w[k], np.cross(motion.w[k], arms))
-        return np.asarray(motion.a[k] + np.cross(motion.alpha[k], arms) + turning)
+        spin = _skew(motion.w)
+        turning = (_skew(motion.alpha) + spin @ spin) @ motion.R
+        return motion.a[self.frame_of] + np.einsum("nab,nb->na", turning[self.frame_of], self._arms)
 
     def wrenches(self, forces: FloatArray, arms: FloatArray) -> FloatArray:
         """Forces (n, 3) N at arms (n, 3) m as (k, 6) forces and moments about the frames' origins. Collective."""
-        own, frame = self.own, self.frame_of
-        wrenches = np.zeros((len(self.frames), 6))
-        np.add.at(wrenches[:, :3], frame[own], forces[own])
-        np.add.at(wrenches[:, 3:], frame[own], np.cross(arms[own], forces[own]))
-        return self.total(wrenches)
+        x, f = (values[self.own].T for values in (arms, forces))
+        moments = np.array([x[1] * f[2] - x[2] * f[1], x[2] * f[0] - x[0] * f[2], x[0] * f[1] - x[1] * f[0]])
+        of = self.frame_of[self.own]
+        sums = [np.bincount(of, weights=part, minlength=len(self.frames)) for part in (*f, *moments)]
+        return self.total(np.array(sums, dtype=float).T.copy())
 
     def total(self, values: FloatArray) -> FloatArray:
         """The sum over the ranks, made by one of them so that it is the same on all. Collective."""
@@ -122,6 +123,12 @@ class BondedNodes:
             return values
         summed = self._comm.reduce(values, op=MPI.SUM, root=0)
         return np.asarray(self._comm.bcast(summed, root=0))
+
+    def take_lent_mass(self, mass: PETSc.Mat) -> None:
+        """Subtract from a mass matrix the nodal masses that frames of averaged interfaces carry. Collective."""
+        mine, diagonal = self.own & self.averaged, mass.getDiagonal()
+        diagonal.array.reshape(-1, 3)[self.nodes[mine]] -= self.mass[mine, None]
+        mass.setDiagonal(diagonal)
 
     def pose(self, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """Position (3,) and axes (3, 3) of the body frame that the first interface carries, in inertial axes."""
@@ -152,3 +159,11 @@ class BondedNodes:
                 error = error or caught
         parallel.raise_collectively(self._comm, error)
         return tuple(frames)
+
+
+def _skew(w: FloatArray) -> FloatArray:
+    """(k, 3, 3) matrices of the products with vectors (k, 3)."""
+    out = np.zeros((len(w), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, j, i], out[:, i, j] = w[:, k], -w[:, k]
+    return out

@@ -19,7 +19,6 @@ from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from flexmbd.continuum.history.displacement_newton import LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
@@ -115,7 +114,7 @@ class CondensedNewton:
         self._held = self._bonds.nodes[~self._bonds.averaged]
         self._tangent: PETSc.Mat = PETSc.Mat()  # with its rows of nodes on frames; no handle before the first
         self._vector = body.vector()
-        self._responses: FloatArray | None = None  # displacement by unit forces along the constraints
+        self._responses: FloatArray = np.zeros((body.n_owned, 0))  # displacement by unit forces along the constraints
         self._kept: _KeptTangent | None = None
         self._last: _Iterate | None = None
 
@@ -147,7 +146,7 @@ class CondensedNewton:
         if last is None:
             return self._predict(equations, motion, renew=renew)
         increment, constraints, balance, left = self._search(equations, motion, last)
-        fresh = renew or self._kept is None or self._kept.per_x != equations.per_x
+        fresh = renew or self._kept is None or self._kept.per_x != equations.step.per_x
         if fresh:
             self._factor(equations.tangent(increment), constraints)
         change, forces, norm = self._correction(left, constraints)
@@ -157,7 +156,7 @@ class CondensedNewton:
             self._factor(equations.tangent(increment), constraints)
             change, forces, norm = self._correction(left, constraints)
             size = _relative(norm, energy, last.first)
-        if size > tolerance and self._body.norm(left) <= equations.round_off:
+        if size > tolerance and self._body.norm(left) <= equations.step.round_off:
             size = 0.0
         residual = balance + forces
         wrenches, slopes = self._response(equations, motion, increment, change, residual, fresh=fresh)
@@ -172,14 +171,14 @@ class CondensedNewton:
         places = equations.axes.increment(self._bonds.positions(motion), self._bonds.nodes)
         constraints = self._averages.constraints(motion, equations.axes.R, displacement=places)
         balance = equations.residual(increment)
-        fresh = renew or kept is None or kept.per_x != equations.per_x
+        fresh = renew or kept is None or kept.per_x != equations.step.per_x
         if fresh:
             self._factor(self._begun_tangent(equations, increment), constraints)
         # held nodes go with their frames, whose accelerations they have
         jump = np.zeros((body.layout.n_local // 3, 3))
         jump[self._held] = places[~self._bonds.averaged]
         jumped = jump.reshape(-1)[: body.n_owned]
-        inertia = self._frames.product(jump) / equations.per_x
+        inertia = self._frames.product(jump) / equations.step.per_x
         residual = balance + self._product(jumped) - inertia
         left = self._without_constraint_forces(residual, constraints)
         change, forces, norm = self._correction(left, constraints)
@@ -193,7 +192,7 @@ class CondensedNewton:
         if self._kept is None:
             return equations.tangent(increment)
         matrix = self._tangent.copy()
-        change = 1.0 / equations.per_x - 1.0 / self._kept.per_x
+        change = 1.0 / equations.step.per_x - 1.0 / self._kept.per_x
         matrix.axpy(change, self._frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return matrix
 
@@ -253,30 +252,32 @@ class CondensedNewton:
         self._kept = None
         if not self._tangent.handle:
             self._tangent = matrix.copy()
+            self._products = self._tangent.createVecs()
         else:
             matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._linear.constrain(matrix)
         self._linear.renew_preconditioner()
         self._linear.set_operator(matrix)
-        self._responses = None if constraints is None else self._linear.solve_block(constraints.columns)
+        if constraints is not None:
+            self._responses = self._linear.solve_block(constraints.columns)
 
     def _correction(
         self, left: FloatArray, constraints: LinearConstraints | None
     ) -> tuple[FloatArray, FloatArray, float]:
         """Newton's correction (owned dofs,) m, its forces (owned dofs,) N, and its energy norm, J^(1/2). Collective."""
-        change = self._inverse(-left[:, None], constraints)
-        forces = self._product(change[:, 0])
-        energy = float(self._bonds.total(np.array(change[:, 0] @ forces)))
-        return change[:, 0], forces, float(np.sqrt(abs(energy)))
+        change = self._linear.solve_factored(-left)
+        if constraints is not None:
+            change = self._constrained(change[:, None], constraints)[:, 0]
+        forces = self._product(change)
+        energy = float(self._bonds.total(np.array(change @ forces)))
+        return change, forces, float(np.sqrt(abs(energy)))
 
-    def _inverse(self, block: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
-        solution = self._linear.solve_block(block)
-        if constraints is None or self._responses is None:
-            return solution
-        m = len(constraints.gap)
-        products = inner(self._body.comm, constraints.columns, np.hstack([self._responses, solution]))
+    def _constrained(self, solution: FloatArray, constraints: LinearConstraints) -> FloatArray:
+        """Solutions (owned dofs, k) with the forces that keep the constraints. Collective."""
+        m, responses = len(constraints.gap), self._responses
+        products = inner(self._body.comm, constraints.columns, np.hstack([responses, solution]))
         shares = np.linalg.solve(products[:, :m], products[:, m:] - constraints.gap[:, None])
-        return np.asarray(solution - self._responses @ shares)
+        return np.asarray(solution - responses @ shares)
 
     def _response(
         self,
@@ -293,30 +294,35 @@ class CondensedNewton:
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
-            forces = frames.nodal_forces(residual, equations.held_accelerations - equations.gravity)
+            forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
             return bonds.wrenches(forces, arms), _turned(self._kept.slopes, R)
         x, a = equations.motion(corrected)
-        a -= equations.gravity
+        a -= equations.step.gravity
         constraints = self._averages.constraints(motion, R)
+
+        def inverse(block: FloatArray) -> FloatArray:
+            solution = self._linear.solve_block(block)
+            return solution if constraints is None else self._constrained(solution, constraints)
+
         response = frames.respond(
             self._tangent,
-            lambda block: self._inverse(block, constraints),
+            inverse,
             residual,
             motion,
             x=x,
             apparent_acceleration=a,
             dead_load=equations.axes.to_inertial(equations.loads.dead),
-            slopes=equations.scheme.slopes(equations.h),
+            slopes=equations.step.scheme.slopes(equations.step.h),
         )
         n = len(response.slopes)
         turn = np.kron(np.eye(n // 3), R)
         fields = (turn.T @ response.relative.reshape(n, -1)).reshape(n, -1, 3)
-        self._kept = _KeptTangent(equations.per_x, _turned(response.slopes, R.T), fields)
+        self._kept = _KeptTangent(equations.step.per_x, _turned(response.slopes, R.T), fields)
         return response.wrenches, response.slopes
 
     def _product(self, change: FloatArray) -> FloatArray:
         """The kept tangent, with its rows of nodes on frames, times a displacement (owned dofs,). Collective."""
-        right, left = self._tangent.createVecs()
+        right, left = self._products
         right.array[:] = change
         self._tangent.mult(right, left)
         return np.asarray(left.array_r.copy())
@@ -347,8 +353,12 @@ def _relative(norm: float, energy: float, first: float) -> float:
 
 def _small_motions(start: FrameMotion, end: FrameMotion, R: FloatArray) -> FloatArray:
     """(6 k,) displacement of the frames' origins and their rotation vectors, in axes that R turns to inertial ones."""
-    turns = Rotation.from_matrix(end.R @ start.R.transpose(0, 2, 1)).as_rotvec()
-    return np.hstack([(end.p - start.p) @ R, turns @ R]).reshape(-1)
+    turns = end.R @ start.R.transpose(0, 2, 1)
+    sines: FloatArray = 0.5 * np.stack([turns[:, k, j] - turns[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    sine = np.sqrt((sines**2).sum(axis=1))
+    angle = np.arctan2(sine, 0.5 * (turns[:, 0, 0] + turns[:, 1, 1] + turns[:, 2, 2] - 1.0))
+    vectors = sines * (angle / np.where(sine > 0.0, sine, 1.0))[:, None]
+    return np.hstack([(end.p - start.p) @ R, vectors @ R]).reshape(-1)
 
 
 def _turned(matrix: FloatArray, R: FloatArray) -> FloatArray:

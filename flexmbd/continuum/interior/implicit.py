@@ -8,19 +8,16 @@ a wrench on each frame, and its derivative with all other nodes condensed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-
-from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
-from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside, is_following
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton, Solution
-from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
+from flexmbd.continuum.history.displacement_newton import Convergence, Newton, Solution
+from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.body_observer import BodyObserver
@@ -29,7 +26,16 @@ from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.linear_interior import linear_equations
-from flexmbd.continuum.interior.step_equations import ROUND_OFF, BodyAxes, NodalState, StepEquations
+from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
+from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.step_equations import (
+    ROUND_OFF,
+    BodyAxes,
+    NodalState,
+    RestEquations,
+    Step,
+    StepEquations,
+)
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import (
@@ -107,7 +113,7 @@ class ImplicitContinuum:
         self._M = body.mass()
         self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
         self._averages = FaceAverages(body, bonds)
-        self._remove_frame_mass()
+        bonds.take_lent_mass(self._M)
         self.frames: tuple[InteriorFrame, ...] = self._bonds.frames
         self.mass = self._bonds.free_mass
         self._bonded = bonds.nodes[~bonds.averaged]
@@ -117,15 +123,7 @@ class ImplicitContinuum:
         self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
         self._memory = BodyMemory(body)
         self._observer = BodyObserver(body, self._memory)
-        self._loads = AppliedLoads(body, loads)
-        for load in self._loads.loads:
-            if isinstance(load, CentrifugalLoad):
-                raise SceneError(
-                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
-                )
-        self._load_work = 0.0
-        self._load: FloatArray = np.zeros((body.layout.n_owned_nodes, 3))
-        self._R_begun: FloatArray = np.eye(3)
+        self._loads = LoadsInMotion(body, bonds, loads)
         self._undeformed = body.snapshot()
         stiffness = body.tangent(np.zeros(body.layout.n_local), dt=0.0)
         eps = float(np.finfo(float).eps)
@@ -135,6 +133,7 @@ class ImplicitContinuum:
         self._state: NodalState | None = None
         self._trial: _Trial | None = None
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
+        self._step: Step | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
 
@@ -149,9 +148,9 @@ class ImplicitContinuum:
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = NodalState(t, x, v, v, v, 0.0)
-        self._R_begun, self._load_work = R, 0.0
-        self._load = self._loads_after(t, x, R)
-        return self._start_accelerations(motion, -self._load.reshape(-1))
+        self._loads.begin(R)
+        self._loads.now = self._loads.after(t, x, R)
+        return self._start_accelerations(motion, -self._loads.now.reshape(-1))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
@@ -160,36 +159,25 @@ class ImplicitContinuum:
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         axes = self._axes(motion)
-        self._load = self._loads_after(t, now.x, axes.R)
+        self._loads.now = self._loads.after(t, now.x, axes.R)
         self._forget()
-        return self._start_accelerations(motion, axes.to_inertial(internal) - self._load.reshape(-1))
+        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now.reshape(-1))
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
         self._check_rigid_interface()
         self._check_settles()
-        body, axes, still = self.body, self._axes(motion), np.zeros_like(self._current_state().x)
-        weight = axes.to_body(self._inertia(still))
-        loads = self._loads_at(self._loads.values(t), axes)
-
-        def forces(increment: FloatArray) -> Balance:
-            internal = body.force(increment, dt=0.0)
-            if body.is_updated:
-                body.check_cells()
-            outer = weight - loads.force(increment)
-            return Balance(internal + outer, max(body.norm(internal), body.norm(outer), self._round_off / ROUND_OFF))
-
-        def tangent(increment: FloatArray) -> PETSc.Mat:
-            return loads.subtract_slopes(body.tangent(increment, dt=0.0), increment)
-
-        guess = np.zeros(body.layout.n_local) if self._trial is None else self._trial.increment
-        solution = self._solve(guess, motion, axes, forces, tangent)
+        axes, still = self._axes(motion), np.zeros_like(self._current_state().x)
+        loads = self._loads.at(self._loads.applied.values(t), axes)
+        at_rest = RestEquations(self.body, axes.to_body(self._inertia(still)), loads, self._round_off)
+        guess = np.zeros(self.body.layout.n_local) if self._trial is None else self._trial.increment
+        solution = self._solve(guess, motion, axes, at_rest)
         x: FloatArray = axes.positions(solution.increment)
         v = still + motion.v[0]
         force = axes.to_inertial(loads.force(solution.increment)).reshape(-1, 3)
         self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
         response = self._frames.condense(
-            lambda: tangent(solution.increment),
+            lambda: at_rest.tangent(solution.increment),
             axes.to_inertial(solution.balance.residual),
             motion,
             x=x,
@@ -204,7 +192,7 @@ class ImplicitContinuum:
         self._check_rigid_interface()
         self._check_settles()
         body, now = self.body, self._current_state()
-        if self._loads.any_follow:
+        if self._loads.applied.any_follow:
             raise SceneError(
                 "a load that follows its surface is left out of the linear equations of a body with history; linearise "
                 "without it, or with follows=False"
@@ -212,7 +200,7 @@ class ImplicitContinuum:
         internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         axes = self._axes(motion)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
-        dead_load = self._loads_after(now.t, now.x, axes.R).reshape(-1)
+        dead_load = self._loads.after(now.t, now.x, axes.R).reshape(-1)
         found = linear_equations(
             self._frames,
             motion,
@@ -230,17 +218,17 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
     ) -> tuple[FloatArray, FloatArray]:
         """See `ImplicitInterior.trial`. Collective."""
-        equations = self._equations(t_end, h, scheme, motion)
+        equations = self._equations(self._step_to(t_end, h, scheme), motion)
         axes = equations.axes
-        guess = axes.increment(equations.coasted()).reshape(-1) if self._trial is None else self._trial.increment
+        guess = axes.increment(equations.step.coasted()).reshape(-1) if self._trial is None else self._trial.increment
         try:
-            solution = self._solve(guess, motion, axes, equations.balance, equations.tangent)
+            solution = self._solve(guess, motion, axes, equations)
         except ConvergenceError:
             # a guess by accelerations of vibrations shorter than the step is far off: begin from the deformed body
             if not guess.any():
                 raise
             self._newton.discard_factor()
-            solution = self._solve(np.zeros_like(guess), motion, axes, equations.balance, equations.tangent)
+            solution = self._solve(np.zeros_like(guess), motion, axes, equations)
         self.body.check_increment(solution.increment)
         self._trial, self._iterated = self._end(equations, motion, solution.increment), None
         response = self._frames.condense(
@@ -258,7 +246,7 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
     ) -> InteriorIteration:
         """See `IteratedInterior.iterate`. Collective."""
-        equations, joint = self._equations(t_end, h, scheme, motion), self._joint
+        equations, joint = self._equations(self._step_to(t_end, h, scheme), motion), self._joint
         energy = sum(abs(value) for value in self._own_energies().values())
         found = joint.iterate(equations, motion, energy=energy, tolerance=tolerance, renew=renew)
         if found.correction <= tolerance:
@@ -274,13 +262,9 @@ class ImplicitContinuum:
             raise SceneError("a continuum body is to accept a step that was not tried")
         self.body.commit(self._trial.increment, dt=self._trial.dt)
         before, self._state = self._current_state(), self._trial.state
-        if self._loads.any:
-            n = self.body.layout.n_owned_nodes
-            work = 0.5 * np.vdot(self._state.x[:n] - before.x[:n], self._load + self._trial.load)
-            self._load_work += float(self._bonds.total(np.array(work)))
-            self._load = self._trial.load
+        self._loads.accept(self._state.x - before.x, self._trial.load)
         self._state = replace(self._state, h=self._state.t - before.t)
-        self._trial = self._iterated = self._known_energies = None
+        self._trial = self._iterated = self._step = self._known_energies = None
         self._joint.end_step()
 
     def revert(self) -> None:
@@ -293,8 +277,8 @@ class ImplicitContinuum:
         now, memory = self._current_state(), self._memory
         arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
-        arrays["load"] = memory.gather_nodes(self._load)
-        numbers |= {"load work": np.array(self._load_work), "begun": self._R_begun.copy()}
+        arrays["load"] = memory.gather_nodes(self._loads.now)
+        numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
         return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
 
     def restore(self, memory: Memory) -> None:
@@ -304,43 +288,29 @@ class ImplicitContinuum:
         nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
         t, h = (float(value) for value in arrays["times"])
         self._set_gravity(arrays["gravity"].copy())
-        self._R_begun = arrays["begun"].copy()
-        self._load_work = float(arrays["load work"])
-        self._load = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
+        self._loads.R_begun = arrays["begun"].copy()
+        self._loads.work = float(arrays["load work"])
+        self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = NodalState(t=t, h=h, **nodal)
         self._forget()
 
     def energies(self) -> Mapping[str, float]:
         """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective."""
-        now, bonds = self._current_state(), self._bonds
-        mine = bonds.own & ~bonds.averaged
-        bonded, mass = bonds.nodes[mine], bonds.mass[mine]
-        potential = (mass[:, None] * now.x[bonded] @ self._gravity).sum()
-        potential -= (self._weight * now.x[: len(self._weight)]).sum()
-        own, outer = self._own_energies(), {"loads": -self._load_work} if self._loads.any else {}
-        gravitational = float(bonds.total(np.array(potential)))
-        return {"kinetic": own["kinetic"], "gravitational": gravitational, **own, **outer}
+        own = self._own_energies()
+        weight = weight_energy(self._frames, self._weight, self._gravity, self._current_state().x)
+        return {"kinetic": own["kinetic"], "gravitational": weight, **own, **self._loads.energies()}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
-            self._known_energies = {"kinetic": self._kinetic_energy(), **self.body.energies()}
+            kinetic = kinetic_energy(self._frames, self._current_state().v)
+            self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
-
-    def _kinetic_energy(self) -> float:
-        """J, of the nodes, without the mass that moves with rigid frames. Collective."""
-        now, bonds = self._current_state(), self._bonds
-        n = self.body.layout.n_owned_nodes
-        mine = bonds.own & ~bonds.averaged
-        bonded, mass = bonds.nodes[mine], bonds.mass[mine]
-        momentum = self._frames.product(now.v).reshape(-1, 3)
-        kinetic = 0.5 * (momentum * now.v[:n]).sum() - 0.5 * (mass[:, None] * now.v[bonded] ** 2).sum()
-        return float(bonds.total(np.array(kinetic)))
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:
         """See `LoadedInterior`."""
-        return self._loads.factors
+        return self._loads.applied.factors
 
     def outline(self) -> InteriorMesh:
         """See `ObservedInterior`. Collective."""
@@ -357,24 +327,8 @@ class ImplicitContinuum:
 
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`: of the loads. Collective where there are some."""
-        if not self._loads.any:
-            return {}
         now = self._current_state()
-        x = now.x[: self.body.layout.n_owned_nodes] @ self._R_begun
-        found = self._loads.resultants(self._loads.values(beside(now.t, -1)), x, self._R_begun)
-        following = {load.name for load in self._loads.loads if is_following(load)}
-        return {name: self._R_begun @ force if name in following else force for name, force in found.items()}
-
-    def _loads_after(self, t: float, x: FloatArray, R: FloatArray) -> FloatArray:
-        """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective."""
-        values = self._loads.values(beside(t, 1))
-        turned = self._loads.following(values, x[: self.body.layout.n_owned_nodes] @ R)
-        return np.asarray(turned @ R.T + self._loads.dead(values, self._R_begun))
-
-    def _loads_at(self, values: FloatArray, axes: BodyAxes) -> TrialLoads:
-        """What acts on the body at trial displacements in these axes. Not collective."""
-        dead = axes.to_body(self._loads.dead(values, self._R_begun).reshape(-1))
-        return TrialLoads(self.body, self._loads, values, dead)
+        return self._loads.resultants(now.t, now.x)
 
     def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
@@ -398,44 +352,38 @@ class ImplicitContinuum:
     def _axes(self, motion: FrameMotion) -> BodyAxes:
         return BodyAxes(self.body, *self._bonds.pose(motion))
 
-    def _equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
-        """The balance at a step's end with the frames as ``motion`` says. Collective."""
-        now, bonds, axes = self._current_state(), self._bonds, self._axes(motion)
-        if now.h > 0.0:
-            now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
-        return StepEquations(
-            self.body,
-            axes,
-            self._frames,
-            self._loads_at(self._loads.values(beside(t_end, -1)), axes),
-            self._gravity,
-            t_end,
-            h,
-            scheme,
-            now,
-            self._bonded,
-            bonds.accelerations(motion)[~bonds.averaged],
+    def _step_to(self, t_end: float, h: float, scheme: Scheme) -> Step:
+        """The step to try, the last one if it is the same. Collective."""
+        step = self._step
+        if step is None or (step.t_end, step.h, step.scheme) != (t_end, h, scheme):
+            now = self._current_state()
+            if now.h > 0.0:
+                now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
             # accelerations are differences of places over the square of the step
-            max(self._round_off, self._mass_size * self._extent_of(now.x) / scheme.slopes(h)[0]),
-        )
+            round_off = max(self._round_off, self._mass_size * self._extent_of(now.x) / scheme.slopes(h)[0])
+            factors = self._loads.factors_before(t_end)
+            self._step = step = Step(t_end, h, scheme, now, factors, self._gravity, round_off)
+        return step
+
+    def _equations(self, step: Step, motion: FrameMotion) -> StepEquations:
+        """The balance at a step's end with the frames as ``motion`` says. Not collective."""
+        bonds, axes = self._bonds, self._axes(motion)
+        loads = self._loads.at(step.factors, axes)
+        held_accelerations = bonds.accelerations(motion)[~bonds.averaged]
+        return StepEquations(self.body, step, axes, self._frames, loads, self._bonded, held_accelerations)
 
     def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> _Trial:
         """A trial's end. Collective."""
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
         load = equations.axes.to_inertial(equations.loads.force(increment)).reshape(-1, 3)
-        return _Trial(state, increment, load, equations.h)
+        return _Trial(state, increment, load, equations.step.h)
 
     def _inertia(self, a: FloatArray) -> FloatArray:
         """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
         return self._frames.product(a - self._gravity)
 
     def _solve(
-        self,
-        guess: FloatArray,
-        motion: FrameMotion,
-        axes: BodyAxes,
-        forces: Callable[[FloatArray], Balance],
-        tangent: Callable[[FloatArray], PETSc.Mat],
+        self, guess: FloatArray, motion: FrameMotion, axes: BodyAxes, equations: StepEquations | RestEquations
     ) -> Solution:
         """Newton's solution with the frames as ``motion`` says. Collective."""
         bonds = self._bonds
@@ -444,7 +392,8 @@ class ImplicitContinuum:
         gap = steps - moved[bonds.nodes]
         moved[self._bonded] = steps[~bonds.averaged]
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
-        return self._newton.solve(guess, moved.reshape(-1)[self._prescribed], forces, tangent, constraints)
+        target = moved.reshape(-1)[self._prescribed]
+        return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
 
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
@@ -453,7 +402,7 @@ class ImplicitContinuum:
 
     def _forget(self) -> None:
         """Forget trials, guesses and factors."""
-        self._trial = self._iterated = self._known_energies = None
+        self._trial = self._iterated = self._step = self._known_energies = None
         self._newton.discard_factor()
         self._joint.discard()
 
@@ -483,13 +432,6 @@ class ImplicitContinuum:
         self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
         return bonds.wrenches(nodal_forces, bonds.arms(motion))
-
-    def _remove_frame_mass(self) -> None:
-        """Subtract from the mass matrix the nodal masses that frames of averaged interfaces carry. Collective."""
-        bonds = self._bonds
-        mine, diagonal = bonds.own & bonds.averaged, self._M.getDiagonal()
-        diagonal.array.reshape(-1, 3)[bonds.nodes[mine]] -= bonds.mass[mine, None]
-        self._M.setDiagonal(diagonal)
 
 
 _NODAL = ("x", "v", "a", "auxiliary")

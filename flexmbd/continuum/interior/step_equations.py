@@ -80,34 +80,24 @@ class BodyAxes:
 
 
 @dataclass(frozen=True, eq=False)
-class StepEquations:
-    """Internal, inertia and outer forces at the end of a step, in body axes, as they depend on the displacement.
+class Step:
+    """A step to try: what its equations have in common wherever the frames go.
 
     Attributes:
-        body: the body.
-        axes: at the step's end.
-        frames: with the mass matrix.
-        loads: that act there.
-        gravity: (3,) m/s^2.
         t_end, h: s.
         scheme: of integration.
         before: the last accepted state, its auxiliary accelerations carried to this step.
-        held: nodes that rigid frames hold.
-        held_accelerations: (n, 3) m/s^2, of them.
+        factors: of the loads at its end.
+        gravity: (3,) m/s^2.
         round_off: N, 2-norm of what rounding leaves of the residual.
     """
 
-    body: NonlinearModel
-    axes: BodyAxes
-    frames: Condensation
-    loads: TrialLoads
-    gravity: FloatArray
     t_end: float
     h: float
     scheme: Scheme
     before: NodalState
-    held: NDArray[np.integer]
-    held_accelerations: FloatArray
+    factors: FloatArray
+    gravity: FloatArray
     round_off: float
 
     @property
@@ -128,10 +118,33 @@ class StepEquations:
         before = self.before
         return np.asarray(before.x + self.scheme.end(self.h, before.v, before.a, before.auxiliary, a)[0])
 
+
+@dataclass(frozen=True, eq=False)
+class StepEquations:
+    """Internal, inertia and outer forces at the end of a step, in body axes, as they depend on the displacement.
+
+    Attributes:
+        body: the body.
+        step: that is tried.
+        axes: at its end.
+        frames: with the mass matrix.
+        loads: that act there.
+        held: nodes that rigid frames hold.
+        held_accelerations: (n, 3) m/s^2, of them.
+    """
+
+    body: NonlinearModel
+    step: Step
+    axes: BodyAxes
+    frames: Condensation
+    loads: TrialLoads
+    held: NDArray[np.integer]
+    held_accelerations: FloatArray
+
     def motion(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(local nodes, 3) m, m/s^2, positions and accelerations in inertial axes at a displacement (local dofs,)."""
         x = self.axes.positions(increment)
-        a: FloatArray = (1.0 / self.per_x) * (x - self.predicted)
+        a: FloatArray = (1.0 / self.step.per_x) * (x - self.step.predicted)
         a[self.held] = self.held_accelerations
         return x, a
 
@@ -141,8 +154,8 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        internal = self.body.force(increment, dt=self.h)
-        inertia = self.axes.to_body(self.frames.product(self.motion(increment)[1] - self.gravity))
+        internal = self.body.force(increment, dt=self.step.h)
+        inertia = self.axes.to_body(self.frames.product(self.motion(increment)[1] - self.step.gravity))
         return internal, inertia, self.loads.force(increment)
 
     def residual(self, increment: FloatArray) -> FloatArray:
@@ -161,7 +174,7 @@ class StepEquations:
             ConvergenceError: as `NonlinearModel.force`.
         """
         internal, inertia, outer = self.forces(increment)
-        size = max(self.round_off / ROUND_OFF, *(self.body.norm(part) for part in (internal, inertia, outer)))
+        size = max(self.step.round_off / ROUND_OFF, *(self.body.norm(part) for part in (internal, inertia, outer)))
         return Balance(internal + inertia - outer, size)
 
     def tangent(self, increment: FloatArray) -> PETSc.Mat:
@@ -170,13 +183,51 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
-        matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.h), increment)
-        matrix.axpy(1.0 / self.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
+        matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return matrix
 
     def end(self, increment: FloatArray, held_velocities: FloatArray) -> NodalState:
         """The nodes at the step's end."""
-        before, (x, a) = self.before, self.motion(increment)
-        _, v, last = self.scheme.end(self.h, before.v, before.a, before.auxiliary, a)
+        step, before, (x, a) = self.step, self.step.before, self.motion(increment)
+        _, v, last = step.scheme.end(step.h, before.v, before.a, before.auxiliary, a)
         v[self.held] = held_velocities
-        return NodalState(self.t_end, x, v, a, last, self.h)
+        return NodalState(step.t_end, x, v, a, last, step.h)
+
+
+@dataclass(frozen=True, eq=False)
+class RestEquations:
+    """Internal and outer forces at rest, in body axes, as they depend on the displacement.
+
+    Attributes:
+        body: the body.
+        weight: (owned dofs,) N, minus what gravity does, in body axes.
+        loads: that act.
+        round_off: N, 2-norm of what rounding leaves of the residual.
+    """
+
+    body: NonlinearModel
+    weight: FloatArray
+    loads: TrialLoads
+    round_off: float
+
+    def balance(self, increment: FloatArray) -> Balance:
+        """The forces at a displacement (local dofs,) m. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.force`.
+        """
+        internal = self.body.force(increment, dt=0.0)
+        if self.body.is_updated:
+            self.body.check_cells()
+        outer = self.weight - self.loads.force(increment)
+        size = max(self.body.norm(internal), self.body.norm(outer), self.round_off / ROUND_OFF)
+        return Balance(internal + outer, size)
+
+    def tangent(self, increment: FloatArray) -> PETSc.Mat:
+        """Derivative of the residual; the body's own matrix. Collective.
+
+        Raises:
+            ConvergenceError: as `NonlinearModel.tangent`.
+        """
+        return self.loads.subtract_slopes(self.body.tangent(increment, dt=0.0), increment)

@@ -100,6 +100,9 @@ class ImplicitInteriors:
         self._plan, self._work, self._state, self._groups, self._scratch = plan, work, state, groups, scratch
         self._rows = interiors.rows
         self._motions = np.zeros((len(self._rows), N_MOTION))
+        bodies = map(_implicit, interiors.bodies)
+        self._iterated = [one if isinstance(one, IteratedInterior) else None for one in bodies]
+        self._iterates = any(one is not None for one in self._iterated)
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
@@ -148,18 +151,13 @@ class ImplicitInteriors:
     def _solve(self, h: float, tolerance: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
         failure = self._iterate(h, tolerance, scheme, jointly=True)
-        if failure is not None and self._may_nest:
+        if failure is not None and self._state.counts[st.FIXED_STEP] == 1 and self._iterates:
             # there is no shorter step: the interiors solve for themselves, with searches along their corrections
             self._revert()
             self._interiors.failure.clear()
             predict_end(self._plan, self._state, self._scratch, h)
             failure = self._iterate(h, tolerance, scheme, jointly=False)
         return failure
-
-    @property
-    def _may_nest(self) -> bool:
-        fixed = self._state.counts[st.FIXED_STEP] == 1
-        return fixed and any(isinstance(body.interior, IteratedInterior) for body in self._interiors.bodies)
 
     def _iterate(self, h: float, tolerance: float, scheme: Scheme, *, jointly: bool) -> int | None:
         plan, work, state, s = self._plan, self._work, self._state, self._scratch
@@ -191,8 +189,9 @@ class ImplicitInteriors:
         motions = self._interiors.split_motions(self._motions)
 
         def answer(k: int, body: ContinuumBody) -> Sequence[FloatArray]:
-            if jointly and isinstance(body.interior, IteratedInterior):
-                found = body.interior.iterate(t + h, h, scheme, motions[k], tolerance=tolerance, renew=renew)
+            iterated = self._iterated[k]
+            if jointly and iterated is not None:
+                found = iterated.iterate(t + h, h, scheme, motions[k], tolerance=tolerance, renew=renew)
                 return found.wrenches, found.slopes, np.array(found.correction)
             return *_implicit(body).trial(t + h, h, scheme, motions[k]), np.array(0.0)
 

@@ -1,0 +1,84 @@
+"""Loads on a body with history that moves in a machine: what acts from step to step, and the work that it does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside, is_following
+from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.step_equations import BodyAxes
+from flexmbd.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+
+
+class LoadsInMotion:
+    """The loads of one body.
+
+    Attributes:
+        applied: them.
+        now: (owned nodes, 3) N, in inertial axes, in the last accepted state, as it goes on from there.
+        work: J, that they have done.
+        R_begun: (3, 3) the body's axes at the start, in which dead loads are given.
+    """
+
+    def __init__(self, body: NonlinearModel, bonds: BondedNodes, loads: Sequence[BodyLoad]) -> None:
+        """Find where they act. Collective.
+
+        Raises:
+            SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
+        """
+        self._body, self._bonds, self._n = body, bonds, body.layout.n_owned_nodes
+        self.applied = AppliedLoads(body, loads)
+        for load in self.applied.loads:
+            if isinstance(load, CentrifugalLoad):
+                raise SceneError(
+                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
+                )
+        self.now: FloatArray = np.zeros((self._n, 3))
+        self.work = 0.0
+        self.R_begun: FloatArray = np.eye(3)
+
+    def begin(self, R: FloatArray) -> None:
+        """Begin anew with the body's axes turned by R."""
+        self.R_begun, self.work = R, 0.0
+
+    def after(self, t: float, x: FloatArray, R: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective."""
+        factors = self.applied.values(beside(t, 1))
+        turned = self.applied.following(factors, x[: self._n] @ R)
+        return np.asarray(turned @ R.T + self.applied.dead(factors, self.R_begun))
+
+    def factors_before(self, t: float) -> FloatArray:
+        """The loads' factors just before t (s), the same on all ranks. Collective."""
+        return self.applied.values(beside(t, -1))
+
+    def at(self, factors: FloatArray, axes: BodyAxes) -> TrialLoads:
+        """What acts on the body at trial displacements in these axes. Not collective."""
+        dead = axes.to_body(self.applied.dead(factors, self.R_begun).reshape(-1))
+        return TrialLoads(self._body, self.applied, factors, dead)
+
+    def accept(self, moved: FloatArray, load: FloatArray) -> None:
+        """Count the work on a displacement (local nodes, 3) m to where a load (owned nodes, 3) N acts. Collective."""
+        if self.applied.any:
+            work = 0.5 * np.vdot(moved[: self._n], self.now + load)
+            self.work += float(self._bonds.total(np.array(work)))
+            self.now = load
+
+    def energies(self) -> dict[str, float]:
+        """J, minus the work done; nothing without loads."""
+        return {"loads": -self.work} if self.applied.any else {}
+
+    def resultants(self, t: float, x: FloatArray) -> Mapping[str, FloatArray]:
+        """(3,) N of each load by name, in inertial axes, with nodes at x (local nodes, 3). Collective."""
+        if not self.applied.any:
+            return {}
+        R = self.R_begun
+        found = self.applied.resultants(self.factors_before(t), x[: self._n] @ R, R)
+        following = {load.name for load in self.applied.loads if is_following(load)}
+        return {name: R @ force if name in following else force for name, force in found.items()}
