@@ -11,6 +11,7 @@ worth: for that see work_precision.py.
                   by that at 50" says how far the time is from growing in proportion.
     loops         four-bars side by side, 10 to 1000: compiling and start with two steps, s; RK4, us a step. "as n^e" is
                   the growth from the row before.
+    ladder        windows of three bars that hang one from the other, 12 to 200, as loops: RK4, us a step
     implicit      rigid chain, 10 to 3000 links, and four-bars side by side, 10 to 1000, by generalized-alpha, Radau IIA
                   and energy-momentum: the first step, with its tangent and factors, and the mean of 20, us; "as n^e"
                   is the growth of the two from the row before.  A method ends where a first step takes over 0.2 s
@@ -62,6 +63,7 @@ def main() -> int:
     parts: dict[str, Callable[[], Iterator[Row]]] = {
         "bodies": lambda: bodies(quick=arguments.quick),
         "loops": lambda: loops(quick=arguments.quick),
+        "ladder": lambda: ladder(quick=arguments.quick),
         "implicit": lambda: implicit(quick=arguments.quick),
         "modes": lambda: modes(arguments.output, quick=arguments.quick),
         "mesh": lambda: mesh(arguments.output, arguments.meshes, quick=arguments.quick),
@@ -138,6 +140,17 @@ def loops(*, quick: bool) -> Iterator[Row]:
         yield "loops", str(count), text
 
 
+def ladder(*, quick: bool) -> Iterator[Row]:
+    before: tuple[int, float] | None = None
+    for windows in (12, 50) if quick else (12, 25, 50, 100, 200):
+        step = advance_time(partial(_ladder, windows), CLASSICAL, 20) / 20.0
+        text = f"RK4 {step:.1f}"
+        if before is not None:
+            text += f"; as n^{np.log(step / before[1]) / np.log(windows / before[0]):.2f}"
+        before = windows, step
+        yield "ladder", f"{windows} windows", text
+
+
 def implicit(*, quick: bool) -> Iterator[Row]:
     methods: dict[str, Integrator] = {
         "generalized-alpha": fm.GeneralizedAlpha(),
@@ -179,6 +192,23 @@ def _four_bars(count: int) -> fm.System:
         scene.connect(hinge, crank.frame(p=(0.0, -1.0, 0.0)), coupler.frame())
         scene.connect(hinge, coupler.frame(p=(1.0, 0.0, 0.0)), rocker.frame(p=(0.0, -1.0, 0.0)))
         scene.connect(hinge, scene.ground.frame(p=(3.0 * k + 1.0, 0.0, 0.0)), rocker.frame())
+    return scene
+
+
+def _ladder(windows: int) -> fm.System:
+    """Four-bars that hang one from the other, the first on the ground."""
+    scene, hinge = fm.System(gravity=(0.0, -9.81, 0.0)), fm.joint.Revolute("z")
+    left, right = scene.ground.frame(), scene.ground.frame(p=(1.0, 0.0, 0.0))
+    inertia = (0.1, 0.1, 0.1)
+    for k in range(windows):
+        rail = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"rail {k}")
+        rung = scene.add(fm.RigidBody(1.0, inertia, (0.5, 0.0, 0.0)), name=f"rung {k}")
+        other = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"other rail {k}")
+        scene.connect(hinge, left, rail.frame()).position = 0.3 if k == 0 else 0.0
+        scene.connect(hinge, rail.frame(p=(0.0, -1.0, 0.0)), rung.frame())
+        scene.connect(hinge, rung.frame(p=(1.0, 0.0, 0.0)), other.frame(p=(0.0, -1.0, 0.0)))
+        scene.connect(hinge, right, other.frame())
+        left, right = rail.frame(p=(0.0, -1.0, 0.0)), other.frame(p=(0.0, -1.0, 0.0))
     return scene
 
 

@@ -39,7 +39,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.base.row_blocks import row_bodies
+from flexmbd.multibody.kernels.base.row_blocks import root_of, row_bodies
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_pose
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
@@ -52,8 +52,10 @@ _GAIN = 1.5  # how much fewer operations it must take than rows by their paths
 
 @dataclass(frozen=True, eq=False)
 class LoopRecursion(ArrayStruct):
-    """Open rows of each node, a body or, last, the ground, and the factors; no node where the recursion does not serve.
+    """Open rows of each node and the factors; no node where the recursion does not serve.
 
+    The nodes are the bodies and then the ground, once for each set of branches that loops join.
+    base: (bodies,) the node that carries a body.
     first: (nodes + 1,) where a node's open rows begin in ``push``, those that end there before the others.
     ending: (nodes + 1,) where the rows that end at a node begin in ``ended`` (m,), rows by nodes, outermost first.
     square: (nodes + 1,) where a node's L begins in ``mutual``.  inner: (k,) place of an open row among its parent's, -1
@@ -69,6 +71,7 @@ class LoopRecursion(ArrayStruct):
     force: (6,).
     """
 
+    base: IntArray
     first: IntArray
     ending: IntArray
     ended: IntArray
@@ -101,14 +104,16 @@ class LoopRecursion(ArrayStruct):
 
 def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     """Find the open rows of ``plan``; no nodes unless it ``serves`` and takes fewer operations than rows by paths."""
+    base: IntArray = np.zeros(0, np.int64)
     nodes: list[tuple[list[int], int]] = []
     if serves and len(plan.rows) and not len(plan.flex) and _most_operations(plan) > _LEAST * len(plan.tree):
-        nodes = _open_rows(plan)
+        base = _bases(plan)
+        nodes = _open_rows(plan, base)
     counts = np.array([len(one) for one, _ in nodes], np.int64)
     if nodes and _GAIN * float((_LEAST + 80.0 * counts + 30.0 * counts**2).sum()) > _most_operations(plan):
-        nodes, counts = [], counts[:0]
+        base, nodes, counts = base[:0], [], counts[:0]
     nv, m = (len(plan.free) + len(plan.driven), len(plan.rows)) if nodes else (0, 0)
-    bodies = max(0, len(nodes) - 1)
+    bodies = len(base)
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
     ended = [row for open_rows, ends in nodes for row in open_rows[:ends]]
     ends = np.array([ends for _, ends in nodes], np.int64)
@@ -116,7 +121,7 @@ def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     inner = np.full(int(first[-1]), -1, np.int64)
     entry = np.full((m, 2), -1, np.int64)
     for n in range(bodies):
-        parent = places[int(plan.tree[n, at.PARENT])]  # the ground is -1 and last
+        parent = places[base[n]]
         for row in nodes[n][0][nodes[n][1] :]:
             inner[places[n][row]] = parent[row]
     for row in range(m):
@@ -129,6 +134,7 @@ def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     zeros = np.zeros
     k = int(first[-1])
     return LoopRecursion(
+        base=base,
         first=first,
         ending=np.concatenate([np.zeros(1, np.int64), np.cumsum(ends, dtype=np.int64)]),
         ended=np.array(ended, np.int64),
@@ -175,7 +181,9 @@ def _most_operations(plan: Plan) -> float:
     for b in range(len(parents) - 1, -1, -1):
         if parents[b] >= 0:
             visiting[parents[b]] += visiting[b]
-    return float((150.0 * visiting + 2.0 * visiting**2).sum())
+    # rows lie far apart in matrices that have a column for each velocity: they miss caches
+    spread = 2.0 * len(plan.rows) * (len(plan.free) + len(plan.driven))
+    return float((150.0 * visiting + 2.0 * visiting**2).sum()) + spread
 
 
 def _nearest(parents: list[int], one: int, other: int) -> int:
@@ -185,26 +193,44 @@ def _nearest(parents: list[int], one: int, other: int) -> int:
     return one
 
 
-def _open_rows(plan: Plan) -> list[tuple[list[int], int]]:
-    """Of each body and of the ground the open rows, and how many of them, the first, end there."""
+def _bases(plan: Plan) -> IntArray:
+    """(bodies,) the node that carries each body: its parent, or the ground of the branches that loops join with it."""
+    base = plan.tree[:, at.PARENT].astype(np.int64)
+    root: list[int] = []
+    for b, parent in enumerate(base):
+        root.append(b if parent < 0 else root[parent])
+    joined = {b: b for b in set(root)}
+    for row in plan.rows:
+        moving = [root[b] for b in row_bodies(plan, row) if b >= 0]
+        for b in moving[1:]:
+            joined[root_of(joined, b)] = root_of(joined, moving[0])
+    grounds: dict[int, int] = {}
+    for b in np.flatnonzero(base < 0):
+        base[b] = grounds.setdefault(root_of(joined, int(b)), len(base) + len(grounds))
+    return base
+
+
+def _open_rows(plan: Plan, base: IntArray) -> list[tuple[list[int], int]]:
+    """Of each node the open rows, and how many of them, the first, end there."""
     parents = [int(p) for p in plan.tree[:, at.PARENT]]
-    ground = len(parents)
-    open_rows: list[set[int]] = [set() for _ in range(ground + 1)]
+    nodes = int(base.max()) + 1
+    open_rows: list[set[int]] = [set() for _ in range(nodes)]
     last: list[int] = []
     for r, row in enumerate(plan.rows):
-        one, other = row_bodies(plan, row)
-        for body in (one, other):
+        ends = row_bodies(plan, row)
+        for body in ends:
             if body >= 0:
                 open_rows[body].add(r)
-        nearest = _nearest(parents, one, other)
-        last.append(nearest if nearest >= 0 else ground)
-    found: list[tuple[list[int], int]] = [([], 0)] * (ground + 1)
-    for n in (*range(ground - 1, -1, -1), ground):
-        ends = sorted(r for r in open_rows[n] if last[r] == n)
-        rest = sorted(open_rows[n].difference(ends))
-        found[n] = ends + rest, len(ends)
-        if n < ground:
-            open_rows[parents[n] if parents[n] >= 0 else ground].update(rest)
+        last.append(_nearest(parents, *ends))
+        if max(ends) < 0:  # between frames of the ground
+            open_rows[-1].add(r)
+    found: list[tuple[list[int], int]] = [([], 0)] * nodes
+    for n in (*range(len(base) - 1, -1, -1), *range(len(base), nodes)):
+        ends_here = sorted(r for r in open_rows[n] if last[r] == (n if n < len(base) else -1))
+        rest = sorted(open_rows[n].difference(ends_here))
+        found[n] = ends_here + rest, len(ends_here)
+        if n < len(base):
+            open_rows[base[n]].update(rest)
     return found
 
 
@@ -297,7 +323,7 @@ def factor_loops(plan, work, loops, row_scale, least, norm, rank):
     loops.push[:, :] = 0.0
     loops.mutual[:] = 0.0
     ground = plan.tree.shape[0]
-    loops.inertia[ground, :, :] = 0.0
+    loops.inertia[ground:, :, :] = 0.0
     for b in range(ground):
         _put_body(plan, work, loops, b)
     for i in range(plan.rows.shape[0]):
@@ -306,8 +332,9 @@ def factor_loops(plan, work, loops, row_scale, least, norm, rank):
     for b in range(ground - 1, -1, -1):
         group = _end_rows(loops, b, row_scale, least, norm, rank, group)
         _eliminate_joint(plan, loops, b)
-        _hand_inwards(plan, loops, b)
-    _end_rows(loops, ground, row_scale, least, norm, rank, group)
+        _hand_inwards(loops, b)
+    for n in range(ground, loops.inertia.shape[0]):
+        group = _end_rows(loops, n, row_scale, least, norm, rank, group)
 
 
 @kernel
@@ -453,11 +480,10 @@ def _take_out_joint(loops, b, v, d, begin, count, rows):
 
 
 @kernel
-def _hand_inwards(plan, loops, b):
+def _hand_inwards(loops, b):
     """Add inertia and open rows of body b to those of its parent, about whose origin they are then."""
-    parent = plan.tree[b, at.PARENT]
     s = load3(loops.shift[b], 0)
-    n = parent if parent >= 0 else plan.tree.shape[0]
+    n = loops.base[b]
     inertia, target = loops.inertia[b], loops.inertia[n]
     for r in range(6):
         force, torque = _load(inertia[r])
@@ -493,9 +519,10 @@ def solve_loops(plan, loops, rank, rows, motion, multipliers):
     for b in range(ground - 1, -1, -1):
         group = _gather_rows(loops, b, rows, rank, group)
         _gather_joint(plan, loops, b)
-    group = _gather_rows(loops, ground, rows, rank, group)
-    loops.moved[ground, :] = 0.0
-    _spread_rows(loops, ground, multipliers)
+    for n in range(ground, loops.moved.shape[0]):
+        group = _gather_rows(loops, n, rows, rank, group)
+        loops.moved[n, :] = 0.0
+        _spread_rows(loops, n, multipliers)
     for b in range(ground):
         _spread_joint(plan, loops, b, motion)
         _spread_rows(loops, b, multipliers)
@@ -525,7 +552,7 @@ def _gather_rows(loops, n, rows, rank, group):
 @kernel
 def _gather_joint(plan, loops, b):
     """Let the joint of body b yield to the wrench outboard of it, and hand on what is left."""
-    v, d, parent = plan.tree[b, at.JOINT_V], plan.tree[b, at.JOINT_SIZE], plan.tree[b, at.PARENT]
+    v, d, n = plan.tree[b, at.JOINT_V], plan.tree[b, at.JOINT_SIZE], loops.base[b]
     begin, end = loops.first[b] + loops.ending[b + 1] - loops.ending[b], loops.first[b + 1]
     count = end - begin
     bias = loops.bias[b]
@@ -542,7 +569,6 @@ def _gather_joint(plan, loops, b):
         _solve_joint(loops.joint, v, d, felt)
         for k in range(d):
             loops.yielded[v + k] = felt[k]
-    n = parent if parent >= 0 else plan.tree.shape[0]
     s = load3(loops.shift[b], 0)
     force, torque = _load(bias)
     _add_wrench(loops.bias[n], force, add3(torque, cross3(s, force)))
@@ -578,8 +604,7 @@ def _spread_rows(loops, n, multipliers):
 @kernel
 def _spread_joint(plan, loops, b, motion):
     """The joint of body b, on its parent as that moves."""
-    v, d, parent = plan.tree[b, at.JOINT_V], plan.tree[b, at.JOINT_SIZE], plan.tree[b, at.PARENT]
-    n = parent if parent >= 0 else plan.tree.shape[0]
+    v, d, n = plan.tree[b, at.JOINT_V], plan.tree[b, at.JOINT_SIZE], loops.base[b]
     begin, end = loops.first[b] + loops.ending[b + 1] - loops.ending[b], loops.first[b + 1]
     count = end - begin
     linear, angular = _load(loops.moved[n])
@@ -607,10 +632,9 @@ def _spread_joint(plan, loops, b, motion):
 def rows_times(plan, loops, vector, out):
     """out (m,) = C times a vector (nv,), of the poses at which `factor_loops` was called last."""
     ground = plan.tree.shape[0]
-    loops.moved[ground, :] = 0.0
+    loops.moved[ground:, :] = 0.0
     for b in range(ground):
-        parent = plan.tree[b, at.PARENT]
-        linear, angular = _load(loops.moved[parent if parent >= 0 else ground])
+        linear, angular = _load(loops.moved[loops.base[b]])
         moved = loops.moved[b]
         store3(moved, 0, add3(linear, cross3(angular, load3(loops.shift[b], 0))))
         store3(moved, 3, angular)
