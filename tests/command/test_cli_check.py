@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import pytest
 
+import flexmbd.forms
 from flexmbd.cli import main
 
 COMM = MPI.COMM_WORLD
@@ -44,12 +45,15 @@ def test_a_sound_form(check):
     code, out, err = check(GOOD)
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert lines[0] == "my_form: tetrahedron 1"
-    assert lines[1].startswith("PASS  names, signatures and results")
-    assert len(lines) == 18
+    assert re.match(r"\S*my_form\.py is Python code and runs now", lines[0])
+    assert lines[1] == "my_form: tetrahedron 1"
+    assert lines[2].startswith("PASS  names, signatures and results")
+    assert len(lines) == 18 + 4
+    assert [line[:4] for line in lines[-5:-2]] == ["PASS"] * 3
+    assert re.search("energy changed by .*\n.*angular momentum by", out)
     ranks = "needs two ranks: mpirun -n 2 flexmbd check ..." if COMM.size == 1 else "K, off by"
     assert ranks in lines[-2]
-    assert lines[-1] == f"my_form: {13 if COMM.size == 1 else 14} passed, 0 failed"
+    assert lines[-1] == f"my_form: {16 if COMM.size == 1 else 17} passed, 0 failed"
 
 
 @pytest.mark.mpi
@@ -59,6 +63,28 @@ def test_a_check_that_fails(check):
     told = r"^FAIL  stress does the energy's work  failed\n +tetrahedron 1: work off by 1, at.*\n +remedy: stress must"
     assert re.search(told, out, re.M)
     assert out.endswith(" 1 failed\n")
+
+
+def test_a_form_that_no_part_of_can_be_reduced(check):
+    """All of the suite passes; the reduction refuses it, as it would with any part, and nothing is moved."""
+    text = (Path(flexmbd.forms.__file__).parent / "solid_micropolar.py").read_text()
+    text = text.replace('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("hexahedron",)')
+    text = text.replace("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}")
+    code, out, _ = check(text.replace("def motion(", "def _motion(").replace("def section_inertia(", "def _section_i("))
+    assert code == 1
+    assert re.search(r"^FAIL  reduction +failed\n +hexahedron 1: FormulationError: ", out, re.M)
+    assert re.search(r"^SKIP  pendulum, reduced +not run: see 'reduction'", out, re.M)
+    assert out.endswith(" 1 failed\n")
+
+
+def test_a_form_with_history_is_loaded_and_moved(check):
+    text = (Path(flexmbd.forms.__file__).parent / "j2_plasticity.py").read_text()
+    text = text.replace('CELLS = ("tetrahedron", "hexahedron")', 'CELLS = ("hexahedron",)')
+    text = text.replace("ORDER = {1: 2, 2: 3}", "ORDER = {1: 2}")
+    code, out, _ = check(text)
+    assert code == 0
+    assert re.search(r"^PASS  slow loading +reactions out of balance by", out, re.M)
+    assert re.search(r"^PASS  motion with history +energy gained", out, re.M)
 
 
 BROKEN = {
@@ -77,7 +103,10 @@ def test_a_broken_form_is_one_message(check, fault):
     (old, new), message = BROKEN[fault]
     assert old in GOOD
     code, out, err = check(GOOD.replace(old, new))
-    assert (code, out) == (2, "")
+    assert code == 2
+    # what is refused before it runs is not said to run
+    runs = "" if fault in ("import", "import inside", "syntax") else r"\S*my_form\.py is Python code and runs now.*\n"
+    assert re.fullmatch(runs, out)
     assert err.startswith("flexmbd: ")
     assert err.count("flexmbd: ") == 1
     assert re.search(message, err)

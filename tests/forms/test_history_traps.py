@@ -1,17 +1,20 @@
 """Forms with history that are wrong where they yield, each by one change; the check that is meant for it fails."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 
 from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract_suite import check_form
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
-from flexmbd.continuum.contract_suite.history_trial import history_trials
+from flexmbd.continuum.contract_suite.history_trial import FIRST, history_trials
 from flexmbd.continuum.contract_suite.outcome import Remark, Verdict, attempt, verdict
-from flexmbd.forms import j2_plasticity, updated_lagrangian
+from flexmbd.continuum.laws.law_form import law_form
+from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
 SMALL = Path(j2_plasticity.__file__).read_text()
 LARGE = Path(updated_lagrangian.__file__).read_text()
@@ -99,3 +102,40 @@ def test_a_sheet_has_what_yields(tmp_path):
     assert verdicts["a history is kept"] is Verdict.PASS
     assert verdicts["the same step twice"] is Verdict.FAIL
     assert "remedy: update and residual must return to the same surface" in sheet.text()
+
+
+def test_a_branch_that_leaves_four_percent_is_a_history():
+    """However small the strain: what is left of a cycle is no error of the steps, which shorter ones would lessen."""
+    tau, share = 1.0, 0.04
+
+    def standard_solid(step, p):
+        """A spring, and beside it one of a twenty-fifth that relaxes: its stress is the state."""
+        factor = 1.0 / (1.0 + step.dt / tau)
+        branch = factor * (step.state + share * p.E * step.increment)
+        strain = step.strain + step.increment
+        return p.E * strain + branch, p.E * (1.0 + factor * share) * np.eye(6), branch
+
+    trial = Spring(1e6, 1000.0)
+    form = law_form(standard_solid, Spring, trial=trial, state={"branch": [0.0] * 6}, dt=1.0)
+    (found,) = history_trials(form, "hexahedron", 1)
+    assert found.strain == pytest.approx(1e-5)
+    (check,) = (check for check in HISTORY_CHECKS if check.name == "elastic steps")
+    assert verdict(attempt(check, [found])) is Verdict.PASS
+
+
+@dataclass(frozen=True)
+class Spring:
+    E: float
+    rho: float
+
+
+@pytest.mark.parametrize("form", [updated_lagrangian, hencky_plasticity])
+def test_what_adding_increments_up_leaves_is_none(form):
+    """Truesdell's rate leaves stress of second order after a cycle of strain, a logarithm round-off: neither is flow.
+
+    Yield begins at 1.1e-3 by the strain's size, sqrt(2/3) |dev FIRST| 3 mu over the yield stress E / 1000.
+    """
+    (found, _) = history_trials(formulation.load_form(form), "tetrahedron", 1)
+    size = np.sqrt(2 / 3) * np.linalg.norm((FIRST + FIRST.T) / 2)
+    first = 1e-3 * 2 * (1 + 0.3) / 3 / size
+    assert first < found.strain < 2 * first

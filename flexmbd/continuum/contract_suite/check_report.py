@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -109,7 +109,12 @@ class FormReport:
         )
 
 
-def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WORLD) -> FormReport:
+def check_form(
+    source: str | Path | ModuleType,
+    *,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    further: Callable[[Formulation], Sequence[CheckResult]] = lambda form: (),
+) -> FormReport:
     """Run the contract suite on a form file. Collective.
 
     All checks but the last run on rank 0; the last compares the ranks, and needs two.
@@ -117,6 +122,8 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     Args:
         source: as `flexmbd.continuum.contract.formulation.load_form` takes it.
         comm: the ranks.
+        further: more checks, called on rank 0 where none of the suite has failed; `flexmbd check` reduces and moves a
+            part by `flexmbd.command.form_road.road_checks`.
 
     Raises:
         FormulationError: on all ranks: the file cannot be loaded, or breaks the contract in what
@@ -128,7 +135,7 @@ def check_form(source: str | Path | ModuleType, *, comm: MPI.Comm = MPI.COMM_WOR
     except FormulationError as caught:
         error = caught
     parallel.raise_collectively(comm, error)
-    results = parallel.on_root(comm, lambda: _try_all(form))
+    results = parallel.on_root(comm, lambda: _try_all(form, further))
     return FormReport(cast(ModuleType, form).__name__.rpartition(".")[2], [*results, _try_ranks(form, comm)])
 
 
@@ -137,7 +144,14 @@ def places(form: Formulation) -> list[Place]:
     return [(cell, degree) for cell in form.CELLS for degree in orders(form, cell)]
 
 
-def _try_all(form: Formulation) -> list[CheckResult]:
+def _try_all(form: Formulation, further: Callable[[Formulation], Sequence[CheckResult]]) -> list[CheckResult]:
+    results = _try_suite(form)
+    if any(line.verdict is Verdict.FAIL for line in results):
+        return results
+    return [*results, *further(form)]
+
+
+def _try_suite(form: Formulation) -> list[CheckResult]:
     outcomes = {place: _try_place(form, *place) for place in places(form)}
     results = [
         CheckResult(check.name, {place: found[check.name] for place, found in outcomes.items()}, check.remedy)

@@ -14,8 +14,11 @@ from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 
-# Strains up to which it is looked for; and what of a small step's forces is left where it was no elastic one.
-_SMALLEST, _LARGEST, _LEFT = 1e-5, 0.02, 0.05
+# Strains at which it is looked for.
+_SMALLEST, _LARGEST = 1e-5, 0.02
+
+# Round-off of a strain, and what a form makes of it.
+_ROUND_OFF = 1e3 * float(np.finfo(float).eps)
 
 # A strain by which a body flows in all its points, and another one on top of it.
 FIRST = np.array([[1.0, 0.3, -0.2], [0.1, -0.6, 0.4], [-0.3, 0.2, -0.3]])
@@ -82,14 +85,19 @@ class HistoryTrial:
         """Strain from which on the body does not come back to rest; None up to two percent."""
         strain = _SMALLEST
         while strain <= _LARGEST:
-            self.restart()
-            self.go(strain * FIRST)
-            self.go(np.zeros((3, 3)))
-            left = float(abs(self.force()).max())
-            if left > _LEFT * self.elastic_force(strain):
+            left = self._left(strain, 1)
+            # what comes of adding increments up becomes less with shorter ones, in proportion at least; a history stays
+            if left > _ROUND_OFF / strain * self.elastic_force(strain) and self._left(strain, 4) > left / 2:
                 return strain
             strain *= 2.0
         return None
+
+    def _left(self, strain: float, steps: int) -> float:
+        """The largest force, N, after a way out to a strain and back, each in so many steps."""
+        self.restart()
+        for share in (*np.linspace(0.0, 1.0, steps + 1)[1:], *np.linspace(1.0, 0.0, steps + 1)[1:]):
+            self.body.commit(self.to(share * strain * FIRST), dt=self.dt / steps)
+        return float(abs(self.force()).max())
 
 
 def trial_step(form: Formulation) -> float:

@@ -1,0 +1,223 @@
+"""The road of a form to a machine, tried on a small part: reduced or loaded slowly, and moved.
+
+What `flexmbd check` does besides the contract suite: what passes here reduces, and moves in machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+import flexmbd as fm
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel, TaggedMesh
+from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.formulation import Formulation
+from flexmbd.continuum.contract_suite.check_report import CheckResult, places
+from flexmbd.continuum.contract_suite.history_trial import history_place, trial_step, yielding_parameters
+from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Raised, Remark, Verdict, attempt
+from flexmbd.continuum.history.static_path import clamped_dofs, follow
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.reduction import craig_bampton
+
+# Of the machines' account: what the integrators' tolerance leaves of what turns over.
+_CLOSED = 1e-6
+
+# A slow load's strain, of those that leave something behind; none of a form without a history.
+_STRAIN = 1e-4
+
+
+class Road:
+    """A form on a small part between two interfaces, on this rank alone."""
+
+    def __init__(self, form: Formulation, cell: str, degree: int) -> None:
+        """Not collective."""
+        self.form, self.cell, self.degree = form, cell, degree
+        self.ends = ("start", "end") if cell == "interval" else ("x_min", "x_max")
+
+    @property
+    def mesh(self) -> TaggedMesh:
+        """A new one: a line, a sheet or a block of 1 m, in two or three cells along it."""
+        n = self.degree if self.form.REFERENCE == "UPDATED" else 1
+        if self.cell == "interval":
+            return meshes.line(1.0, divisions=3, degree=n, comm=MPI.COMM_SELF)
+        if self.cell in ("triangle", "quadrilateral"):
+            return meshes.sheet(1.0, 0.5, divisions=(3, 2), cell=self.cell, degree=n, comm=MPI.COMM_SELF)
+        return meshes.block(1.0, 0.5, 0.5, divisions=(2, 1, 1), cell=self.cell, degree=n, comm=MPI.COMM_SELF)
+
+    @property
+    def interfaces(self) -> list[Interface]:
+        """Rigid ones at both ends."""
+        return [Interface(name) for name in self.ends]
+
+    @cached_property
+    def record(self) -> ReducedBody:
+        """Reduced with the parameters of the form's reference."""
+        model = ContinuumModel(
+            self.mesh, self.form, self.form.reference().parameters,  # type: ignore[arg-type]
+            degree=self.degree, interfaces=self.interfaces,
+        )  # fmt: skip
+        return craig_bampton(model, modes=3, frame=self.ends[0])
+
+
+def reduction(road: Road) -> Outcome:
+    """The part is reduced, and clamped at one end no mode of it is without stiffness."""
+    frequencies = road.record.frequencies(clamped=[road.ends[0]])
+    if not (np.isfinite(frequencies).all() and frequencies[0] > 0.0):
+        return Remark(Verdict.FAIL, f"clamped at one end the reduced body has the frequencies {frequencies[:3]} Hz")
+    return [Figure("lowest frequency of the part, clamped at one end,", float(frequencies[0]), np.inf, "Hz")]
+
+
+def pendulum(road: Road) -> Outcome:
+    """On a hinge, under its weight: what it gains in kinetic energy is what weight and deformation lose."""
+    lowest = road.record.frequencies(clamped=[road.ends[0]])[0]
+    # a weight that bends the part by some thousandths of its length, over some of its slowest vibrations
+    scene = fm.System(gravity=(0.0, -1e-3 * (2 * np.pi * lowest) ** 2, 0.0))
+    body = scene.add(fm.FlexibleBody(road.record), name="part")
+    scene.connect(fm.joint.Revolute(axis="z"), scene.ground.frame(), body.frame(road.ends[0]))
+    run = scene.simulate(3.0 / lowest, rtol=_CLOSED / 10)
+    energy = run.energy()
+    change = energy.total - energy.total[0]
+    size = float(abs(energy.gravitational - energy.gravitational[0]).max())
+    if road.record.damping.any():
+        return [Figure("energy gained", max(float(change.max()) / size, 0.0), _CLOSED)]
+    return [Figure("energy changed by", float(abs(change).max()) / size, _CLOSED)]
+
+
+def free_motion(road: Road) -> Outcome:
+    """Thrown, turning about all axes, without forces: neither momentum changes."""
+    lowest = road.record.frequencies(clamped=[road.ends[0]])[0]
+    scene = fm.System()
+    body = scene.add(fm.FlexibleBody(road.record), name="part")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame(road.ends[0]))
+    free.velocity = lowest * np.array([0.1, -0.2, 0.3, 0.3, 0.2, -0.1])
+    momentum = scene.simulate(3.0 / lowest, rtol=_CLOSED / 10).momentum()
+    found = []
+    for values in (momentum.linear, momentum.angular):
+        found.append(abs(values - values[0]).max() / np.linalg.norm(values[0]))
+    names = ("momentum changed by", "angular momentum by")
+    return [Figure(name, float(value), _CLOSED) for name, value in zip(names, found, strict=True)]
+
+
+class SlowRoad(Road):
+    """A form with a residual: its part is loaded slowly, and moves as a body with history."""
+
+    def __init__(self, form: Formulation, cell: str, degree: int) -> None:
+        """Not collective."""
+        super().__init__(form, cell, degree)
+        self.parameters = yielding_parameters(form)[0]
+
+    @cached_property
+    def body(self) -> NonlinearModel:
+        """At rest between checks."""
+        return NonlinearModel(
+            self.mesh, self.form, self.parameters, degree=self.degree, interfaces=self.interfaces  # type: ignore[arg-type]
+        )
+
+    @cached_property
+    def pulled(self) -> tuple[Any, Any]:
+        """Dofs of both ends, which are held, and the direction (m) of a unit strain at the far one."""
+        body = self.body
+        far = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(self.ends[1]))
+        whole = np.zeros(body.layout.n_local)
+        whole[body.displacement_dofs[far, 0]], whole[body.displacement_dofs[far, 1]] = 1.0, 0.5
+        held = clamped_dofs(body, self.ends)
+        return held, whole[held]
+
+    @cached_property
+    def reactions(self) -> Any:
+        """At the dofs that are held, N, of an end that was moved slowly; the body is at rest again after."""
+        body, (held, way) = self.body, self.pulled
+        rest = body.snapshot()
+        try:
+            pace = 2.0 * trial_step(self.form) if body.is_rate_dependent else 1.0
+            path = follow(
+                body, [0.5, 1.0], prescribed=held, displacement=lambda t: t * _STRAIN * way,
+                seconds=pace if body.needs_step else None,
+            )  # fmt: skip
+        finally:
+            body.restore(rest)
+        return path.steps[-1].reactions
+
+    @cached_property
+    def period(self) -> float:
+        """s, of the part's mass on its stiffness."""
+        stiffness = float(self.reactions @ self.pulled[1]) / _STRAIN
+        moved, momentum = self.body.mass().createVecs()
+        moved.array[self.body.displacement_dofs[:, 0]] = 1.0
+        self.body.mass().mult(moved, momentum)
+        return float(2 * np.pi * np.sqrt(momentum.dot(moved) / stiffness))
+
+
+def slow_loading(road: SlowRoad) -> Outcome:
+    """With one end clamped and the other moved, equilibria are found, and what holds both ends is in balance."""
+    held, reactions = road.pulled[0], road.reactions
+    directions = road.body.displacement_dofs.T
+    sums = [reactions[np.isin(held, dofs)].sum() for dofs in directions]
+    return [Figure("reactions out of balance by", float(np.abs(sums).max() / np.abs(reactions).max()), 1e-6)]
+
+
+def history_in_motion(road: SlowRoad) -> Outcome:
+    """On a hinge, thrown and under its weight: it moves, and gains no energy."""
+    if road.body.has_rotations:
+        return Remark(Verdict.SKIP, "with rotations and a residual: loaded slowly alone")
+    turning = 2 * np.pi / road.period
+    scene = fm.System(gravity=(0.0, -1e-4 * turning**2, 0.0))
+    rest = road.body.snapshot()
+    body = scene.add(fm.ContinuumBody(ImplicitContinuum(road.body)), name="part")
+    hinge = scene.connect(fm.joint.Revolute(axis="z"), scene.ground.frame(), body.frame(road.ends[0]))
+    hinge.velocity = 0.02 * turning
+    try:
+        run = scene.simulate(road.period, rtol=1e-3, integrator=fm.GeneralizedAlpha())
+    finally:
+        road.body.restore(rest)
+    parts, machine = run.energies(body), run.energy()
+    if "elastic" not in parts:
+        return Remark(Verdict.NOTE, 'it moves; whether it gains energy needs energies(u, state, p) with "elastic"')
+    total = machine.total + sum(parts.values())
+    return [Figure("energy gained", max(float((total - total[0]).max() / parts["kinetic"][0]), 0.0), 0.01)]
+
+
+REDUCED = (
+    Check("reduction", reduction, "the energy must resist every motion but the six rigid ones"),
+    Check("pendulum, reduced", pendulum, "kinetic_energy and strain_energy must be quadratic at rest, and finite"),
+    Check("free motion, reduced", free_motion, "rigid_motion and section_inertia must be those of kinetic_energy"),
+)
+"""Of forms with a strain energy, on each element."""
+
+LOADED = (
+    Check("slow loading", slow_loading, "residual must do no work in rigid motions, and its tangent be its derivative"),
+    Check("motion with history", history_in_motion, "energies must be those of the stress in residual"),
+)
+"""Of forms with a residual, on one element."""
+
+
+def road_checks(form: Formulation) -> list[CheckResult]:
+    """Reduce or load a part of a form, and move it; on this rank alone. Compiles.
+
+    Args:
+        form: a checked form file.
+    """
+    if optional_entries(form).residual is None:
+        checks: Sequence[Check] = REDUCED
+        roads = {place: Road(form, *place) for place in places(form)}
+    else:
+        place = history_place(places(form))
+        checks, roads = LOADED, {place: SlowRoad(form, *place)}
+    results: list[CheckResult] = []
+    for check in checks:
+        outcomes = {place: _attempted(check, road, results) for place, road in roads.items()}
+        results.append(CheckResult(check.name, outcomes, check.remedy))
+    return results
+
+
+def _attempted(check: Check, road: Road, before: Sequence[CheckResult]) -> Outcome:
+    """Not where the part was not reduced or loaded: there is nothing to move."""
+    if before and isinstance(before[0].outcomes[road.cell, road.degree], Raised):
+        return Remark(Verdict.SKIP, f"not run: see '{before[0].name}'")
+    return attempt(check, road)
