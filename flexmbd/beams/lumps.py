@@ -20,9 +20,10 @@ FloatArray = NDArray[np.float64]
 class Lumping(enum.Enum):
     """What a node carries.
 
-    PIECES: the near halves of its elements as rigid bodies, with rotary inertia (eq. 28).
-    POINTS: their mass alone, in the node. Rotations then follow from the displacements statically, and a
-        moment on a node is answered without the part that would turn it alone.
+    Attributes:
+        PIECES: the near halves of its elements as rigid bodies, with rotary inertia (eq. 28).
+        POINTS: their mass alone, in the node. Rotations then follow from the displacements statically, and a
+            moment on a node is answered without the part that would turn it alone.
     """
 
     PIECES = enum.auto()

@@ -43,7 +43,8 @@ class ResultTable:
 
     def __repr__(self) -> str:
         """How many rows and columns; the numbers are asked for by name."""
-        return f"<ResultTable of {len(self.values)} rows, {len(self.names)} columns: {', '.join(self.names[:6])}, ...>"
+        first = ", ".join(self.names[:6]) + (", ..." if len(self.names) > 6 else "")
+        return f"<ResultTable of {len(self.values)} rows, {len(self.names)} columns: {first}>"
 
     def save(self, path: str | Path) -> Path:
         """As ``write_table``. Not collective: under MPI, call it on one rank."""

@@ -88,12 +88,14 @@ class State(ArrayStruct):
 class Groups(ArrayStruct):
     """Scales of the error norm: a group of coordinates shares one scale.
 
-    of: (nv,) group of each velocity.  kind: (ng,) kinds.GROUP_*.
-    full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
-    floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
-    position, velocity, acceleration: (ng,) the largest magnitudes met so far.
-    stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
-        derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
+    Attributes:
+        of: (nv,) group of each velocity.
+        kind: (ng,) kinds.GROUP_*.
+        full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
+        floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
+        position, velocity, acceleration: (ng,) the largest magnitudes met so far.
+        stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
+            derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
     """
 
     of: IntArray

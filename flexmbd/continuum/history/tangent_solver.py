@@ -35,9 +35,10 @@ _THRESHOLD, _PREFIX = 0.02, "flexmbd_newton_"
 class Preconditioner(Enum):
     """What Krylov's method is preconditioned with.
 
-    FACTOR: MUMPS' factor of a tangent, this one or an older one.
-    MULTIGRID: smoothed aggregation (GAMG) that knows the body's rigid motions; memory in proportion to the dofs, for
-        solids alone.
+    Attributes:
+        FACTOR: MUMPS' factor of a tangent, this one or an older one.
+        MULTIGRID: smoothed aggregation (GAMG) that knows the body's rigid motions; memory in proportion to the dofs,
+            for solids alone.
     """
 
     FACTOR = "factor"

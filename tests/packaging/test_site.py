@@ -1,0 +1,119 @@
+"""The documentation's site: its tutorials run and say what is so, and it is built without a warning."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+def run_page(page, folder, monkeypatch):
+    """What the python blocks of a page leave, run one after the other in a folder."""
+    monkeypatch.chdir(folder)
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    names = {}
+    for match in re.finditer(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        exec(compile("\n" * text[: match.start(1)].count("\n") + match.group(1), f"{page}.md", "exec"), names)
+    return names
+
+
+def test_start(tmp_path, monkeypatch):
+    found = run_page("start", tmp_path, monkeypatch)
+    angle = found["run"].beta(found["hinge"], t=np.linspace(0.0, 2.0, 20001))
+    assert angle.max() == pytest.approx(np.pi, abs=1e-5)  # it starts level and swings to the other side
+    assert (tmp_path / "pendulum.png").exists()
+
+
+def test_pendulum(tmp_path, monkeypatch):
+    found = run_page("tutorials/pendulum", tmp_path, monkeypatch)
+    amplitude = np.radians(10.0)
+    assert found["period"] / found["small"] == pytest.approx(1 + amplitude**2 / 16 + 11 * amplitude**4 / 3072, abs=1e-5)
+    assert "1.0019" in (DOCS / "tutorials" / "pendulum.md").read_text()
+    assert {file.name for file in tmp_path.iterdir()} == {"angle.png", "pendulum.csv", "pendulum.h5"}
+
+
+def test_flexible_rod(tmp_path, monkeypatch):
+    found = run_page("tutorials/flexible_rod", tmp_path, monkeypatch)
+    slender = 1.875104**2 / (2 * np.pi * 0.6**2) * np.sqrt(5e7 * 0.03**2 / 12 / 1100.0)  # Euler and Bernoulli
+    assert found["body"].frequencies(clamped=["x_min"])[0] == pytest.approx(slender, rel=0.03)  # bonded ends stiffen it
+    assert (tmp_path / "stress.png").exists()
+
+
+def test_loops(tmp_path, monkeypatch):
+    found = run_page("tutorials/loops", tmp_path, monkeypatch)
+    again = found["scene"].simulate(1.0, h=2e-3)
+    torque, energy = again.drive(found["drive"]), again.energy().total
+    given = np.cumsum(10.0 * 0.5 * (torque[1:] + torque[:-1]) * np.diff(again.t))
+    # what the drive gives goes into the machine
+    np.testing.assert_allclose(given, energy[1:] - energy[0], atol=1e-3 * np.ptp(energy))
+    assert found["run"].stats.constraint_residual < 1e-9
+
+
+def test_yielding(tmp_path, monkeypatch):
+    found = run_page("tutorials/yielding", tmp_path, monkeypatch)
+    assert found["energies"]["plastic"][-1] > 0.1
+    assert found["fields"].values("plastic_strain", row=-1).max() > 1e-3
+    assert found["end"][-1, 2] > 0.00525 + 0.001  # it keeps a bend beyond where the carriage stands
+
+
+def test_study(tmp_path, monkeypatch):
+    found = run_page("tutorials/study", tmp_path, monkeypatch)
+    assert not found["study"].failures
+    heavy = np.corrcoef(found["samples"]["m"], found["lowest"])[0, 1]
+    stiff = np.corrcoef(found["samples"]["k"], found["lowest"])[0, 1]
+    assert heavy > 0.4
+    assert stiff < -0.4
+
+
+class Links(HTMLParser):
+    """Places on a page, and what it points to."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.ids, self.targets = set(), []
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids.update(value for key, value in attrs if key in ("id", "name") and value)
+        for key in ("href", "src"):
+            if given.get(key):
+                self.targets.append(given[key])
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_no_link_is_dead(tmp_path):
+    pytest.importorskip("sphinx", reason="Sphinx 8 needs Python 3.11")
+    site = tmp_path / "site"
+    built = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "build_site.py"), "-o", str(site)], capture_output=True, text=True
+    )
+    assert built.returncode == 0, built.stderr
+    pages = {page: Links(page) for page in site.rglob("*.html")}
+    assert len(pages) > 60
+    dead = []
+    for page, links in pages.items():
+        for target in links.targets:
+            if re.match(r"[a-z]+:", target):
+                continue
+            path, _, place = target.partition("#")
+            other = (page.parent / path.split("?")[0]).resolve() if path else page
+            if not other.exists() or (place and other in pages and place not in pages[other].ids):
+                dead.append(f"{page.relative_to(site)}: {target}")
+    assert dead == []
+    # nothing is fetched from elsewhere, so that it reads without a network
+    fetched = [
+        target
+        for page in pages
+        for target in re.findall(r'<(?:script|link|img|video)[^>]*(?:src|href)="(https?:[^"]*)"', page.read_text())
+    ]
+    assert fetched == []
+    found = (site / "searchindex.js").read_text()
+    assert "craig_bampton" in found
+    assert sum(file.stat().st_size for file in site.rglob("*") if file.suffix != ".mp4") < 60e6

@@ -1,0 +1,31 @@
+"""Builds the documentation's site into the folder `site`: `./run docs`; with `--demos` after a run of all demos."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import gallery
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def main() -> int:
+    """Build; 0 where there was nothing to warn of."""
+    parser = argparse.ArgumentParser(prog="./run docs", description=__doc__)
+    parser.add_argument("--demos", action="store_true", help="run all demos first, for the gallery (ten minutes)")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "site", help="folder of the site (default: site)")
+    arguments = parser.parse_args()
+    if arguments.demos and gallery.run_demos(ROOT / "out_gallery", ()):
+        return 1
+    sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    status = subprocess.run([*sphinx, str(ROOT / "docs"), str(arguments.output)], check=False).returncode
+    if status == 0:
+        print(f"the site is in {arguments.output}: open {arguments.output / 'index.html'}")
+    return status
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
