@@ -32,7 +32,8 @@ PAGES = {
         "Bodies and frames",
         "Body Ground RigidBody FlexibleBody Frame Axis PseudoRigidBody PseudoRigidSwarm SwarmEnergy HomogeneousEnergy "
         "StVenantKirchhoff CompiledEnergy polar Solid Outline ContinuumBody Interior InteriorFrame InteriorMesh "
-        "InteriorFields InteriorModes LinearInterior ObservedInterior FrameMotion Push Scheme Memory TimeFactor",
+        "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
+        "FrameMotion Push Scheme Memory TimeFactor",
         "beams",
     ),
     "joints": ("Joints", "Way Multipliers Penalty AugmentedLagrangian", "joint"),
@@ -43,8 +44,8 @@ PAGES = {
     ),
     "record": (
         "Reduced bodies",
-        "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness ModalStretch "
-        "NodalModes StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab yielding_slabs",
+        "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
+        "ModalStretch NodalModes StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab yielding_slabs",
         "",
     ),
     "continuum": ("The continuum", "", "continuum"),

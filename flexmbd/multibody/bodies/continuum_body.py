@@ -254,9 +254,10 @@ class ImplicitInterior(Interior, Protocol):
 class InteriorIteration(NamedTuple):
     """What one of Newton's iterations of an interior tells the machine.
 
-    wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its unknowns
-        would go with these frames, and with frames a little beside.
-    correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
+    Attributes:
+        wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its unknowns
+            would go with these frames, and with frames a little beside.
+        correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
     """
 
     wrenches: FloatArray
