@@ -178,7 +178,7 @@ def ring(quick: bool, rounds: int) -> list[Row]:
 def slope(quick: bool, rounds: int) -> list[Row]:
     loads = statics.slope_loads(step=2.0) if quick else statics.slope_loads()
     ours = partial(statics.slope, loads=loads)
-    return demo("slope, Mohr-Coulomb", "slope", ours, loads, (4,) if quick else (6, 12, 24), rounds)
+    return demo("slope, Mohr-Coulomb", "slope", ours, loads, (4,) if quick else (4, 8, 12), rounds)
 
 
 def demo(scene: str, name: str, ours: Callable[[int], Any], loads: Any, sizes: Sequence[int], rounds: int) -> list[Row]:
@@ -215,7 +215,8 @@ def taylor(quick: bool, rounds: int) -> list[Row]:
 
 
 def tube(quick: bool, rounds: int) -> list[Row]:
-    ladder = [(2, 1, 16)] if quick else [(2, 1, 16), (3, 1, 24), (4, 2, 32), (5, 2, 40), (7, 2, 56)]
+    # walls of one brick fold into themselves
+    ladder = [(3, 2, 16)] if quick else [(3, 2, 24), (4, 2, 32), (5, 2, 40)]
     rows = []
     for divisions in ladder:
         found = motion.tube(divisions, end=2e-4 if quick else motion.TUBE_END)
@@ -239,9 +240,9 @@ def pendulum(quick: bool, rounds: int) -> list[Row]:
     rows.append(of_pendulum("explicit", "stable step", found, exact))
     for finer in [] if quick else [(10, 1, 2), (20, 1, 4), (40, 2, 8)]:
         for explicit in (False, True):
-            found = motion.pendulum(finer, explicit=explicit, h=None if explicit else 1e-4, end=3e-3)
+            found = motion.pendulum(finer, explicit=explicit, rtol=None if explicit else 2e-2, end=3e-3)
             row = of_pendulum("explicit" if explicit else "implicit", " x ".join(map(str, finer)), found, None)
-            row.scene = "pendulum, 3 ms, implicit by h = 0.1 ms"
+            row.scene = "pendulum, 3 ms, implicit by rtol 0.02"
             rows.append(row)
     return rows
 

@@ -82,7 +82,7 @@ def calculix(divisions, hardening):
 
 
 def kratos(divisions, hardening):
-    """Time of the steps alone. Perfect plasticity only; its bricks lock, and its tolerance is of the residual."""
+    """Time of the steps alone. Perfect plasticity only; B-bar bricks, which are the mean dilatation of flexmbd."""
     if hardening:
         raise SystemExit("kratos: perfect plasticity only")
     import KratosMultiphysics as km
@@ -111,7 +111,7 @@ def kratos(divisions, hardening):
     law = km.KratosGlobals.GetConstitutiveLaw("SmallStrainIsotropicPlasticity3DVonMisesVonMises")
     material.SetValue(km.CONSTITUTIVE_LAW, law.Clone())
     for i, cell in enumerate(cells):
-        part.CreateNewElement("SmallDisplacementElement3D8N", i + 1, [int(n) + 1 for n in cell], material)
+        part.CreateNewElement("SmallDisplacementBbarElement3D8N", i + 1, [int(n) + 1 for n in cell], material)
     face = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     _, n_t, n_z = divisions
     quads = np.stack([number[c : c + n_z, b : b + n_t, 0] for c, b, _ in face], axis=-1).reshape(-1, 4)

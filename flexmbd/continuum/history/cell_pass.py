@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 # Local Newton steps, whole ones, then, from the start again, shortened where they do not lessen what is lacking; and
 # the change of the local unknowns, over their size in the cell, at which they end.
-_SWEEPS = (30, 120)
+_SWEEPS = (30, 1000)
 _LOCAL = 1e-10
 
 _NONE = np.zeros(0)
