@@ -10,6 +10,7 @@ from flexmbd.forms import beam_timoshenko as beam_timoshenko
 from flexmbd.forms import hencky_plasticity as hencky_plasticity
 from flexmbd.forms import j2_plasticity as j2_plasticity
 from flexmbd.forms import neo_hookean as neo_hookean
+from flexmbd.forms import plane_stress as plane_stress
 from flexmbd.forms import plate_mitc as plate_mitc
 from flexmbd.forms import solid_linear as solid_linear
 from flexmbd.forms import solid_micropolar as solid_micropolar
