@@ -11,6 +11,8 @@ import pytest
 
 import flexmbd.forms
 from flexmbd.cli import main
+from flexmbd.continuum import CheckResult, Verdict
+from flexmbd.continuum.contract_suite.outcome import Raised
 
 COMM = MPI.COMM_WORLD
 GOOD = (
@@ -48,12 +50,19 @@ def test_a_sound_form(check):
     assert re.match(r"\S*my_form\.py is Python code and runs now", lines[0])
     assert lines[1] == "my_form: tetrahedron 1"
     assert lines[2].startswith("PASS  names, signatures and results")
-    assert len(lines) == 18 + 4
+    assert len(lines) == 23
     assert [line[:4] for line in lines[-5:-2]] == ["PASS"] * 3
     assert re.search("energy changed by .*\n.*angular momentum by", out)
     ranks = "needs two ranks: mpirun -n 2 flexmbd check ..." if COMM.size == 1 else "K, off by"
     assert ranks in lines[-2]
     assert lines[-1] == f"my_form: {16 if COMM.size == 1 else 17} passed, 0 failed"
+
+
+def test_elements_that_fail_alike_share_a_line():
+    same, other = (Raised(Verdict.FAIL, text) for text in ("ValueError: nu", "ValueError: E"))
+    places = [("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1)]
+    found = CheckResult("symmetry", dict(zip(places, (same, other, same), strict=True)), "").text().splitlines()
+    assert found[1:] == ["      tetrahedron 1, hexahedron 1: ValueError: nu", "      tetrahedron 2: ValueError: E"]
 
 
 @pytest.mark.mpi
@@ -89,6 +98,10 @@ def test_a_form_with_history_is_loaded_and_moved(check):
 
 BROKEN = {
     "two rules": ((ENERGY, "return [energy * ufl.dx(degree=0) + energy * ufl.dx(degree=2)]"), "a form with 2 rules"),
+    "a term on facets": (
+        (ENERGY, "return [(energy * ufl.ds(degree=2), Quadrature(2))]"), r"over facets \(ds\): .*surface_energy\(u, p\)"
+    ),
+    "inner facets": ((ENERGY, "return energy * ufl.dS(degree=2)"), r"over inner facets \(dS\), which no term has"),
     "no degree": ((ENERGY, "return [(energy, None)]"), "must state a quadrature degree"),
     "not finite": ((ENERGY, "return [(ufl.sqrt(energy), Quadrature(2))]"), "first derivative at u = 0 is not finite"),
     "import": (("import ufl\n", "import ufl\nimport numpy\n"), "imports 'numpy'"),

@@ -1,15 +1,18 @@
 """Any number of local unknowns: thirteen of two back stresses, against closed forms and differences."""
 
+import types
 from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 
 from flexmbd import meshes
 from flexmbd.continuum import NonlinearModel, check_form, follow, load_form, prescribed_dofs
 from flexmbd.errors import ConvergenceError
+from flexmbd.forms import j2_plasticity as j2
 
 FILE = Path(__file__).parents[1] / "data" / "back_stresses.py"
 FORM = load_form(FILE)
@@ -60,3 +63,25 @@ def test_where_the_equations_have_no_solution_cell_point_and_history_are_named()
     bad[:] = np.nan
     with pytest.raises(ConvergenceError, match=r"point \d of the cell around \(0\.05, 0, 0\) m, whose history is \[0"):
         body.force(bad)
+
+
+@pytest.mark.mpi
+def test_equations_that_have_no_solution_from_some_strain_on():
+    """exp(z) = 1 - 1000 tr(strain) has one up to a volume strain of a thousandth: told on all ranks, and by names."""
+    form = types.ModuleType("exhausted")
+    vars(form).update({name: value for name, value in vars(j2).items() if name[:2] != "__"})
+    form.local_residual = lambda z, u, state, p, *, mean=None: ufl.exp(z) - 1 + 1e3 * ufl.div(u)  # type: ignore[attr-defined]
+    form.local_unknowns = lambda p: 0.0  # type: ignore[attr-defined]
+    p = j2.Parameters(E=2e11, nu=0.3, rho=7850.0, yield_stress=2e8, hardening=j2.VoceHardening(1e8, 50.0))
+    mesh = meshes.block(SIZE, SIZE, SIZE, divisions=(4, 1, 1))
+    body = NonlinearModel(mesh, form, p, degree=1)
+    x = body.layout.node_x
+    swelling = np.zeros_like(x)
+    swelling[:, 0] = np.maximum(x[:, 0] - 0.75 * SIZE, 0.0)
+    body.force(9e-4 * swelling.ravel())
+    before = [values.copy() for values in body.history()]
+    told = r"point \d of the cell around \(0\.0875, 0, 0\) m, whose history is plastic_strain_tensor \[0.*_strain \[0\]"
+    with pytest.raises(ConvergenceError, match=f"exhausted: .* were not solved.*{told}"):
+        body.force(2e-3 * swelling.ravel())
+    body.revert()
+    assert all(np.array_equal(*pair) for pair in zip(before, body.history(), strict=True))

@@ -42,7 +42,7 @@ def term_faults(
         on_facets: whether they are integrals over facets.
     """
     if isinstance(terms, ufl.BaseForm):
-        yield f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
+        yield _facet_fault(terms) or f"returns a form with {_rules(terms)}; return a list of terms: {_ONE_RULE}"
         return
     terms = list(terms)
     if not terms:
@@ -50,7 +50,7 @@ def term_faults(
     for number, term in enumerate(terms):
         label = f"term {number}"
         if isinstance(term, ufl.BaseForm):
-            yield f"{label} is a form with {_rules(term)}: {_ONE_RULE}"
+            yield f"{label} {_facet_fault(term) or f'is a form with {_rules(term)}: {_ONE_RULE}'}"
             continue
         if not isinstance(term, tuple) or len(term) != 2:
             yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
@@ -60,7 +60,8 @@ def term_faults(
             expected = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
             yield f"{label} must state {expected}, got {rule!r}"
         if isinstance(integrand, ufl.BaseForm):
-            yield f"{label}: the integrand already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
+            why = _facet_fault(integrand) or f"already holds a measure with {_rules(integrand)}: {_ONE_RULE}"
+            yield f"{label}: the integrand {why}"
         elif not isinstance(integrand, ufl.core.expr.Expr):
             yield f"{label}: the integrand must be a UFL expression, got {type(integrand).__name__}"
         elif integrand.ufl_shape != () or integrand.ufl_free_indices != ():
@@ -93,6 +94,19 @@ def _is_rule(rule: Any, cell: str) -> bool:
     except RuntimeError:  # a rule for other cells
         return False
     return True
+
+
+def _facet_fault(form: ufl.BaseForm) -> str | None:
+    """What is wrong with integrals over facets, if there are some."""
+    kinds = {integral.integral_type() for integral in form.integrals()} if isinstance(form, ufl.Form) else set()
+    if not any("facet" in kind for kind in kinds):
+        return None
+    if any("interior" in kind for kind in kinds):
+        return "holds an integral over inner facets (dS), which no term has: write the energy in the cells"
+    return (
+        "holds an integral over facets (ds): terms on facets are surface_energy(u, p) and "
+        "surface_kinetic_energy(v, p), as integrands with their rules and without a measure"
+    )
 
 
 def _rules(form: ufl.BaseForm) -> str:

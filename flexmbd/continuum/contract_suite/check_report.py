@@ -65,7 +65,10 @@ class CheckResult:
         }
         if failed:
             places = "" if len(self.outcomes) == 1 else f" on {len(failed)} of {len(self.outcomes)} elements"
-            lines = [f"      {cell} {degree}: {_outcome_text(outcome)}" for (cell, degree), outcome in failed.items()]
+            told: dict[str, list[str]] = {}
+            for (cell, degree), outcome in failed.items():
+                told.setdefault(_outcome_text(outcome), []).append(f"{cell} {degree}")
+            lines = [f"      {', '.join(where)}: {text}" for text, where in told.items()]
             # an error says itself what is wrong
             if not all(isinstance(outcome, Raised) for outcome in failed.values()):
                 lines.append(f"      remedy: {self.remedy}")
