@@ -49,6 +49,11 @@ def inner(x):
     return 2.0 * x
 
 
+@kernel
+def tripled(x):
+    return 3.0 * x
+
+
 @entry_kernel
 def entered(x):
     return inner(x) + 1.0
@@ -63,7 +68,15 @@ import math
 import called_kernels as other
 import constant_kernels as at
 from called_kernels import PAIR, WEIGHTS, Side, behind, entered, seven
+from flexmbd.multibody.kernels.base.by_kind import by_kind
 from flexmbd.multibody.kernels.base.compiling import kernel
+
+_picked = by_kind({2: other.tripled})
+
+
+@kernel
+def by_number(x):
+    return _picked(2, (x,))
 
 
 @kernel
@@ -80,7 +93,7 @@ def through_module(x):
 def alone(x):
     return x + 1.0
 '''
-NAMES = ("root", "through_module", "alone")
+NAMES = ("by_number", "root", "through_module", "alone")
 
 
 @pytest.fixture
@@ -126,6 +139,8 @@ def stamps(tmp_path: Path) -> Iterator[Callable[..., dict[str, str]]]:
         ("@deferred_kernel(NUMBER)\ndef behind(x)", "@deferred_kernel(NUMBER)\ndef behind(x, y=0)", {"root"}),
         ("@deferred_kernel(NUMBER)\ndef behind", "@deferred_kernel()\ndef behind", {"root"}),
         ("return x + 1.0", "return x - 1.0", {"alone"}),
+        ("return 3.0 * x", "return 3.5 * x", {"by_number"}),
+        ("{2: other.tripled}", "{4: other.tripled}", {"by_number"}),
         # what reaches no machine code
         ("inner(x) + 3.0", "inner(x) + 3.5", set()),
         ("SECOND = 1", "SECOND = 2", set()),

@@ -1,4 +1,4 @@
-"""All kinds of force elements, and the kernels that choose among them, written from this table.
+"""All kinds of force elements, and the kernels that choose among them.
 
 A row of ``Plan.elements`` says its kind by the place of the element here (``kind_of``).  To add an element: a file
 beside this one, and a line in ELEMENTS.
@@ -6,8 +6,6 @@ beside this one, and a line in ELEMENTS.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.by_kind import by_kind
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
@@ -91,89 +90,124 @@ def are_of(plan: Plan, element: ElementKind) -> NDArray[np.bool_]:
 
 # ------------------------------------------------------------------------------------------------ kernels, by the table
 
-# Written as text, for numba neither loops over functions nor caches what is closed over them.
-_FAMILIES: dict[str, type] = {"law": CoordinateLaw, "frames": FrameElement, "force": GeneralisedForce}
+
+def _calls(family: type, part: str) -> Any:
+    """Calls what a kind of a family has for a part."""
+    return by_kind({kind_of(one): vars(one)[part] for one in ELEMENTS if _has(one, family, part)})
 
 
-def _having(family: str, part: str) -> Iterator[tuple[str, str]]:
-    """A condition on ``kind`` and the name of what it calls, for each different function that elements have there."""
-    of_family = (one for one in ELEMENTS if isinstance(one, _FAMILIES[family]) and vars(one)[part] is not None)
-    for function, alike in groupby(of_family, lambda one: vars(one)[part]):
-        numbers = [kind_of(one) for one in alike]
-        name = f"_{family}_{part}_{numbers[0]}"
-        globals()[name] = function
-        yield " or ".join(f"kind == {k}" for k in numbers), name
+def _has(element: ElementKind, family: type, part: str) -> bool:
+    return isinstance(element, family) and vars(element)[part] is not None
 
 
-def _write(name: str, taken: str, family: str, part: str, *, nothing: str, returns: bool = True) -> str:
-    """Text of a function that calls what the row's kind has for a part, and gives ``nothing`` where it has none."""
-    lines = [f"def {name}({taken}):", f"    kind = row[{at.EL_KIND}]"]
-    for condition, called in _having(family, part):
-        lines += [f"    if {condition}:", f"        {'return ' if returns else ''}{called}({taken})"]
-    return "\n".join([*lines, f"    return {nothing}" if returns else ""])
+def _kinds(*which: bool) -> NDArray[np.bool_]:
+    return np.array(which, bool)
 
 
-def _write_question(name: str, kinds: list[int]) -> str:
-    """Text of a function that tells whether a kind is one of some."""
-    return "\n".join([f"def {name}(kind):", f"    return {' or '.join(f'kind == {k}' for k in kinds)}"])
+_law = _calls(CoordinateLaw, "law")
+_law_energy = _calls(CoordinateLaw, "energy")
+_piece = _calls(CoordinateLaw, "piece")
+_wrench = _calls(FrameElement, "wrench")
+_variation = _calls(FrameElement, "variation")
+_frame_energy = _calls(FrameElement, "energy")
+_subtract = _calls(GeneralisedForce, "subtract")
+_subtract_tangent = _calls(GeneralisedForce, "subtract_tangent")
+_force_energy = _calls(GeneralisedForce, "energy")
+_slope = _calls(GeneralisedForce, "slope")
+_changes_piece = _calls(GeneralisedForce, "changes_piece")
+
+# by the numbers of kinds
+_LAWS = _kinds(*(isinstance(one, CoordinateLaw) for one in ELEMENTS))
+_BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement) for one in ELEMENTS))
+_STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
+_CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
 
 
-def _compiled(text: str, how: Callable[[Any], Any]) -> Any:
-    """The function of a text, as if it stood in this file, whose sources numba's cache then asks for."""
-    exec(compile(text, __file__, "exec"), globals())
-    return how(globals()[text[4 : text.index("(")]])
+@entry_kernel
+def coordinate_law(plan, row, x, rate):
+    """Force on a coordinate x (rad or m) and its derivatives by x and its rate, of a row that `is_coordinate_law`."""
+    return _law(row[at.EL_KIND], (plan, row, x, rate))
 
 
-_ON_FRAMES = "plan, work, row, d, R, rate, spin"
-_VARIED = f"{_ON_FRAMES}, dd, dtheta, drate, dspin, step"
-_TANGENT = "plan, work, tw, row, x, v, per_x, per_v, matrix"
-_NO_WRENCH = "(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)"
+@kernel
+def coordinate_energy(plan, row, x):
+    """What a coordinate law stores (J)."""
+    return _law_energy(row[at.EL_KIND], (plan, row, x))
 
-#: Force on a coordinate x (rad or m) and its derivatives by x and its rate, of a row that ``is_coordinate_law``.
-coordinate_law = _compiled(
-    _write("coordinate_law", "plan, row, x, rate", "law", "law", nothing="0.0, 0.0, 0.0"), entry_kernel
-)
-coordinate_energy = _compiled(_write("coordinate_energy", "plan, row, x", "law", "energy", nothing="0.0"), kernel)
-#: The piece of the law in which x lies, a number.
-law_piece = _compiled(_write("law_piece", "plan, row, x", "law", "piece", nothing="0"), kernel)
-#: Force on G at G's origin and torque on G, in F's axes, of a row that ``is_between_frames``.
-element_wrench = _compiled(_write("element_wrench", _ON_FRAMES, "frames", "wrench", nothing=_NO_WRENCH), entry_kernel)
-#: Its variation for d + dd, exp(dtheta) R, rate + drate, spin + dspin.
-element_wrench_variation = _compiled(
-    _write("element_wrench_variation", _VARIED, "frames", "variation", nothing=_NO_WRENCH), entry_kernel
-)
-frame_energy = _compiled(_write("frame_energy", _ON_FRAMES, "frames", "energy", nothing="0.0"), kernel)
-#: Subtract generalised forces, of a row that is neither of the two.
-subtract_force = _compiled(
-    _write("subtract_force", "plan, work, row, x, v, out", "force", "subtract", nothing="", returns=False), kernel
-)
-subtract_force_tangent = _compiled(
-    _write("subtract_force_tangent", _TANGENT, "force", "subtract_tangent", nothing="", returns=False), kernel
-)
-force_energy = _compiled(_write("force_energy", "plan, work, row, x", "force", "energy", nothing="0.0"), kernel)
 
-#: Derivative of a force on a coordinate x by it, of a row that ``changes`` and is no coordinate law.
-force_slope = _compiled(
-    _write("force_slope", "plan, work, row, x, v, size", "force", "slope", nothing="0.0"), kernel
-)
-#: Whether a step that ends at (x, v) leads onto another piece of a law with memory.
-force_changes_piece = _compiled(
-    _write("force_changes_piece", "plan, work, row, x, v", "force", "changes_piece", nothing="False"), kernel
-)
+@kernel
+def law_piece(plan, row, x):
+    """The piece of the law in which x lies, a number."""
+    return _piece(row[at.EL_KIND], (plan, row, x))
 
-is_coordinate_law = _compiled(
-    _write_question("is_coordinate_law", [kind_of(one) for one in ELEMENTS if isinstance(one, CoordinateLaw)]), kernel
-)
-is_between_frames = _compiled(
-    _write_question("is_between_frames", [kind_of(one) for one in ELEMENTS if isinstance(one, FrameElement)]), kernel
-)
-#: Whether the stiffness on an element's coordinate may change on the way.
-changes = _compiled(_write_question("changes", [kind_of(one) for one in ELEMENTS if one.behaviour.changing]), kernel)
-#: Whether an element between frames stores energy.
-stores_between_frames = _compiled(
-    _write_question(
-        "stores_between_frames",
-        [kind_of(one) for one in ELEMENTS if isinstance(one, FrameElement) and one.energy is not None],
-    ),
-    kernel,
-)
+
+@entry_kernel
+def element_wrench(plan, work, row, d, R, rate, spin):
+    """Force on G at G's origin and torque on G, in F's axes, of a row that `is_between_frames`."""
+    return _wrench(row[at.EL_KIND], (plan, work, row, d, R, rate, spin))
+
+
+@entry_kernel
+def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
+    """Its variation for d + dd, exp(dtheta) R, rate + drate, spin + dspin."""
+    return _variation(row[at.EL_KIND], (plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step))
+
+
+@kernel
+def frame_energy(plan, work, row, d, R, rate, spin):
+    """What an element between frames stores (J)."""
+    return _frame_energy(row[at.EL_KIND], (plan, work, row, d, R, rate, spin))
+
+
+@kernel
+def subtract_force(plan, work, row, x, v, out):
+    """Subtract generalised forces, of a row that is neither of the two."""
+    _subtract(row[at.EL_KIND], (plan, work, row, x, v, out))
+
+
+@kernel
+def subtract_force_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
+    """Subtract their weighted derivatives."""
+    _subtract_tangent(row[at.EL_KIND], (plan, work, tw, row, x, v, per_x, per_v, matrix))
+
+
+@kernel
+def force_energy(plan, work, row, x):
+    """What they store (J)."""
+    return _force_energy(row[at.EL_KIND], (plan, work, row, x))
+
+
+@kernel
+def force_slope(plan, work, row, x, v, size):
+    """Derivative of a force on a coordinate x by it, of a row that `changes` and is no coordinate law."""
+    return _slope(row[at.EL_KIND], (plan, work, row, x, v, size))
+
+
+@kernel
+def force_changes_piece(plan, work, row, x, v):
+    """Whether a step that ends at (x, v) leads onto another piece of a law with memory."""
+    return _changes_piece(row[at.EL_KIND], (plan, work, row, x, v))
+
+
+@kernel
+def is_coordinate_law(kind):
+    """Whether a kind is a law on one coordinate."""
+    return _LAWS[kind]
+
+
+@kernel
+def is_between_frames(kind):
+    """Whether a kind acts between two frames."""
+    return _BETWEEN_FRAMES[kind]
+
+
+@kernel
+def changes(kind):
+    """Whether the stiffness on an element's coordinate may change on the way."""
+    return _CHANGING[kind]
+
+
+@kernel
+def stores_between_frames(kind):
+    """Whether an element between frames stores energy."""
+    return _STORING_BETWEEN_FRAMES[kind]
