@@ -210,7 +210,7 @@ class CompiledScene:
         chosen = sorted(kept)
         if len(chosen) == len(self.row_names):
             return self
-        left = [k for k in range(len(self.row_names)) if k not in set(chosen)]
+        left = sorted(set(range(len(self.row_names))).difference(chosen))
         return replace(
             self,
             plan=self.plan.replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
