@@ -123,7 +123,8 @@ class ModalStretch:
 
         (q^T K q + sum_m (c_m q + q^T P_m q / 2)^2 - (c_m q)^2) / 2.
 
-    It keeps a spinning body stiff and a bent one as long as it was, under any load, and is never negative.
+    It keeps a spinning body stiff and a bent one as long as it was, under any load, and is never negative. Where the
+    stiffness has a part of springs on facets, which is no strain, a_m and c_m are those of the rest.
 
     Attributes:
         strain: (s, n) c_m, 1/s: J^(1/2) per unit modal coordinate; c_m K^-1 c_l is 1 for m = l, else 0.

@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.surface_group import surface_work
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 
@@ -156,6 +157,22 @@ def modal_damping(
     v, w = fem.Function(model.space), ufl.TestFunction(model.space)
     forces = [ufl.derivative(term, v, w) for term in assembly.dissipation(model.groups, v)]
     return given + _projected(model, "dissipation", assembly.derivatives_at_rest(forces, v), modes=modes)
+
+
+def spring_stiffness(model: LinearModel, *, modes: FloatArray) -> FloatArray | None:
+    """K_qq (n, n), 1/s^2, of springs on facets alone; None where there are none. Collective.
+
+    The same to the bit on every rank.
+
+    Args:
+        model: the body.
+        modes: (owned dofs, n) in normal form.
+    """
+    if not model.has_surface_energy:
+        return None
+    u, v = fem.Function(model.space), ufl.TestFunction(model.space)
+    forms = assembly.derivatives_at_rest(surface_work(model.surfaces, u, v), u)
+    return _projected(model, "stiffness of springs on facets", forms, modes=modes)
 
 
 def _check_dissipation(model: LinearModel) -> None:

@@ -32,7 +32,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
-from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping
+from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.static_shapes.statics import Statics
@@ -164,7 +164,14 @@ def optional_parts(
         provenance["damping"] = "; ".join(said)
     if contents.geometric_stiffness:
         displacements = with_ghosts(model, found.displacements)
-        groups = stiffening(model, found.loads.names, displacements=displacements, modes=modes, stiffness=stiffness)
+        groups = stiffening(
+            model,
+            found.loads.names,
+            displacements=displacements,
+            modes=modes,
+            stiffness=stiffness,
+            springs=spring_stiffness(model, modes=own),
+        )
         if groups is not None:
             parts["geometric"], parts["stretch"] = groups.geometric, groups.stretch
         provenance["geometric stiffness"] = _NO_STIFFENING if groups is None else groups.note

@@ -23,7 +23,7 @@ import numpy as np
 
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStretch
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.gradient_parts import strain_over_rotation
@@ -159,7 +159,13 @@ class Stiffening:
 
 
 def stiffening(
-    model: LinearModel, names: Sequence[str], *, displacements: FloatArray, modes: FloatArray, stiffness: FloatArray
+    model: LinearModel,
+    names: Sequence[str],
+    *,
+    displacements: FloatArray,
+    modes: FloatArray,
+    stiffness: FloatArray,
+    springs: FloatArray | None = None,
 ) -> Stiffening | None:
     """The groups from the static displacements under the loads and from the modes. Collective.
 
@@ -169,6 +175,7 @@ def stiffening(
         displacements: (local dofs including ghosts, l) m per unit of each load, with the body held at its frame.
         modes: (local dofs including ghosts, n) in normal form.
         stiffness: (n,) 1/s^2.
+        springs: (n, n) 1/s^2, the part of the stiffness that springs on facets have, which is no strain; None: none.
 
     Returns:
         The groups, the same to the bit on every rank; None where the formulation does not tell how a stress changes
@@ -178,8 +185,21 @@ def stiffening(
     if found is None:
         return None
     by_load, by_mode = np.split(found, [len(names)])
-    stretch = _stretch(by_mode, np.sqrt(stiffness), strain_over_rotation(model, modes))
+    gradients = strain_over_rotation(model, modes)
+    if springs is None:
+        stretch = _stretch(by_mode, np.sqrt(stiffness), gradients)
+    else:
+        stretch = _stretch_beside_springs(by_mode, np.diag(stiffness) - springs, gradients)
     return Stiffening(GeometricStiffness(tuple(names), by_load), stretch)
+
+
+def _stretch_beside_springs(by_mode: FloatArray, strain_energy: FloatArray, gradients: FloatArray) -> ModalStretch:
+    """As `_stretch`, where the modes have strain energy in common (n, n): in a basis in which they have none."""
+    squares, x = np.linalg.eigh(symmetric(strain_energy))
+    turned = np.einsum("kij,ka,ib,jc->abc", by_mode, x, x, x, optimize=True)
+    found = _stretch(turned, np.sqrt(squares), x.T @ gradients @ x)
+    P = np.einsum("mbc,ib,jc->mij", found.P, x, x, optimize=True)
+    return ModalStretch(found.strain @ x.T, 0.5 * (P + P.transpose(0, 2, 1)))
 
 
 def _stretch(by_mode: FloatArray, omega: FloatArray, gradients: FloatArray) -> ModalStretch:
