@@ -124,7 +124,7 @@ class CompiledMachine:
         except SceneError as reason:
             raise SceneError(f"with {told(values)}: {reason}") from reason
 
-    def resulting(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
+    def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
         """What a trajectory of this machine with these values is of; for ``Trajectory.load``.
 
         Raises:

@@ -94,13 +94,13 @@ class System(MachineAssembly):
         forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
 
-    def resulting(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
+    def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
         """What a trajectory of this machine is of; for ``Trajectory.load``.
 
         Raises:
             SceneError: as ``compile``; or there are values, and a System has no parameters.
         """
-        return self.compile().resulting(values)
+        return self.compile().compiled_parts(values)
 
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.

@@ -14,7 +14,8 @@ from typing import Any
 PAGES = {
     "system": (
         "Systems",
-        "System CompiledMachine CompiledScene Start WorkingPoint Instant Team LinearizedMachine StateSpace Input",
+        "System CompiledMachine Runnable CompiledScene Start WorkingPoint Instant Team LinearizedMachine "
+        "StateSpace Input",
         "parameter output",
     ),
     "running": (
@@ -45,7 +46,8 @@ PAGES = {
     "record": (
         "Reduced bodies",
         "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
-        "ModalStretch NodalModes StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab yielding_slabs",
+        "ModalStretch NodalModes StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
+        "yielding_slabs",
         "",
     ),
     "continuum": ("The continuum", "", "continuum"),

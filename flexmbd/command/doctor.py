@@ -176,7 +176,7 @@ def _continuum() -> list[Finding]:
     """DOLFINx and what goes with it: all missing is a choice, some missing or of a wrong version is a fault."""
     probed = _probe([*_CONTINUUM, _OURS])
     missing = [name for name in _CONTINUUM if probed[name][1].startswith("ModuleNotFoundError")]
-    remedy = "see README.md: ./run, Debian's python3-dolfinx or conda-forge's fenics-dolfinx"
+    remedy = "see docs/install.md: ./run, Debian's python3-dolfinx or conda-forge's fenics-dolfinx"
     if "dolfinx" in missing:
         detail = "not installed; flexmbd check and reduce need it, nothing else does"
         return [Finding("continuum", "dolfinx", "missing", detail, remedy)]

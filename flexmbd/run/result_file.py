@@ -39,10 +39,10 @@ _ROWS = ("t", "x", "v", "a", "row_multipliers")
 
 
 @runtime_checkable
-class Resultant(Protocol):
+class Runnable(Protocol):
     """A machine that a trajectory may be of."""
 
-    def resulting(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
+    def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
         """The compiled scene with these values of its parameters, its bodies, and the processes that run it.
 
         Raises:

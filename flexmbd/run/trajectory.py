@@ -39,7 +39,7 @@ from flexmbd.run.columns import table_columns, table_times, tabulate
 from flexmbd.run.dense_output import motion_between
 from flexmbd.run.departure import Departure
 from flexmbd.run.recording import BodyRecording
-from flexmbd.run.result_file import Resultant, SavedRun, load_run, save_run
+from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
 from flexmbd.run.stats import Stats
 
 if TYPE_CHECKING:
@@ -377,7 +377,7 @@ class Trajectory:
         return Path(path)
 
     @staticmethod
-    def load(path: str | Path, machine: Resultant, **values: Any) -> Trajectory:
+    def load(path: str | Path, machine: Runnable, **values: Any) -> Trajectory:
         """The trajectory that ``save`` wrote, of a machine that is at hand: all questions are answered as before.
 
         Not collective: each rank reads the file.
@@ -391,8 +391,8 @@ class Trajectory:
             RecordError: the file is missing, damaged, of another kind, or of another machine.
             SceneError: a value does not fit.
         """
-        refuse_other(machine, Resultant, "machine", wanted="a System, or what its compile() gave")
-        scene, bodies, team = machine.resulting(values)
+        refuse_other(machine, Runnable, "machine", wanted="a System, or what its compile() gave")
+        scene, bodies, team = machine.compiled_parts(values)
         saved = load_run(Path(path), scene)
         parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)

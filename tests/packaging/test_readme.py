@@ -1,4 +1,4 @@
-"""The README's examples run as they stand."""
+"""The README's example, and those of the page that goes on from it, run as they stand."""
 
 from __future__ import annotations
 
@@ -7,30 +7,43 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
+README, PAGE = ROOT / "README.md", ROOT / "docs" / "tutorials" / "slider_crank.md"
 
 
-def example():
-    """The first python block of the README."""
-    found = re.search(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert found
-    return found.group(1)
+def examples(page):
+    """The python blocks of a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
 
 
-def test_the_example_is_short():
-    lines = [line for line in example().splitlines() if line.strip()]
-    assert len(lines) <= 27  # twenty-five statements, two of them on two lines
-
-
-def test_the_examples_run(tmp_path):
-    """Each goes on where the one before it ends."""
-    script = tmp_path / "example.py"
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert len(blocks) == 3
+def ran(blocks, folder):
+    """The blocks, each going on where the one before it ends, in a process of their own."""
+    script = folder / "example.py"
     script.write_text("\n".join(blocks))
-    done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, cwd=tmp_path, check=False
-    )
+    return subprocess.run([sys.executable, str(script)], capture_output=True, text=True, cwd=folder, check=False)
+
+
+def test_readme_introduces():
+    text = README.read_text()
+    assert len(text.splitlines()) <= 120
+    (example,) = examples(README)
+    statements = [line for line in example.splitlines() if line.strip() and not line.startswith(("import", "from"))]
+    assert len(statements) <= 15
+    for target in re.findall(r"\]\(([^)#]+)", text):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_readme_runs(tmp_path):
+    done = ran(examples(README), tmp_path)
+    assert done.returncode == 0, done.stderr
+    # nothing but the note of the first run on a machine
+    assert all(line.startswith("flexmbd: compiling") for line in done.stderr.splitlines())
+
+
+def test_the_slider_crank_runs(tmp_path):
+    blocks = examples(PAGE)
+    assert len(blocks) == 3
+    done = ran(blocks, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "loops, closed by multipliers" in done.stdout
     # nothing but the note of the first run on a machine

@@ -255,8 +255,8 @@ class InteriorIteration(NamedTuple):
     """What one of Newton's iterations of an interior tells the machine.
 
     Attributes:
-        wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its unknowns
-            would go with these frames, and with frames a little beside.
+        wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its
+            unknowns would go with these frames, and with frames a little beside.
         correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
     """
 
