@@ -137,7 +137,9 @@ def variation_of(scene, step):
     d, rate, spin, *changes = (tuple(map(float, u)) for u in rng.standard_normal((7, 3)))
     row = compiled.plan.elements[0]
     plan, work = compiled.plan, new_work(compiled.plan)
-    return np.array(element_wrench_variation(plan, work, row, d, tuple(R.ravel()), rate, spin, *changes, step))
+    dd, dtheta, drate, dspin = changes
+    changed = element_wrench_variation(plan, work, row, d, tuple(R.ravel()), rate, spin, dd, dtheta, drate, dspin, step)
+    return np.array(changed)
 
 
 def test_the_derivative_is_the_given_one_or_differences():

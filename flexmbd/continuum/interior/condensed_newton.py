@@ -20,6 +20,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.displacement_newton import LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
@@ -205,11 +206,13 @@ class CondensedNewton:
             (local dofs,) m; the constraints; the forces; and what of them is out of balance.
         """
         share, best = 1.0, None
+        failed: InvertedCellError | LocalEquationError = InvertedCellError()
         for _ in range(_MAX_SEARCHES):
             increment, constraints = self._placed(equations, motion, last, share)
             try:
                 balance = equations.residual(increment)
-            except InvertedCellError:
+            except (InvertedCellError, LocalEquationError) as error:
+                failed = error
                 share *= 0.5
                 if not last.work:
                     raise
@@ -224,7 +227,7 @@ class CondensedNewton:
             guess = share * last.work / (last.work - work) if work != last.work else 0.5 * share
             share = min(max(guess, 0.1 * share), 0.5 * share) if work * last.work < 0.0 else 0.5 * share
         if best is None:
-            raise InvertedCellError
+            raise failed
         return best[1]
 
     def _placed(

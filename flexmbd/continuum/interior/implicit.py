@@ -33,8 +33,8 @@ from flexmbd.continuum.interior.step_equations import (
     BodyAxes,
     NodalState,
     RestEquations,
-    Step,
     StepEquations,
+    TriedStep,
 )
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.bodies.body import RigidBody
@@ -133,7 +133,7 @@ class ImplicitContinuum:
         self._state: NodalState | None = None
         self._trial: _Trial | None = None
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
-        self._step: Step | None = None  # that is tried
+        self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
 
@@ -352,7 +352,7 @@ class ImplicitContinuum:
     def _axes(self, motion: FrameMotion) -> BodyAxes:
         return BodyAxes(self.body, *self._bonds.pose(motion))
 
-    def _step_to(self, t_end: float, h: float, scheme: Scheme) -> Step:
+    def _step_to(self, t_end: float, h: float, scheme: Scheme) -> TriedStep:
         """The step to try, the last one if it is the same. Collective."""
         step = self._step
         if step is None or (step.t_end, step.h, step.scheme) != (t_end, h, scheme):
@@ -362,10 +362,10 @@ class ImplicitContinuum:
             # accelerations are differences of places over the square of the step
             round_off = max(self._round_off, self._mass_size * self._extent_of(now.x) / scheme.slopes(h)[0])
             factors = self._loads.factors_before(t_end)
-            self._step = step = Step(t_end, h, scheme, now, factors, self._gravity, round_off)
+            self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
         return step
 
-    def _equations(self, step: Step, motion: FrameMotion) -> StepEquations:
+    def _equations(self, step: TriedStep, motion: FrameMotion) -> StepEquations:
         """The balance at a step's end with the frames as ``motion`` says. Not collective."""
         bonds, axes = self._bonds, self._axes(motion)
         loads = self._loads.at(step.factors, axes)

@@ -80,7 +80,7 @@ class BodyAxes:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class TriedStep:
     """A step to try: what its equations have in common wherever the frames go.
 
     Attributes:
@@ -134,7 +134,7 @@ class StepEquations:
     """
 
     body: NonlinearModel
-    step: Step
+    step: TriedStep
     axes: BodyAxes
     frames: Condensation
     loads: TrialLoads

@@ -138,5 +138,5 @@ def test_penalty_wrench_and_its_variation(plan, name):
     pull = stiffness * row_value(plan.data, held, *flat(d, R)) + damping * np.sum(unit * [rate, spin])
     np.testing.assert_allclose(wrench(0.0), -pull * unit, atol=1e-12 * abs(pull))
     changes = (tuple(map(float, c)) for c in (rate, spin, dd, dtheta, drate, dspin))
-    change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes, 1e-6)
+    change = element_wrench_variation(penalised, work, row, *flat(d, R), *changes, 1e-6)  # type: ignore[call-arg]
     np.testing.assert_allclose(np.array(change), differences(wrench), atol=1e-7)
