@@ -57,6 +57,7 @@ from flexmbd.continuum.history.static_path import follow as follow
 from flexmbd.continuum.history.static_path import prescribed_dofs as prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver as LinearSolver
 from flexmbd.continuum.history.tangent_solver import Preconditioner as Preconditioner
+from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity as BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane as RigidPlane
 from flexmbd.continuum.interior.corotated_interior import CorotatedInterior as CorotatedInterior
 from flexmbd.continuum.interior.explicit import ExplicitContinuum as ExplicitContinuum

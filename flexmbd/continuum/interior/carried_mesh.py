@@ -18,6 +18,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bulk_viscosity import BulkForces
 
 FloatArray = NDArray[np.float64]
 
@@ -30,16 +31,21 @@ class CarriedMesh:
         X: (owned nodes, 3) m, undeformed places in body axes.
         masses: (owned nodes,) kg.
         p, R: origin (m) and rotation of the body axes in inertial ones.
+        bulk: the forces of bulk viscosity, if any.
+        viscous: (owned nodes, 3) N, these at the last `pull`, a part of what that returned.
     """
 
-    def __init__(self, body: NonlinearModel, masses: FloatArray) -> None:
+    def __init__(self, body: NonlinearModel, masses: FloatArray, *, bulk: BulkForces | None = None) -> None:
         """Not collective.
 
         Args:
             body: at rest and undeformed.
             masses: (owned nodes,) kg, lumped.
+            bulk: the forces of bulk viscosity, if any.
         """
         self.body, self.masses = body, masses
+        self.bulk = bulk
+        self.viscous: FloatArray = np.zeros((len(masses), 3))
         self.X: FloatArray = body.layout.node_x[: len(masses)].copy()
         self.p: FloatArray = np.zeros(3)
         self.R: FloatArray = np.eye(3)
@@ -99,4 +105,9 @@ class CarriedMesh:
         owned = self.body.n_owned
         self._increment.array[:owned] = u.ravel() - self.body.displacement[:owned]
         self._increment.scatter_forward()
-        return self.body.step(self._increment.array, dt=dt).reshape(-1, 3)
+        force = self.body.step(self._increment.array, dt=dt).reshape(-1, 3)
+        if self.bulk is None:
+            return force
+        viscous = self.bulk.step(self._increment.array, dt=dt).reshape(-1, 3)
+        self.viscous = -viscous @ self.R.T
+        return force + viscous

@@ -16,6 +16,7 @@ from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.body_observer import BodyObserver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
+from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
@@ -51,6 +52,7 @@ class ExplicitContinuum:
         planes: Sequence[RigidPlane] = (),
         supports: Sequence[Support] = (),
         damping: float = 0.0,
+        bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
     ) -> None:
         """Collect the frames and find the stable step.
@@ -62,6 +64,7 @@ class ExplicitContinuum:
             planes: what the nodes that are not bonded may meet.
             supports: components of nodes that are not bonded held at zero.
             damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
+            bulk_viscosity: pressure by the rate of volume change, for shocks; a shorter stable step.
             loads: on all nodes; what acts on bonded ones acts on their frames.
 
         Raises:
@@ -72,7 +75,8 @@ class ExplicitContinuum:
         self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
         self.motion = NodalMotion(
-            body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes
+            body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes,
+            bulk_viscosity=bulk_viscosity,
         )
         self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
         self._wrenches: FloatArray = np.zeros((len(self.frames), 6))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
@@ -85,6 +86,7 @@ class ExplicitRun:
         supports: Sequence[Support] = (),
         gravity: ArrayLike = (0.0, 0.0, 0.0),
         damping: float = 0.0,
+        bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
     ) -> None:
         """Set the body off, undeformed, where the mesh is.
@@ -96,6 +98,7 @@ class ExplicitRun:
             supports: components of nodes held at zero.
             gravity: (3,) m/s^2.
             damping: 1/s, force per mass and velocity.
+            bulk_viscosity: pressure by the rate of volume change, for shocks; a shorter stable step.
             loads: on the body, counted in the account.
 
         Raises:
@@ -103,7 +106,9 @@ class ExplicitRun:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
             FormulationError: the mass cannot be lumped.
         """
-        self.motion = NodalMotion(body, supports=supports, planes=planes, damping=damping, loads=loads)
+        self.motion = NodalMotion(
+            body, supports=supports, planes=planes, damping=damping, bulk_viscosity=bulk_viscosity, loads=loads
+        )
         self.motion.begin(np.zeros(3), np.eye(3), np.asarray(gravity, dtype=float))
         x = self.motion.x
         given = np.asarray(velocity(x) if callable(velocity) else velocity, dtype=float)

@@ -26,6 +26,7 @@ from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.stable_step import StableStep
@@ -34,10 +35,11 @@ from flexmbd.errors import SceneError
 FloatArray = NDArray[np.float64]
 
 # What is remembered of each node.
-_NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped")
+_NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscous", "_went")
 
-# Forces whose works are summed up: of the deformation, of loads, of contact and friction, of damping.
-_WORKING = ("force", "load", "_met", "_rubbed", "_damped")
+# Forces whose works are summed up: of the deformation, of loads, of contact and friction, of damping, and of bulk
+# viscosity, which is a part of the first.
+_WORKING = ("force", "load", "_met", "_rubbed", "_damped", "_viscous")
 
 # Part of a step by which loads are asked for beside its end: they may jump there.
 _BESIDE = 1e-6
@@ -88,6 +90,7 @@ class NodalMotion:
         supports: Sequence[Support] = (),
         planes: Sequence[RigidPlane] = (),
         damping: float = 0.0,
+        bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
         bonded: NDArray[np.int32] | None = None,
     ) -> None:
@@ -98,6 +101,7 @@ class NodalMotion:
             supports: components held at zero.
             planes: what nodes may meet.
             damping: 1/s, force per mass and velocity, against inertial axes.
+            bulk_viscosity: coefficients, if there is to be any.
             loads: on all nodes.
             bonded: owned nodes that somebody else moves.
 
@@ -113,14 +117,16 @@ class NodalMotion:
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
         self.surroundings: dict[str, object] = {
-            "supports": list(supports), "planes": plane_values, "damping": float(damping)
+            "supports": list(supports), "planes": plane_values, "damping": float(damping),
+            "bulk viscosity": None if bulk_viscosity is None else (bulk_viscosity.linear, bulk_viscosity.quadratic),
         }  # fmt: skip
         parallel.check_same(body.comm, SceneError, **self.surroundings)
         self._damping = float(damping)
         self.body, self.planes = body, tuple(planes)
         masses = lumped_mass(body)
         self.masses: FloatArray = masses[::3].copy()
-        self.mesh = CarriedMesh(body, self.masses)
+        bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
+        self.mesh = CarriedMesh(body, self.masses, bulk=bulk)
         n = len(self.masses)
         self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
         self._moves: FloatArray = np.ones((n, 3))
@@ -143,11 +149,12 @@ class NodalMotion:
         if both:
             raise SceneError(f"a plane and a load are both called {sorted(both)[0]!r}; give each its own name")
         self.memory = BodyMemory(body)
-        self._stable = StableStep(body, masses, self.memory)
+        self._stable = StableStep(body, masses, self.memory, bulk=bulk)
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
         self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
+        self._viscous, self._went = np.zeros((2, n, 3))  # N; m/s, the mean velocities of the last step
         self.plane_forces: FloatArray = np.zeros((len(planes), 3))
         self.t = 0.0
         self._R_begun: FloatArray = np.eye(3)
@@ -168,6 +175,8 @@ class NodalMotion:
 
     def renew_limit(self) -> float:
         """Find the longest stable step, s, of the present shape. Collective."""
+        if self.mesh.bulk is not None:
+            self.mesh.bulk.set_rates(self._went @ self.mesh.R)
         self._limit = self._with_contact(self._stable.present())
         return self._limit
 
@@ -183,6 +192,7 @@ class NodalMotion:
         """
         self.x = self.mesh.begin(p, R)
         self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
+        self._viscous, self._went = np.zeros((2, *self.x.shape))
         self.plane_forces[:] = 0.0
         self.t, self._R_begun = t, np.array(R, dtype=float)
         self._g = np.array(gravity, dtype=float)
@@ -226,6 +236,7 @@ class NodalMotion:
             move[self.bonded] = bonded - self.x[self.bonded]
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
+        self._went = np.asarray(move / h)
         self.force = self._pull(h)
         self.t += h
         if self.loads.any:
@@ -241,6 +252,7 @@ class NodalMotion:
     def _pull(self, h: float) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
         force = self.mesh.pull(self.x, dt=h)
+        self._viscous = self.mesh.viscous
         if self.body.springs is not None:
             # to the ground, on which a body by itself began
             force -= self.body.springs.of_nodes(self.x - self.mesh.X)
@@ -250,16 +262,19 @@ class NodalMotion:
         """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
 
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
-        impacts), "friction" and "damping" (lost), "gravitational"; "viscous" (lost) where formulations dissipate;
+        impacts), "friction" and "damping" (lost), "gravitational";
+        "viscous" (lost) by bulk viscosity and formulations that dissipate;
         "springs" on facets, where there are some;
         "loads" where there are some: minus the work that they have done, on bonded nodes as well.
         """
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
         kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
-        _, loads, contact, friction, damping = self._works
-        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping, -loads]))
+        _, loads, contact, friction, damping, viscous = self._works
+        sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping, -loads, -viscous]))
         outer = {"loads": float(sums[5])} if self.loads.any else {}
+        if self.mesh.bulk is not None or "viscous" in body_energies:
+            outer["viscous"] = body_energies.get("viscous", 0.0) + float(sums[6])
         return {
             "kinetic": float(sums[0]),
             "elastic": body_energies.get("elastic", 0.0),
@@ -268,7 +283,6 @@ class NodalMotion:
             "friction": float(sums[3]),
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
-            **{name: value for name, value in body_energies.items() if name == "viscous"},
             **self._spring_energy(),
             **outer,
         }

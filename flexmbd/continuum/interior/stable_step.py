@@ -6,11 +6,14 @@ cells.  That change is seen on the operator of grad u : grad v, which knows of n
 the inverse root of its largest eigenvalue.  Between two such estimates it goes with the least size of a cell, the
 inverse norm of the inverse Jacobian.  Viscous forces, which act by the rates of the step before, shorten it: with the
 largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Springs on facets
-are in the estimate at rest, beyond which no change of shape then lengthens it.  Plastic flow only
-softens a body, and is left out on purpose.
+are in the estimate at rest, beyond which no change of shape then lengthens it.  Bulk viscosity counts among
+them, its quadratic part by the fastest compression of the last step.  Plastic flow only softens a body, and is left out
+on purpose.
 """
 
 from __future__ import annotations
+
+from petsc4py import PETSc
 
 import basix
 import numpy as np
@@ -20,6 +23,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bulk_viscosity import BulkForces
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 from flexmbd.errors import FormulationError
 
@@ -35,13 +39,16 @@ _CHANGE = 0.08
 class StableStep:
     """Estimates the stable step, and follows it."""
 
-    def __init__(self, body: NonlinearModel, masses: FloatArray, memory: BodyMemory) -> None:
+    def __init__(
+        self, body: NonlinearModel, masses: FloatArray, memory: BodyMemory, *, bulk: BulkForces | None = None
+    ) -> None:
         """Collective; compiles.
 
         Args:
             body: at rest and undeformed.
             masses: (owned dofs,) kg, lumped.
             memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
+            bulk: the forces of bulk viscosity, if any.
         """
         self._body, self._root = body, np.sqrt(masses)
         begin = np.random.default_rng(0).standard_normal((memory.node_count, 3))
@@ -58,6 +65,8 @@ class StableStep:
         self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
         self._first, self._size = self._of_shapes(), self._smallest()
         self._damping = self._damping_rate()
+        self._bulk = bulk
+        self._bulk_rate = 0.0 if bulk is None else self._largest_rate(bulk.unit_matrix())
         if body.springs is not None and not body.springs.are_linear:
             raise FormulationError(
                 f"springs on facets of {body.form_name} are not linear in the displacement, and explicit steps have no "
@@ -95,9 +104,14 @@ class StableStep:
 
     def _with_viscosity(self, h: float) -> float:
         """The longest stable step, s, where it is h without viscosity: cells that shrink are damped more, too."""
-        if self._damping == 0.0:
+        c = self._damping * (self._elastic / h) ** 2
+        if self._bulk is not None:
+            viscosity = self._bulk.viscosity
+            share = viscosity.linear + viscosity.quadratic**2 * self._bulk.fastest()
+            c += self._bulk_rate * share * self._elastic / h
+        if c == 0.0:
             return h
-        k, c = 4.0 / h**2, self._damping * (self._elastic / h) ** 2
+        k = 4.0 / h**2
         return float((np.sqrt(c**2 + 4.0 * k) - c) / k)
 
     def _damping_rate(self) -> float:
@@ -114,7 +128,11 @@ class StableStep:
                 f"the dissipation of {body.form_name} is not quadratic in the rates, and explicit steps have no stable "
                 "length; take ImplicitContinuum"
             )
-        matrix = body.viscous_forces.matrix()
+        return self._largest_rate(body.viscous_forces.matrix())
+
+    def _largest_rate(self, matrix: PETSc.Mat) -> float:
+        """1/s, the largest eigenvalue of a matrix of forces by rates, by mass; it is destroyed. Collective."""
+        body = self._body
         x, y = matrix.createVecs()
 
         def by_rates(w: FloatArray) -> FloatArray:
