@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_no_truth
+from flexmbd.given import numbers, refuse_no_truth, refuse_other
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -77,7 +77,7 @@ class Event:
         name: for messages and ``run.events``.
 
     Raises:
-        SceneError: ``stop`` is neither True nor False.
+        SceneError: ``direction`` is no ``Direction``, or ``stop`` neither True nor False.
     """
 
     function: Callable[[Moment], float | FloatArray]
@@ -87,6 +87,8 @@ class Event:
     name: str = "event"
 
     def __post_init__(self) -> None:
+        wanted = " or ".join(str(one) for one in Direction)
+        refuse_other(self.direction, Direction, f"event {self.name!r}: direction", wanted=wanted)
         refuse_no_truth(stop=self.stop)
 
     def value(self, moment: Moment, team: Team) -> float:

@@ -111,6 +111,50 @@ def test_a_pendulum(folder, capsys):
     np.testing.assert_array_equal(other.values, table.values)
 
 
+def test_what_plastic_springs_remember_stands_in_the_table(folder, capsys):
+    curve = "deformation = [0, 0.1, 0.4]\nforce = [0, 4, 6]\n"
+    forces = f"""\
+[[force]]
+kind = "plastic_joint_spring"
+joint = "hinge"
+{curve}rest = 0.2
+kinematic = 0.5
+
+[[force]]
+kind = "plastic_spring"
+from = {{ body = "ground", p = [1, 0, -1] }}
+to = {{ body = "bob", p = [0, 0, -1] }}
+length = 0.9
+{curve}
+[simulate]
+"""
+    text = PENDULUM.replace("position = 1e-3", "position = 0.2\nvelocity = 3").replace("[simulate]\n", forces)
+    (folder / "p.toml").write_text(text.replace("every = 0.05\n", ""))
+    assert main(["simulate", "p.toml"]) == 0, capsys.readouterr().err
+    table = read_table(folder / "p_results/results.csv")
+    units = dict(zip(table.names, table.units, strict=True))
+
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    bob = scene.add(fm.RigidBody(2.0, (1e-9,) * 3, (0.0, 0.0, -1.0)), name="bob")
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bob.frame(), name="hinge")
+    hinge.position, hinge.velocity = 0.2, 3.0
+    ends = scene.ground.frame((1.0, 0.0, -1.0)), bob.frame((0.0, 0.0, -1.0))
+    points = (0.0, 0.1, 0.4), (0.0, 4.0, 6.0)
+    named = {
+        "force[0]": scene.add_force(fm.force.PlasticJointSpring(hinge, *points, rest=0.2, kinematic=0.5)),
+        "force[1]": scene.add_force(fm.force.PlasticSpring(*ends, *points, length=0.9)),
+    }
+    run = scene.simulate(2.0, rtol=1e-9)
+    np.testing.assert_array_equal(table.column("t"), run.t)
+    for force, of_way in zip(named, ("rad", "m"), strict=True):
+        kept = run.remembered(named[force])
+        assert kept["dissipated"][-1] > 0.1
+        for name, series in kept.items():
+            column = f"{force}.{name}"
+            np.testing.assert_array_equal(table.column(column), series)
+            assert units[column] == ("J" if name == "dissipated" else of_way)
+
+
 def test_results_are_kept_without_force(folder, capsys):
     (folder / "p.toml").write_text(PENDULUM.replace('"csv", ', ""))
     (folder / "r").mkdir()

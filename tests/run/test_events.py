@@ -118,6 +118,12 @@ def test_a_bad_event_function_is_named(function, message):
         scene.simulate(0.3, events=[fm.Event(function, name="odd")])
 
 
+@pytest.mark.parametrize("direction", [1, 0, -1.0, "RISING", None, fm.Direction])
+def test_a_direction_is_one_of_three(direction):
+    with pytest.raises(SceneError, match=r"'odd': direction must be Direction\.EITHER or .*RISING or .*FALLING, got"):
+        fm.Event(lambda m: 1.0, direction=direction, name="odd")
+
+
 def test_an_event_that_fails_later_leaves_what_was_computed():
     scene, _ = falling_ball(1.0)
 

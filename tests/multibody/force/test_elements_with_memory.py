@@ -9,8 +9,10 @@ import pytest
 from bilinear_oscillator import BilinearOscillator
 
 import flexmbd as fm
-from flexmbd.errors import SceneError
+from flexmbd.ensemble import Sampled
+from flexmbd.errors import RecordError, SceneError
 from flexmbd.force import PlasticJointSpring, PlasticSpring
+from flexmbd.output import Acceleration, Position, Velocity
 
 STIFFNESS, YIELDS, HARDENING, MASS, LOAD, FREQUENCY = 1e4, 100.0, 2500.0, 2.0, 120.0, 31.0
 BILINEAR = (YIELDS / STIFFNESS, YIELDS / STIFFNESS + 0.01), (YIELDS, YIELDS + HARDENING * 0.01)
@@ -187,14 +189,56 @@ def test_variants_are_to_the_bit_scenes_of_their_own():
         np.testing.assert_array_equal(run.x, own.x)
 
 
-def test_ensembles_sample_the_same():
-    scene, joint, _ = slider()
-    machine = scene.compile(parameters={"v": fm.parameter.InitialVelocity(joint)})
-    speeds = [2.0, 4.0, 6.0]
-    found = [machine.simulate(0.2, rtol=1e-5, integrator=METHODS["5(4)"], v=v).x[-1] for v in speeds]
-    for v, end in zip(speeds, found, strict=True):
-        own = slider(speed=v)[0].simulate(0.2, rtol=1e-5, integrator=METHODS["5(4)"])
-        np.testing.assert_array_equal(own.x[-1], end)
+@pytest.mark.parametrize("how", [{"rtol": 1e-5}, {"h": 1e-3}])
+@pytest.mark.parametrize("name", METHODS)
+def test_ensembles_sample_the_same(name, how):
+    """Speeds, yield forces and starts, some beyond yield: sampled, by trajectories, and by scenes of their own."""
+    how = {"t_end": 0.2, "integrator": METHODS[name], **how}
+    scene, joint, spring = slider(kinematic=0.4)
+    joint.position = 0.0
+    named = {
+        "v": fm.parameter.InitialVelocity(joint), "x": fm.parameter.InitialPosition(joint),
+        "force": fm.parameter.OfForce(spring, "force"),
+    }  # fmt: skip
+    machine = scene.compile(parameters=named)
+    force = np.multiply.outer([1.0, 0.7, 1.3, 1.0], CURVE[1])
+    given = {"v": np.array([2.0, 4.0, 6.0, 2.0]), "x": np.array([0.0, 0.03, -0.02, 0.0]), "force": force}
+    times = np.linspace(0.0, 0.2, 9)
+    sampled = {
+        "x": Sampled(Position(joint), t=times), "v": Sampled(Velocity(joint), t=times),
+        "a": Sampled(Acceleration(joint), t=times),
+    }  # fmt: skip
+    by_run = sampled | {"lost": lambda run: run.remembered(spring)["dissipated"][-1]}
+    quick, long = (machine.ensemble(given, outputs, **how) for outputs in (sampled, by_run))
+    assert quick.done.all()
+    for output in sampled:
+        np.testing.assert_array_equal(quick.output(output), long.output(output))
+    for k in range(4):
+        own, hinge, element = slider((CURVE[0], force[k]), kinematic=0.4, speed=given["v"][k])
+        hinge.position = given["x"][k]
+        run = own.simulate(**how)
+        np.testing.assert_array_equal(quick.output("x")[k], run.beta(hinge, t=times))
+        np.testing.assert_array_equal(quick.output("v")[k], run.beta_rate(hinge, t=times))
+        assert long.output("lost")[k] == run.remembered(element)["dissipated"][-1] > 0.0
+    np.testing.assert_array_equal(quick.output("x")[0], quick.output("x")[3])  # none remembers those before it
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_kept_trajectory_gives_memories_back_to_the_bit(name, tmp_path):
+    scene, _, spring = slider(kinematic=0.4)
+    run = scene.simulate(0.2, rtol=1e-4, integrator=METHODS[name])
+    scene, _, spring_2 = slider(kinematic=0.4)
+    again = fm.Trajectory.load(run.save(tmp_path / "run.h5"), scene)
+    assert run.remembered(spring)["plastic_way"][-1] > 0.0
+    for t in (None, np.linspace(0.0, 0.2, 23)):
+        kept, read = run.remembered(spring, t=t), again.remembered(spring_2, t=t)
+        assert kept.keys() == read.keys()
+        for key, series in kept.items():
+            np.testing.assert_array_equal(read[key], series)
+    np.testing.assert_array_equal(again.energy().spring, run.energy().spring)
+    scene, *_ = slider(kinematic=0.3)
+    with pytest.raises(RecordError, match="another machine"):
+        fm.Trajectory.load(tmp_path / "run.h5", scene)
 
 
 def test_a_load_that_jumps_and_an_impact():
