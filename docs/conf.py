@@ -48,6 +48,7 @@ html_theme = "furo"
 html_title = f"flexmbd {version}"
 html_copy_source = False
 html_show_sphinx = False
+html_show_copyright = False
 
 
 def plain(app, what, name, obj, options, lines):

@@ -152,8 +152,8 @@ def check_yield(yield_stress: float, hardening: Hardening) -> None:
         raise ValueError(f"yield_stress must be positive and finite (Pa), got {yield_stress}")
     if not (hasattr(hardening, "growth") and hasattr(hardening, "work")):
         raise ValueError(
-            "hardening must be LinearHardening(...), VoceHardening(...), TabulatedHardening(...) or the like, with "
-            f"growth(alpha) and work(alpha), got {hardening!r}"
+            "hardening must be LinearHardening(...), VoceHardening(...), TabulatedHardening(...) (all of "
+            f"flexmbd.forms.j2_plasticity) or the like, with growth(alpha) and work(alpha), got {hardening!r}"
         )
     first = hardening.stress[0] if isinstance(hardening, TabulatedHardening) else yield_stress
     if abs(first - yield_stress) > 1e-9 * yield_stress:

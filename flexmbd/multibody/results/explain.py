@@ -40,10 +40,10 @@ def explain(start: Start) -> str:
     plan = scene.plan
     bodies = len(scene.topology.branches)
     links = len(plan.tree) - bodies
-    massless = f" and {links} massless links" if links else ""
+    massless = f" and {_counted(links, 'massless link')}" if links else ""
     lines = [
-        f"{bodies} bodies{massless}, {scene.nv} velocities ({len(plan.free)} free, "
-        f"{len(plan.driven)} prescribed), {len(plan.rows)} multipliers"
+        f"{_counted(bodies, 'body')}{massless}, {_counted(scene.nv, 'velocity')} ({len(plan.free)} free, "
+        f"{len(plan.driven)} prescribed), {_counted(len(plan.rows), 'multiplier')}"
     ]
     lines.append("tree:")
     parts = [part for one in _with_history(start) for part in one.parts]
@@ -238,3 +238,9 @@ def _shown(names: list[str]) -> str:
     """The first few names."""
     shown = ", ".join(names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+
+
+def _counted(number: int, word: str) -> str:
+    """A number and its word, as "1 body" and "2 bodies"."""
+    several = f"{word[:-1]}ies" if word.endswith("y") else f"{word}s"
+    return f"{number} {word if number == 1 else several}"
