@@ -11,11 +11,13 @@ from flexmbd.errors import VersionError
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 COMPAT = REPOSITORY / "flexmbd" / "continuum" / "compat.py"
+# Runs in an environment of its own, with the DOLFINx that the other program asks for.
+PEER = REPOSITORY / "benchmarks" / "external_operator_peer.py"
 FILES = [
     file
     for folder in ("flexmbd", "forms", "meshes", "tests", "demos", "benchmarks")
     for file in sorted((REPOSITORY / folder).rglob("*.py"))
-    if file not in (COMPAT, Path(__file__).resolve())
+    if file not in (COMPAT, PEER, Path(__file__).resolve())
 ]
 
 LIBRARIES = {"basix", "dolfinx", "ffcx", "petsc4py", "slepc4py", "ufl"}
