@@ -9,8 +9,10 @@
 # Each gets a folder of its own in the cache folder, so that neither this checkout nor what ./run set up changes; remove
 # the folder `peers` there to be rid of them. What cannot be installed is left out, with a word.
 
+# shellcheck disable=SC2317,SC2329  # functions are called by their names in a variable
+
 set -uo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/.." || exit
 peers=${FLEXMBD_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/flexmbd}/peers
 mkdir -p "$peers"
 left=0
@@ -48,6 +50,7 @@ calculix() {
     ldd "$program" | awk '$2 == "=>" { print $3 } $1 ~ /^\// { print $1 }' | xargs -I{} cp -L {} "$folder/lib/" &&
         cp "$program" "$folder/lib/program" || return
     loader=$(cd "$folder/lib" && ls ld-linux-*)
+    # shellcheck disable=SC2016  # for the shell that runs it
     printf '#!/bin/sh\nhere=$(dirname "$0")/lib\nexec "$here/%s" --library-path "$here" "$here/program" "$@"\n' \
         "$loader" >"$folder/ccx" && chmod +x "$folder/ccx"
 }
