@@ -22,13 +22,9 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import run_forward_dynamics, solve_mass
-from flexmbd.multibody.kernels.forward_dynamics.loop_recursion import (
-    LoopRecursion,
-    factor_loops,
-    new_loop_recursion,
-    rows_times,
-    solve_loops,
-)
+from flexmbd.multibody.kernels.forward_dynamics.loop_layout import LoopRecursion, new_loop_recursion
+from flexmbd.multibody.kernels.forward_dynamics.loop_recursion import factor_loops
+from flexmbd.multibody.kernels.forward_dynamics.loop_solution import rows_times, solve_loops
 from flexmbd.multibody.kernels.forward_dynamics.row_paths import (
     RowPaths,
     add_row,

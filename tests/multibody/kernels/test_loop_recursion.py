@@ -9,13 +9,10 @@ import flexmbd as fm
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, new_loops
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.forward_dynamics import loop_recursion
-from flexmbd.multibody.kernels.forward_dynamics.loop_recursion import (
-    factor_loops,
-    new_loop_recursion,
-    rows_times,
-    solve_loops,
-)
+from flexmbd.multibody.kernels.forward_dynamics import loop_layout
+from flexmbd.multibody.kernels.forward_dynamics.loop_layout import new_loop_recursion
+from flexmbd.multibody.kernels.forward_dynamics.loop_recursion import factor_loops
+from flexmbd.multibody.kernels.forward_dynamics.loop_solution import rows_times, solve_loops
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
@@ -24,7 +21,7 @@ from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 
 @pytest.fixture
 def always(monkeypatch):
-    monkeypatch.setattr(loop_recursion, "_most_operations", lambda plan: np.inf)
+    monkeypatch.setattr(loop_layout, "_most_operations", lambda plan: np.inf)
 
 
 def ladder(windows: int) -> fm.System:
@@ -105,7 +102,7 @@ def test_it_solves_the_dense_equations(build, always):
 def test_a_ladder_moves_as_by_the_paths_of_its_rows(monkeypatch):
     runs = []
     for operations in (0.0, np.inf):
-        monkeypatch.setattr(loop_recursion, "_most_operations", lambda plan, found=operations: found)
+        monkeypatch.setattr(loop_layout, "_most_operations", lambda plan, found=operations: found)
         runs.append(ladder(6).simulate(0.5, h=2e-3, integrator=fm.ExplicitRungeKutta()))
     np.testing.assert_allclose(runs[1].x, runs[0].x, rtol=0.0, atol=1e-12)
 
