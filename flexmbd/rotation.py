@@ -59,24 +59,22 @@ def from_quaternion(q: ArrayLike) -> FloatArray:
 
 
 def to_quaternion(R: ArrayLike) -> FloatArray:
-    """Unit quaternion (4,) with non-negative scalar part of a rotation matrix (3, 3)."""
+    """Unit quaternions (..., 4) with non-negative scalar part of rotation matrices (..., 3, 3)."""
     m = np.asarray(R, dtype=np.float64)
-    # the eigenvector of the largest eigenvalue: well conditioned for every angle
-    k = np.array(
-        [
-            [m[0, 0] + m[1, 1] + m[2, 2], 0.0, 0.0, 0.0],
-            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], 0.0, 0.0],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], 0.0],
-            [
-                m[1, 0] - m[0, 1],
-                m[0, 2] + m[2, 0],
-                m[1, 2] + m[2, 1],
-                m[2, 2] - m[0, 0] - m[1, 1],
-            ],
-        ]
-    )
-    q = np.linalg.eigh(k)[1][:, -1]  # reads the lower triangle
-    return q if q[0] >= 0.0 else -q
+    # the eigenvector of the largest eigenvalue: well conditioned for every angle; eigh reads the lower triangle
+    k = np.zeros((*m.shape[:-2], 4, 4))
+    k[..., 0, 0] = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    k[..., 1, 0] = m[..., 2, 1] - m[..., 1, 2]
+    k[..., 1, 1] = m[..., 0, 0] - m[..., 1, 1] - m[..., 2, 2]
+    k[..., 2, 0] = m[..., 0, 2] - m[..., 2, 0]
+    k[..., 2, 1] = m[..., 0, 1] + m[..., 1, 0]
+    k[..., 2, 2] = m[..., 1, 1] - m[..., 0, 0] - m[..., 2, 2]
+    k[..., 3, 0] = m[..., 1, 0] - m[..., 0, 1]
+    k[..., 3, 1] = m[..., 0, 2] + m[..., 2, 0]
+    k[..., 3, 2] = m[..., 1, 2] + m[..., 2, 1]
+    k[..., 3, 3] = m[..., 2, 2] - m[..., 0, 0] - m[..., 1, 1]
+    q = np.linalg.eigh(k)[1][..., :, -1]
+    return np.where(q[..., :1] >= 0.0, q, -q)
 
 
 def check_rotation(R: ArrayLike, what: str) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -62,6 +63,9 @@ class Answers(Protocol):
     def beta_rate(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
         """Joint velocities."""
 
+    def body_motion(self, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, links, 21) of the axes of all bodies."""
+
     def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
         """Modal coordinates."""
 
@@ -99,7 +103,7 @@ class FrameSeries:
 
 
 def _quaternions(run: Answers, frame: Frame, t: FloatArray | None) -> FloatArray:
-    return np.array([to_quaternion(R) for R in run.rotation(frame, t=t)])
+    return to_quaternion(run.rotation(frame, t=t))
 
 
 FRAME_SERIES = {
@@ -128,10 +132,15 @@ def table_columns(
     bodies = tuple(run.bodies.values())
     index = run.scene.index
     if not things:
-        joints = (joint for joint in index.joints if joint.joint.velocity_names)
-        things = (*joints, *(body for body in bodies if body in index.bodies))
+        things = tuple(joint for joint in index.joints if joint.joint.velocity_names)
+        placed = [body for body in bodies if body in index.bodies]
         energies = energies is not False
-    columns = [column for thing in things for column in columns_of(thing, bodies)]
+    else:
+        placed = []
+    known = {id(body) for body in bodies}
+    columns = [column for thing in things for column in columns_of(thing, known)]
+    if placed:
+        columns = _apart(columns, [*bodies_columns(run.scene, placed)])
     columns += [reaction_columns(joint) for joint in reactions]
     columns += [energy_columns()] if energies else []
     refuse_equal_names(columns)
@@ -151,8 +160,8 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
     return equal_times(float(ends[0]), float(ends[-1]), every)
 
 
-def columns_of(thing: Connection | Frame | Body, bodies: Collection[Body]) -> Iterator[ResultColumns]:
-    """All that a joint, a frame or one of a trajectory's bodies tells.
+def columns_of(thing: Connection | Frame | Body, bodies: Collection[int]) -> Iterator[ResultColumns]:
+    """All that a joint, a frame or one of a trajectory's bodies (by their ids) tells.
 
     Of a joint coordinates and rates; of a frame position, quaternion, velocity, angular velocity and acceleration; of
     a body that of its own frame and, of a flexible one, the modal coordinates.
@@ -164,13 +173,40 @@ def columns_of(thing: Connection | Frame | Body, bodies: Collection[Body]) -> It
         yield from joint_columns(thing)
     elif isinstance(thing, Frame):
         yield from (frame_columns(thing.label, thing, series) for series in FRAME_SERIES.values())
-    elif any(thing is body for body in bodies):
+    elif id(thing) in bodies:
         own = Frame(thing, np.zeros(3), np.eye(3), None, thing.name)
         yield from (frame_columns(thing.name, own, series) for series in FRAME_SERIES.values())
         if isinstance(thing, FlexibleBody):
             yield modal_columns(thing)
     else:
         raise SceneError(f"a table is of this machine's joints, frames and bodies of one frame, not of {thing!r}")
+
+
+def bodies_columns(scene: CompiledScene, bodies: Sequence[Body]) -> Iterator[ResultColumns]:
+    """As ``columns_of`` each of these bodies, in one pass over the machine."""
+    rows = [scene.index.bodies[body] for body in bodies]
+    endings = [ending for series in FRAME_SERIES.values() for ending in series.endings]
+    units = [series.unit for series in FRAME_SERIES.values() for _ in series.endings]
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        motion = run.body_motion(t=t)[:, rows]
+        turned = to_quaternion(motion[..., 3:12].reshape(*motion.shape[:2], 3, 3))
+        parts = (motion[..., :3], turned, motion[..., 12:15], motion[..., 15:18], motion[..., 18:21])
+        return np.concatenate(parts, axis=2).reshape(len(motion), -1)
+
+    names = tuple(f"{body.name}.{ending}" for body in bodies for ending in endings)
+    yield ResultColumns(names, tuple(units * len(bodies)), values)
+    yield from (modal_columns(body) for body in bodies if isinstance(body, FlexibleBody))
+
+
+def _apart(joints: Sequence[ResultColumns], bodies: Sequence[ResultColumns]) -> list[ResultColumns]:
+    """Columns of joints and of bodies; those of a joint that bears a body's name say that they are a joint's."""
+    taken = {name for part in bodies for name in part.names}
+    renamed = [
+        replace(part, names=tuple(f"joint {name}" for name in part.names)) if taken.intersection(part.names) else part
+        for part in joints
+    ]
+    return [*renamed, *bodies]
 
 
 def joint_columns(connection: Connection) -> Iterator[ResultColumns]:
@@ -235,9 +271,9 @@ def energy_columns() -> ResultColumns:
 
 def refuse_equal_names(columns: Iterable[ResultColumns]) -> None:
     """Raise SceneError where two columns have one name."""
-    names = ["t", *(name for part in columns for name in part.names)]
-    for name in names:
-        if names.count(name) > 1:
+    names = Counter(["t", *(name for part in columns for name in part.names)])
+    for name, times in names.items():
+        if times > 1:
             raise SceneError(f"two columns would be called {name!r}; give a frame a name of its own")
 
 

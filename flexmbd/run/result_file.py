@@ -1,13 +1,13 @@
 """A simulation's rows in one HDF5 file, and from it.
 
-about      texts: scene (digest), integrator; coordinates, rows: names of velocities and of constraint rows
+about      scene (digest); coordinates, rows: names of velocities and of constraint rows
 t, x, v, a, row_multipliers, kept_rows     as of `Trajectory`; no kept_rows: all are independent
 stats      numbers by name; moved_names and moved (k, 2), from and to
 events     name, t, row
 departures row, v, a
 interiors  wrenches (nt, k, 6); energies and outer_forces by body (number) and name
 recordings path and name
-series     the table of all joints, bodies and energies: by column a dataset; units beside
+series     the table of all joints, bodies and energies: names, units, values (nt, k)
 """
 
 from __future__ import annotations

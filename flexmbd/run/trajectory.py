@@ -23,7 +23,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
-from flexmbd.multibody.kernels.sampling.series import energy_series, force_series, frame_series
+from flexmbd.multibody.kernels.sampling.series import body_series, energy_series, force_series, frame_series
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
@@ -127,6 +127,18 @@ class Trajectory:
     def acceleration(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m/s^2, acceleration of the frame's origin, in inertial axes; or at times ``t`` (k,)."""
         return self._frame(frame, t)[:, 18:21]
+
+    def body_motion(self, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, links, 21) of all bodies' axes, by their rows in the compiled scene, or at times ``t`` (k,).
+
+        Position (3) m, rotation (9), velocity (3) m/s, angular velocity (3) rad/s, acceleration (3) m/s^2, in inertial
+        axes: in one pass what ``position`` and its like tell frame by frame.
+        """
+        x, v, a = (self.x, self.v, self.a) if t is None else self.motion(t)
+        plan = self.scene.plan
+        out = np.zeros((len(x), len(plan.tree), 21))
+        body_series(plan, new_work(plan), x, v, a, out)
+        return out
 
     def beta(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
         """Joint coordinates, (nt,) where there is one, else (nt, k); or at times ``t``."""

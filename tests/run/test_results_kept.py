@@ -161,6 +161,25 @@ def test_the_table_has_names_units_and_what_the_trajectory_tells(ran, tmp_path):
     assert len(repr(table)) < 300
 
 
+def test_all_bodies_in_one_pass_are_told_as_one_by_one(ran):
+    run, _ = ran
+    for t in (None, np.linspace(0.0, 0.05, 7)):
+        whole = run.table(t=t)
+        for body in run.bodies.values():
+            alone = run.table(body, t=t)
+            for name in alone.names:
+                np.testing.assert_allclose(whole.column(name), alone.column(name), rtol=1e-13, atol=1e-13)
+
+
+def test_a_joint_may_be_called_as_a_body_is(tmp_path):
+    scene = fm.System()
+    kite = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="kite")
+    scene.connect(fm.joint.Free(), scene.ground.frame(), kite.frame(), name="kite").velocity = [1.0, 0, 0, 0, 0, 2.0]
+    run = scene.simulate(0.1)
+    run.save(tmp_path / "run.h5")
+    np.testing.assert_array_equal(run.table().column("joint kite.x"), run.table().column("kite.x"))
+
+
 def test_a_table_at_times_of_ones_own(ran):
     run, (_, drive, pin, _) = ran
     table = run.table(drive, every=0.02)

@@ -43,6 +43,23 @@ def frame_series(plan, work, f, x, v, a, out):
         store3(row, 18, add3(rotate(R, acceleration), g))
 
 
+@entry_kernel
+def body_series(plan, work, x, v, a, out):
+    """out[k, i] of the axes of link i as ``frame_series`` has it of a frame; all links in one pass."""
+    g = load3(plan.gravity, 0)
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v[k], a[k])
+        for i in range(plan.tree.shape[0]):
+            body = work.body[i]
+            row = out[k, i]
+            R = load9(body, at.B_R)
+            store3(row, 0, load3(body, at.B_P))
+            store9(row, 3, R)
+            store3(row, 12, rotate(R, load3(body, at.B_V)))
+            store3(row, 15, rotate(R, load3(body, at.B_W)))
+            store3(row, 18, add3(rotate(R, load3(body, at.B_A)), g))
+
+
 @kernel
 def _kinetic_energy(plan, work, i, x, v, none, scratch):
     """Kinetic energy of body i, half of velocity times momentum; its work row holds its momentum afterwards."""
