@@ -47,13 +47,17 @@ class ResultTable:
         return f"<ResultTable of {len(self.values)} rows, {len(self.names)} columns: {first}>"
 
     def save(self, path: str | Path) -> Path:
-        """As ``write_table``. Not collective: under MPI, call it on one rank."""
-        return write_table(self, Path(path))
+        """As ``write_table``. Not collective: under MPI, call it on one rank.
+
+        Raises:
+            ExportError: it cannot be written, or the path is none.
+        """
+        return write_table(self, _path(path))
 
     @staticmethod
     def load(path: str | Path) -> ResultTable:
-        """As ``read_table``."""
-        return read_table(Path(path))
+        """As ``read_table``, also for what is raised."""
+        return read_table(_path(path))
 
     def to_pandas(self) -> pd.DataFrame:
         """A frame of pandas with the headings "name [unit]", the time its index.
@@ -82,6 +86,12 @@ class ResultTable:
         if name not in self.names:
             raise ExportError(f"there is no column {name!r}, but {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
+
+
+def _path(given: str | Path) -> Path:
+    if not isinstance(given, (str, Path)):
+        raise ExportError(f"the path of a table is a text or a Path, got {given!r}")
+    return Path(given)
 
 
 def write_table(table: ResultTable, path: Path) -> Path:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
-from flexmbd.given import is_number, numbers
+from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
@@ -141,6 +141,8 @@ def table_columns(
     columns = [column for thing in things for column in columns_of(thing, known)]
     if placed:
         columns = _apart(columns, [*bodies_columns(run.scene, placed)])
+    for joint in reactions:
+        refuse_other(joint, Connection, "reactions", wanted="joints, as connect() gives them")
     columns += [reaction_columns(joint) for joint in reactions]
     columns += [energy_columns()] if energies else []
     refuse_equal_names(columns)

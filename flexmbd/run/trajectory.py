@@ -383,7 +383,9 @@ class Trajectory:
 
         Raises:
             RecordError: it cannot be written.
+            SceneError: the path is none.
         """
+        refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         saved = SavedRun(**{one.name: getattr(self, one.name) for one in fields(SavedRun)})
         save_run(Path(path), saved, self.table(), scene=self.scene, team=self.team)
         return Path(path)
@@ -401,8 +403,9 @@ class Trajectory:
 
         Raises:
             RecordError: the file is missing, damaged, of another kind, or of another machine.
-            SceneError: a value does not fit.
+            SceneError: the path is none, the machine is none, or a value does not fit.
         """
+        refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         refuse_other(machine, Runnable, "machine", wanted="a System, or what its compile() gave")
         scene, bodies, team = machine.compiled_parts(values)
         saved = load_run(Path(path), scene)

@@ -197,6 +197,12 @@ def test_a_table_at_times_of_ones_own(ran):
             run.table(drive, **wrong)
     with pytest.raises(SceneError, match=r"ends of steps"):
         run.table(reactions=[pin], every=0.01)
+    with pytest.raises(SceneError, match=r"reactions .*joints"):
+        run.table(reactions=["pin"])
+    with pytest.raises(SceneError, match=r"path .*run.h5"):
+        run.save(3)
+    with pytest.raises(ExportError, match=r"path .* got 3"):
+        run.table(drive).save(3)
     with pytest.raises(SceneError, match=r"two columns would be called 'drive.angle'"):
         run.table(drive, drive)
     with pytest.raises(SceneError, match=r"not of 'drive'"):
