@@ -1,0 +1,168 @@
+"""What acts in a machine over its rows: reactions, drives, energies, what bodies with history exert."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
+from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
+from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
+from flexmbd.multibody.motion.memory_series import memory_series
+from flexmbd.multibody.motion.reaction import coordinate_force, reactions
+from flexmbd.multibody.results.energy import Energy
+from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
+from flexmbd.run.motion_series import MotionSeries, single
+
+FloatArray = NDArray[np.float64]
+
+
+class ForceSeries(MotionSeries):
+    """Questions to the rows of a `Trajectory` that its forces answer.
+
+    Attributes:
+        row_multipliers, interior_rows, kept_rows: as there.
+    """
+
+    row_multipliers: FloatArray
+    interior_rows: tuple[InteriorRecord, ...]
+    kept_rows: tuple[int, ...] | None
+
+    @cached_property
+    def multipliers(self) -> FloatArray:
+        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike."""
+        if self.kept_rows is None:
+            return self.row_multipliers
+        work = new_work(self.scene.plan)
+        return minimum_norm_multipliers(self.scene, work, self.x, self.row_multipliers, kept=self.kept_rows)
+
+    def reaction(self, connection: Connection) -> FloatArray:
+        """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
+
+        The moment is about the origin of the child's frame; both are in that frame's axes.  All that
+        the joint passes on counts: what it holds, and along its free axes the forces of motors,
+        springs and friction on its coordinates and of its prescribed motion.
+
+        Raises:
+            SceneError: the joint is of another scene.
+        """
+        found = [
+            reactions(self.scene, connection, *(p[rows] for p in (self.t, self.x, self.v, self.a, self.multipliers)))
+            for rows in self._stretches()
+        ]
+        return np.vstack(found)
+
+    def drive(self, connection: Connection) -> FloatArray:
+        """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
+
+        Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
+        is collective over the team where they are Python callables.  Of a joint held by constraints it is what
+        its reaction does along its only coordinate.
+        """
+        if connection in self.scene.index.closures and len(connection.joint.angular) == 1:
+            return coordinate_force(connection.joint, self.reaction(connection))
+        slots = self._slots(connection)
+        plan = self.scene.plan
+        elements = force_elements(plan)
+        plan = keep_forces(plan, [], np.array([not one.drives for one in elements.behaviour], bool))
+        if not (force_elements(plan).time >= 0).any():
+            plan = plan.replace(times=plan.times[:0])
+        work, out = new_work(plan), np.zeros_like(self.v)
+        self.scene.callbacks.reset()
+        for rows in self._stretches():
+            series = (self.t, self.x, self.v, self.a, self.multipliers, out)
+            force_series(plan, work, *(part[rows] for part in series))
+        self.scene.refuse_failed(work)
+        return single(out[:, slots.v])
+
+    def energy(self, *, t: ArrayLike | None = None) -> Energy:
+        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
+        if t is None:
+            return self._energy
+        x, v, _ = self.motion(t)
+        return self._energy_of(x, v)
+
+    def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
+
+        Those of its frames, which are rigid bodies of the machine, are in ``energy()``.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+        """
+        k = self._interior(body)
+        told = [row.energies[k] for row in self.interior_rows]
+        return {name: np.array([energies[name] for energies in told]) for name in told[0]}
+
+    def outer_forces(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Forces (N) of contact planes and loads on a body with history by name, each (nt, 3), in inertial axes.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+        """
+        k = self._interior(body)
+        told = [row.outer_forces[k] for row in self.interior_rows]
+        return {name: np.array([forces[name] for forces in told]) for name in told[0]}
+
+    def interior_wrench(self, body: ContinuumBody, interface: str) -> FloatArray:
+        """(nt, 6) force (N) and moment (N m) that a body with history exerts on the frame of one of its interfaces.
+
+        In inertial axes, about the frame's origin.  What its joints pass on to the frame tells ``reaction``.
+
+        Raises:
+            SceneError: the body is not in this trajectory.
+            InterfaceError: it has no such interface.
+        """
+        k = self._interior(body)
+        body.frame(interface)
+        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
+        first = sum(len(other.interior.frames) for other in bodies[:k])
+        row = first + [frame.name for frame in body.interior.frames].index(interface)
+        return np.array([one.wrenches[row] for one in self.interior_rows])
+
+    def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
+        """What a force element with memory remembers, by name, each (nt,); or of the step's beginning at times ``t``.
+
+        Of elasto-plastic springs ``deformation`` (m or rad), ``plastic_deformation``, ``plastic_way``, the sum of its
+        changes, and ``dissipated`` (J); of a law of one's own what it has named.
+
+        Raises:
+            SceneError: the force remembers nothing, or is not in the scene.
+        """
+        return memory_series(self.scene.index, force, self.x if t is None else self.motion(t)[0])
+
+    def _interior(self, body: ContinuumBody) -> int:
+        """Which of the interiors is the body's."""
+        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
+        for k, other in enumerate(bodies):
+            if other is body:
+                return k
+        raise SceneError(f"body {body.name!r} has no interior in this trajectory")
+
+    def _stretches(self) -> Iterator[slice]:
+        """Blocks of rows with the plan of their forces: all at once, or row by row with the interiors' wrenches."""
+        if self.scene.interiors is None:
+            yield slice(None)
+            return
+        for k, row in enumerate(self.interior_rows):
+            self.scene.interiors.apply_wrenches(self.scene.plan, row.wrenches)
+            yield slice(k, k + 1)
+
+    @cached_property
+    def _energy(self) -> Energy:
+        return self._energy_of(self.x, self.v)
+
+    def _energy_of(self, x: FloatArray, v: FloatArray) -> Energy:
+        plan = self.scene.plan
+        out = np.zeros((len(x), 4))
+        none, scratch = np.zeros((2, self.scene.nv))
+        energy_series(plan, new_work(plan), x, v, none, scratch, out)
+        return Energy(*out.T)
