@@ -20,6 +20,10 @@ class VersionError(FlexmbdError, ImportError):
     """DOLFINx is older or newer than flexmbd knows."""
 
 
+class MissingLibraryError(FlexmbdError, ImportError):
+    """A library is not installed that this part of flexmbd needs, as DOLFINx for all that has a mesh."""
+
+
 class FormulationError(FlexmbdError):
     """A form file breaks the contract; the message lists every violation."""
 

@@ -10,6 +10,7 @@ from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.errors import FormulationError as FormulationError
 from flexmbd.errors import InterfaceError as InterfaceError
 from flexmbd.errors import MeshError as MeshError
+from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
 from flexmbd.errors import PictureError as PictureError
 from flexmbd.errors import RecordError as RecordError

@@ -5,6 +5,10 @@ The contract of such a file is `flexmbd.continuum.contract.formulation.Formulati
 live here: any module that satisfies the contract can be handed to the continuum side.
 """
 
+from flexmbd.libraries import require as _require
+
+_require("flexmbd.forms", "basix", "ufl")
+
 from flexmbd.forms import beam_exact as beam_exact
 from flexmbd.forms import beam_timoshenko as beam_timoshenko
 from flexmbd.forms import hencky_plasticity as hencky_plasticity

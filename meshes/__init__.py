@@ -4,6 +4,11 @@ Every function returns a `flexmbd.continuum.grid.tagged_mesh.TaggedMesh`, is col
 the part on rank 0, most by gmsh, and raises `flexmbd.errors.MeshError` on all ranks.
 """
 
+from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
+from flexmbd.libraries import require as _require
+
+_require("flexmbd.meshes", *_OF_THE_CONTINUUM, "gmsh")
+
 from flexmbd.continuum.grid.tagged_mesh import NodeOrder as NodeOrder
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
 from flexmbd.continuum.grid.tagged_mesh import from_arrays as from_arrays

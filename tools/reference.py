@@ -59,7 +59,7 @@ PAGES = {
     "errors": (
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
-        "MeshError PictureError RecordError ReductionError SceneError VersionError ModesWarning "
+        "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError ModesWarning "
         "StartWarning TableWarning",
         "",
     ),

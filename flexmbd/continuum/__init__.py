@@ -4,6 +4,11 @@ Users enter here; the reduction, the meshes and the commands enter the rooms.  O
 and the protocol of interiors alone.
 """
 
+from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
+from flexmbd.libraries import require as _require
+
+_require("flexmbd.continuum", *_OF_THE_CONTINUUM)
+
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries
 from flexmbd.continuum.contract.formulation import Formulation as Formulation

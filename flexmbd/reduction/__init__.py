@@ -4,6 +4,11 @@ Users enter here; `flexmbd.command` the rooms.  Static shapes, modes and stiffen
 reduction puts them together and changes nothing of the model.
 """
 
+from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
+from flexmbd.libraries import require as _require
+
+_require("flexmbd.reduction", *_OF_THE_CONTINUUM)
+
 from flexmbd.continuum.finite_elements.linear_model import StaticState as StaticState
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel as PrestressedModel
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton

@@ -140,6 +140,14 @@ class TestTrees:
         assert machine.run("sh", "-c", "exit 7") == (7, "")
         assert machine.calls() == []
 
+    def test_the_machine_s_path_stands_behind_the_tree_s(self, machine: Machine, tmp_path: Path) -> None:
+        """So that a program in a folder that FLEXMBD_BIND shows is found, and none of the tree's is hidden."""
+        code, said = machine.run("sh", "-c", f"printf %s $PATH >{tmp_path}/path")
+        assert code == 0, said
+        (environment,) = machine.cache.glob("venv/*/")
+        own = f"{environment}/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+        assert (tmp_path / "path").read_text() == f"{own}:{machine.environment['PATH']}"
+
     def test_kernels_that_do_not_compile_fail_no_set_up(self, machine: Machine) -> None:
         (machine.stubs / "compile.fails").touch()
         code, said = machine.run()
