@@ -6,6 +6,8 @@ the trajectory that it keeps.
 
 import os
 import sys
+import sysconfig
+import traceback
 import warnings
 from pathlib import Path
 
@@ -90,3 +92,28 @@ def warn(text: str, category: type[Warning]) -> None:
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         depth, frame = depth + 1, frame.f_back
     warnings.warn(text, category, stacklevel=depth)
+
+
+def described(error: BaseException) -> str:
+    """An error in one line: flexmbd's own by its text, another with its kind and the user's line that it came from.
+
+    ``KeyError("boom")`` alone would read ``'boom'``.
+    """
+    if isinstance(error, FlexmbdError):
+        return str(error)
+    if isinstance(error, SyntaxError) and error.filename is not None and error.lineno is not None:
+        return f"{type(error).__name__}: {error.msg} ({Path(error.filename).name}, line {error.lineno})"
+    text = " ".join(str(error).split())
+    told = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    place = _users_line(error)
+    return f"{told} ({place})" if place else told
+
+
+def _users_line(error: BaseException) -> str:
+    """File and line of the innermost call that neither flexmbd nor another library made; empty where there is none."""
+    libraries = (_PACKAGE, *(sysconfig.get_path(one) for one in ("stdlib", "platstdlib", "purelib", "platlib")), "<")
+    libraries += ("/usr/lib/python3",)
+    for step in reversed(traceback.extract_tb(error.__traceback__)):
+        if not step.filename.startswith(libraries):
+            return f"{Path(step.filename).name}, line {step.lineno}"
+    return ""

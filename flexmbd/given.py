@@ -70,3 +70,23 @@ def refuse_other(value: object, kinds: type | tuple[type, ...], what: str, *, wa
         raise SceneError(f"{what} must be {wanted}, got the class {value.__name__} itself; call it, with its arguments")
     if not isinstance(value, kinds):
         raise SceneError(f"{what} must be {wanted}, got {value!r:.100}")
+
+
+def refuse_no_function(value: object, what: str, *, wanted: str) -> None:
+    """Check an argument that is to be called.
+
+    Raises:
+        SceneError: it cannot be called, or is a class.
+    """
+    if isinstance(value, type) or not callable(value):
+        raise SceneError(f"{what} must be a function, {wanted}, got {value!r:.100}")
+
+
+def refuse_no_name(value: object, what: str) -> None:
+    """Check a name.
+
+    Raises:
+        SceneError: it is no text, or an empty one.
+    """
+    if not isinstance(value, str) or not value:
+        raise SceneError(f"{what} must be a text that is not empty, got {value!r:.100}")

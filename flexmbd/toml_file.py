@@ -43,9 +43,10 @@ class TomlSection:
 
     def fail(self, key: str, fault: str) -> NoReturn:
         """Raise the file's error for a key; "" stands for the table itself."""
-        raise self.kind(f"{self.file}: {self._path(key) or 'the file'}: {fault}")
+        raise self.kind(f"{self.file}: {self.path(key) or 'the file'}: {fault}")
 
-    def _path(self, key: str) -> str:
+    def path(self, key: str) -> str:
+        """Where a key stands in the file, as "joint[2].parent"; of "" the table's own path."""
         return f"{self.place}.{key}" if self.place and key else self.place or key
 
     def allow(self, keys: Iterable[str]) -> None:
@@ -135,7 +136,7 @@ class TomlSection:
         """A value, which stands at a key, as a table."""
         if not isinstance(value, dict):
             self.fail(key, f"must be a table, got {_shown(value)}")
-        return TomlSection(value, self._path(key), self.file, self.kind)
+        return TomlSection(value, self.path(key), self.file, self.kind)
 
     def tables(self, key: str) -> tuple[TomlSection, ...]:
         """The tables [[key]]; none where the key is not there."""

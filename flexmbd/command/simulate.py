@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flexmbd.run.trajectory import Trajectory
 
 _STOPPED = 1
+_MOST_EVENTS = 20  # told one by one
 _EXAMPLES = """\
 examples:
   flexmbd simulate pendulum.toml                     the tables go to the folder pendulum_results
@@ -100,7 +101,12 @@ def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory 
     settings = scene.run
     try:
         run = built.system.simulate(
-            settings.t_end, rtol=settings.rtol, h=settings.h, integrator=_integrator(scene), progress=progress
+            settings.t_end,
+            rtol=settings.rtol,
+            h=settings.h,
+            integrator=_integrator(scene),
+            events=built.events,
+            progress=progress,
         )
     except SimulationError as error:
         return error.trajectory, error
@@ -137,10 +143,15 @@ def _report(
                 "rejected": stats.rejected,
                 "seconds": stats.seconds,
                 "constraint_residual": stats.constraint_residual,
+                "events": [{"name": one.name, "t": one.t} for one in run.events],
             }
         )
     elif not arguments.quiet:
         print_line(f"{end:.6g} s simulated in {stats.seconds:.3g} s: {stats.steps} steps, {stats.integrator}")
+        for one in run.events[:_MOST_EVENTS]:
+            print_line(f"event {one.name!r} at t = {one.t:.9g} s")
+        if len(run.events) > _MOST_EVENTS:
+            print_line(f"and {len(run.events) - _MOST_EVENTS} events more; --json has all")
         for path in files:
             what = f": {len(table.values)} rows, {len(table.names)} columns" if path.stem == "results" else ""
             print_line(f"{path}{what}")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_no_truth, refuse_other
+from flexmbd.errors import SceneError, described
+from flexmbd.given import numbers, refuse_no_function, refuse_no_name, refuse_no_truth, refuse_other
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -77,7 +77,8 @@ class Event:
         name: for messages and ``run.events``.
 
     Raises:
-        SceneError: ``direction`` is no ``Direction``, or ``stop`` neither True nor False.
+        SceneError: ``function`` or ``action`` is no function, ``direction`` no ``Direction``, ``stop`` neither True
+            nor False, or ``name`` no text.
     """
 
     function: Callable[[Moment], float | FloatArray]
@@ -87,6 +88,10 @@ class Event:
     name: str = "event"
 
     def __post_init__(self) -> None:
+        refuse_no_name(self.name, "an event's name")
+        refuse_no_function(self.function, f"event {self.name!r}: function", wanted="f(moment) -> number")
+        if self.action is not None:
+            refuse_no_function(self.action, f"event {self.name!r}: action", wanted="f(moment)")
         wanted = " or ".join(str(one) for one in Direction)
         refuse_other(self.direction, Direction, f"event {self.name!r}: direction", wanted=wanted)
         refuse_no_truth(stop=self.stop)
@@ -105,7 +110,7 @@ class Event:
                 raise SceneError(f"it gave {answer!r}, not one finite number")
             value = np.array([float(answer)])
         except Exception as reason:  # noqa: BLE001  (a user's function: any error, told below)
-            error = SceneError(f"event {self.name!r} at t = {moment.t:g} s: {reason}")
+            error = SceneError(f"event {self.name!r} at t = {moment.t:g} s: {described(reason)}")
             error.__cause__ = reason
         team.fail(error)
         return float(team.agree(value)[0])
@@ -122,7 +127,7 @@ class Event:
         try:
             self.action(moment)
         except Exception as reason:  # noqa: BLE001  (a user's function: any error, told below)
-            error = SceneError(f"action of event {self.name!r} at t = {moment.t:g} s: {reason}")
+            error = SceneError(f"action of event {self.name!r} at t = {moment.t:g} s: {described(reason)}")
             error.__cause__ = reason
         team.fail(error)
         agreed: FloatArray = team.agree(np.concatenate([moment.new_rates, moment.changed]))

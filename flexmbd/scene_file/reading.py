@@ -8,6 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
+from flexmbd.scene_file.event_entry import read_event
 from flexmbd.scene_file.scene_description import (
     GROUND,
     Element,
@@ -37,7 +38,7 @@ def read_scene(path: str | Path) -> SceneFile:
             what was expected, and for a key or name that is not known the nearest one.
     """
     top = read_toml(path, kind=SceneError)
-    top.allow(("gravity", "body", "joint", "force", "coupling", "simulate", "output"))
+    top.allow(("gravity", "body", "joint", "force", "coupling", "event", "simulate", "output"))
     sections = top.tables("body")
     if not sections:
         top.fail("body", "a scene needs at least one, headed [[body]]")
@@ -61,6 +62,7 @@ def read_scene(path: str | Path) -> SceneFile:
         joints,
         tuple(Element(one.place, *read_kind(one, FORCES, names)) for one in top.tables("force")),
         tuple(Element(one.place, *read_kind(one, COUPLINGS, names)) for one in top.tables("coupling")),
+        tuple(read_event(one, names) for one in top.tables("event")),
         run,
         _output(output, names, run),
     )

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.files.python_file import PythonFiles
 from flexmbd.force import Force
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.run.event import Event, Moment
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, JOINTS
-from flexmbd.scene_file.scene_description import BodyName, FramePlace, JointName, RigidEntry, SceneFile
+from flexmbd.scene_file.scene_description import (
+    BodyName,
+    Crossing,
+    EventEntry,
+    FramePlace,
+    FunctionPlace,
+    JointName,
+    RigidEntry,
+    SceneFile,
+)
 from flexmbd.system import System
 
 
@@ -26,12 +41,15 @@ class Built:
         bodies: by their names, the ground too.
         joints: by their names.
         forces: by their places in the file.
+        events: what to look for while it moves, in the file's order.
     """
 
     system: System
     bodies: Mapping[str, RigidBody | FlexibleBody | Ground]
     joints: Mapping[str, Connection]
     forces: Mapping[str, Force]
+    events: list[Event] = field(default_factory=list, init=False)
+    _files: PythonFiles = field(default_factory=lambda: PythonFiles(SceneError), init=False)
 
     def frame(self, place: FramePlace) -> Frame:
         """The frame at a place.
@@ -45,11 +63,33 @@ class Built:
         return body.frame((0.0, 0.0, 0.0) if place.p is None else place.p, R=place.R)
 
 
+    def function(self, place: FunctionPlace) -> Any:
+        """The function at a place; its file is run when the first of its functions is asked for.
+
+        Raises:
+            SceneError: the file cannot be read or fails, or has no such function.
+        """
+        found = self._files.value(place.file, place.name)
+        if place.breaks:
+            return Piecewise(found, place.breaks)
+        if not place.takes_scene:
+            return found
+        if not callable(found):
+            raise SceneError(f"{place.name!r} in {place.file} is no function, but {found!r:.60}")
+
+        @functools.wraps(found)
+        def of_scene(*arguments: Any) -> Any:
+            return found(*arguments, self)
+
+        return of_scene
+
+
 def build(scene: SceneFile) -> Built:
-    """Make the machine that a scene file describes; records are loaded now. Not collective.
+    """Make the machine that a scene file describes; records are loaded, and Python files run, now. Not collective.
 
     Raises:
-        SceneError: a record cannot be loaded, or something does not fit; the message says where in the file.
+        SceneError: a record cannot be loaded, a Python file fails, or something does not fit; the message says where
+            in the file.
     """
     system = System(gravity=scene.gravity)
     bodies: dict[str, RigidBody | FlexibleBody | Ground] = {system.ground.name: system.ground}
@@ -73,7 +113,7 @@ def build(scene: SceneFile) -> Built:
             if joint.velocity is not None:
                 connection.velocity = joint.velocity
             if joint.motion is not None:
-                connection.prescribe(joint.motion)
+                connection.prescribe(_resolved_value(built, joint.motion))
             joints[joint.name] = connection
     for element in scene.forces:
         with _at(scene, element.place, element.kind):
@@ -82,22 +122,61 @@ def build(scene: SceneFile) -> Built:
     for element in scene.couplings:
         with _at(scene, element.place, element.kind):
             system.couple(COUPLINGS[element.kind].make(**_resolved(built, element.arguments)))
+    for event in scene.events:
+        with _at(scene, event.place, event.name):
+            built.events.append(_event(built, event))
     return built
+
+
+def _event(built: Built, entry: EventEntry) -> Event:
+    function: Callable[[Moment], Any] = _resolved_value(built, entry.function)
+    action = None if entry.action is None else built.function(entry.action)
+    return Event(function, entry.direction, entry.stop, action, entry.name)
+
+
+def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:
+    """How far a coordinate lies above its level.
+
+    Raises:
+        SceneError: the joint has no such coordinate.
+    """
+    if isinstance(crossing.of, FramePlace):
+        frame = built.frame(crossing.of)
+        return lambda moment: float(
+            (moment.velocity(frame) if crossing.rate else moment.position(frame))[crossing.index] - crossing.level
+        )
+    joint = built.joints[crossing.of.name]
+    built.system.compile().scene.index.coordinates(joint)
+    count = len(joint.joint.velocity_names)
+    if len(joint.joint.start) != count:
+        raise SceneError(f"joint {joint.name!r} has no coordinate that is one number; watch a frame instead")
+    if crossing.index >= count:
+        raise SceneError(f"joint {joint.name!r} has coordinates 0 to {count - 1}; there is no {crossing.index}")
+    return lambda moment: float(
+        np.atleast_1d(moment.beta_rate(joint) if crossing.rate else moment.beta(joint))[crossing.index] - crossing.level
+    )
 
 
 def _resolved(built: Built, arguments: Mapping[str, object]) -> dict[str, Any]:
     """Arguments in which the names of frames, joints and bodies have become these."""
-    resolved: dict[str, Any] = {}
-    for name, value in arguments.items():
-        if isinstance(value, FramePlace):
-            resolved[name] = built.frame(value)
-        elif isinstance(value, JointName):
-            resolved[name] = built.joints[value.name]
-        elif isinstance(value, BodyName):
-            resolved[name] = built.bodies[value.name]
-        else:
-            resolved[name] = value
-    return resolved
+    return {name: _resolved_value(built, value) for name, value in arguments.items()}
+
+
+def _resolved_value(built: Built, value: object) -> Any:
+    match value:
+        case FramePlace():
+            return built.frame(value)
+        case JointName(name):
+            return built.joints[name]
+        case BodyName(name):
+            return built.bodies[name]
+        case FunctionPlace():
+            return built.function(value)
+        case Crossing():
+            return _crossing(built, value)
+        case tuple():
+            return tuple(_resolved_value(built, one) for one in value)
+    return value
 
 
 @contextmanager

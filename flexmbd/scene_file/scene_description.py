@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.run.event import Direction
 
 Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
@@ -26,6 +27,25 @@ class JointName:
     """A joint of the scene."""
 
     name: str
+
+
+@dataclass(frozen=True)
+class FunctionPlace:
+    """A function in a Python file, which is run when the machine is built.
+
+    Attributes:
+        file: the Python file.
+        name: of the function in it.
+        place: where it is asked for.
+        takes_scene: whether its last argument is the machine, a ``Built``, by which it finds bodies and joints.
+        breaks: s, of a function of time: where its value or slope jumps.
+    """
+
+    file: Path
+    name: str
+    place: str
+    takes_scene: bool = False
+    breaks: Vector = ()
 
 
 @dataclass(frozen=True)
@@ -79,7 +99,36 @@ class JointEntry:
     child: FramePlace
     position: Vector | None
     velocity: Vector | None
-    motion: TimeFunction | None
+    motion: TimeFunction | FunctionPlace | None
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where a coordinate of a joint, or of a frame's position (m, inertial axes), or its rate passes a level.
+
+    Attributes:
+        of: the joint or the frame.
+        index: which of its coordinates, or 0, 1, 2 for x, y, z.
+        rate: whether it is the rate.
+        level: rad, m, rad/s or m/s.
+    """
+
+    of: JointName | FramePlace
+    index: int
+    rate: bool
+    level: float
+
+
+@dataclass(frozen=True)
+class EventEntry:
+    """An event: where a function of a moment passes zero, or a coordinate a level."""
+
+    name: str
+    place: str
+    function: FunctionPlace | Crossing
+    direction: Direction
+    stop: bool
+    action: FunctionPlace | None
 
 
 @dataclass(frozen=True)
@@ -125,5 +174,6 @@ class SceneFile:
     joints: tuple[JointEntry, ...]
     forces: tuple[Element, ...]
     couplings: tuple[Element, ...]
+    events: tuple[EventEntry, ...]
     run: RunEntry
     output: OutputEntry

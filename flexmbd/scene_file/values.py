@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexmbd.multibody.functions.spline_table import Beyond, Table
 from flexmbd.multibody.functions.time_function import Sine, TimeFunction
-from flexmbd.scene_file.scene_description import GROUND, BodyName, FramePlace, JointName
+from flexmbd.scene_file.scene_description import GROUND, BodyName, FramePlace, FunctionPlace, JointName
 from flexmbd.toml_file import TomlSection
 
 _FORMS = '"body", "body:interface", or { body = "name", p = [x, y, z] }'
@@ -61,25 +61,47 @@ def axis(section: TomlSection, key: str, names: Names) -> str | tuple[float, ...
     return section.numbers(key, count=3)
 
 
-def time_function(section: TomlSection, key: str, names: Names) -> TimeFunction:
-    """A number, a sine or a table over time."""
+def function(section: TomlSection, key: str, names: Names) -> FunctionPlace:
+    """A function in a Python file beside the scene, "file.py:function"."""
+    return _function(section, key, takes_scene=False)
+
+
+def function_of_scene(section: TomlSection, key: str, names: Names) -> FunctionPlace:
+    """The same, whose last argument is the machine."""
+    return _function(section, key, takes_scene=True)
+
+
+def _function(section: TomlSection, key: str, *, takes_scene: bool) -> FunctionPlace:
+    given = section.text(key)
+    file, colon, name = given.rpartition(":")
+    if not (colon and file.endswith(".py") and name.isidentifier()):
+        section.fail(key, f'must be a Python file and a function in it, "file.py:function", got {given!r}')
+    return FunctionPlace(section.file.parent / file, name, section.path(key), takes_scene)
+
+
+def time_function(section: TomlSection, key: str, names: Names) -> TimeFunction | FunctionPlace:
+    """A number, a sine, a table or a user's function over time."""
     return time_function_of(section, section.need(key), key)
 
 
-def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunction:
+def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunction | FunctionPlace:
     """A value, which stands at a key, as a function of time."""
     if not isinstance(value, dict):
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             section.fail(
                 key,
-                "must be a number, a table { t = [...], y = [...] } or a sine { amplitude = ..., omega = ... }, "
-                f"got {value!r}",
+                "must be a number, a table { t = [...], y = [...] }, a sine { amplitude = ..., omega = ... } or a "
+                f'function {{ law = "file.py:function" }}, got {value!r}',
             )
         return section.number_of(value, key)
     inner = section.table_of(value, key)
     if inner.has("t") or inner.has("y"):
         return _points(inner, "t", "y")
-    inner.allow(("amplitude", "omega", "phase", "offset"))
+    if inner.has("law"):
+        inner.allow(("law", "breaks"))
+        law = _function(inner, "law", takes_scene=False)
+        return replace(law, breaks=inner.numbers("breaks")) if inner.has("breaks") else law
+    inner.allow(("amplitude", "omega", "phase", "offset", "t", "y", "law"))
     more = {name: inner.number(name) for name in ("phase", "offset") if inner.has(name)}
     return Sine(inner.number("amplitude"), inner.number("omega"), **more)
 
@@ -111,7 +133,9 @@ def _beyond(inner: TomlSection) -> Beyond:
     return known[name]
 
 
-def three_time_functions(section: TomlSection, key: str, names: Names) -> tuple[TimeFunction, ...]:
+def three_time_functions(
+    section: TomlSection, key: str, names: Names
+) -> tuple[TimeFunction | FunctionPlace, ...]:
     """Three components, each a function of time."""
     value = section.need(key)
     if not isinstance(value, list) or len(value) != 3:

@@ -168,7 +168,7 @@ def test_results_are_kept_without_force(folder, capsys):
     found = json.loads(out)
     assert list(found) == [
         "completed", "error", "t_end", "files", "rows", "columns", "integrator", "steps", "rejected", "seconds",
-        "constraint_residual",
+        "constraint_residual", "events",
     ]  # fmt: skip
     assert (found["completed"], found["error"], found["t_end"], found["files"]) == (True, None, 2.0, ["r/results.npz"])
     assert found["columns"]["hinge.angle"] == "rad"

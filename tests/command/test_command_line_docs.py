@@ -83,6 +83,12 @@ def test_the_page_from_end_to_end(tmp_path, monkeypatch, capsys):
         np.testing.assert_allclose(table.column(name), values, rtol=1e-9, atol=1e-12 * abs(values).max())
     # it swings: down from where it was let go
     assert table.column("centre.y").min() < table.column("centre.y")[0] - 1e-3
+    laws = re.search(r"^```python file=laws.py\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "laws.py").write_text(laws, encoding="utf-8")
+    elements = re.search(r"^```toml\n(\[\[force\]\]\nkind = \"joint_law\".*?)^```$", PAGE, re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "laws.toml").write_text((tmp_path / "swing.toml").read_text(encoding="utf-8") + elements)
+    assert main(["simulate", "laws.toml"]) == 0
+    assert "event 'lands' at t = " in capsys.readouterr().out
 
 
 def test_every_word_is_on_the_page():

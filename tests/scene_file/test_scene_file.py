@@ -195,7 +195,12 @@ FORCE_TEXTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", FORCES)
+def test_every_kind_of_force_is_tested():
+    of_users_functions = {"joint_law", "state_force", "kane_force"}  # test_user_files.py
+    assert set(FORCES) == {*FORCE_TEXTS, *of_users_functions}
+
+
+@pytest.mark.parametrize("kind", FORCE_TEXTS)
 def test_forces(scene, kind):
     text, expected = FORCE_TEXTS[kind]
     loads = two_crosses().loads

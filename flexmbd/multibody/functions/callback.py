@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, described
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
 from flexmbd.multibody.kernels.base import kinds
@@ -137,7 +137,7 @@ class Callbacks:
         if flag == 0:
             return None
         if self.error is not None:
-            return f"{self._where} failed: {self.error}", self.error
+            return f"{self._where} failed: {described(self.error)}", self.error
         name = elements[flag - kinds.FLAG_ELEMENT] if flag >= kinds.FLAG_ELEMENT else times[kinds.FLAG_TIME - flag]
         error = SceneError(f"{name} at t = {t:g} s: the compiled function gave no finite number")
         return str(error), error

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, described
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
@@ -148,7 +148,7 @@ class Interiors:
             try:
                 self.team.fail(error)
             except Exception as reason:
-                raise SceneError(f"body {body.name!r} failed {doing}: {reason}") from (error or reason)
+                raise SceneError(f"body {body.name!r} failed {doing}: {described(reason)}") from (error or reason)
             answers.append([self.team.agree(part) for part in answer])
         return answers
 

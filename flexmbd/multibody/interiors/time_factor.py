@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, described
 from flexmbd.multibody.bodies.continuum_body import Interior
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
@@ -41,7 +41,7 @@ class TimeFactor:
         try:
             return float(checked(self._call(t), ()))
         except Exception as reason:
-            raise SceneError(f"{self.what}: at t = {t:g} s: {reason}") from reason
+            raise SceneError(f"{self.what}: at t = {t:g} s: {described(reason)}") from reason
 
 
 def _callable(function: Any, what: str) -> Callable[[float], Any]:
