@@ -18,7 +18,10 @@ from flexmbd.scene_file.scene_description import (
     RigidEntry,
     RunEntry,
     SceneFile,
+    ShapedEntry,
+    ShapeEntry,
 )
+from flexmbd.scene_file.shapes import read_shapes
 from flexmbd.scene_file.values import Names, nearest
 from flexmbd.toml_file import TomlSection, read_toml
 
@@ -38,7 +41,7 @@ def read_scene(path: str | Path) -> SceneFile:
             what was expected, and for a key or name that is not known the nearest one.
     """
     top = read_toml(path, kind=SceneError)
-    top.allow(("gravity", "body", "joint", "force", "coupling", "event", "simulate", "output"))
+    top.allow(("gravity", "ground", "body", "joint", "force", "coupling", "event", "simulate", "output"))
     sections = top.tables("body")
     if not sections:
         top.fail("body", "a scene needs at least one, headed [[body]]")
@@ -65,14 +68,29 @@ def read_scene(path: str | Path) -> SceneFile:
         tuple(read_event(one, names) for one in top.tables("event")),
         run,
         _output(output, names, run),
+        _ground(top, folder),
     )
 
 
-def _body(section: TomlSection, folder: Path) -> RigidEntry | RecordEntry:
+def _ground(top: TomlSection, folder: Path) -> tuple[ShapeEntry, ...]:
+    if not top.has("ground"):
+        return ()
+    section = top.table("ground")
+    section.allow(("shape",))
+    return read_shapes(section, folder)
+
+
+def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | RecordEntry:
+    shapes = read_shapes(section, folder)
     if section.has("record"):
-        section.allow(("name", "record"))
-        return RecordEntry(section.text("name"), section.place, folder / section.text("record"))
-    section.allow(("name", "mass", "inertia", "com", "record"))
+        section.allow(("name", "record", "shape"))
+        return RecordEntry(section.text("name"), section.place, folder / section.text("record"), shapes)
+    if section.has("density"):
+        section.allow(("name", "shape", "density"))
+        if not shapes:
+            section.fail("", "has no 'shape', which a body by its density needs")
+        return ShapedEntry(section.text("name"), section.place, shapes, section.number("density"))
+    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record"))
     name, mass = section.text("name"), section.number("mass")
     inertia = section.need("inertia")
     whole = isinstance(inertia, list) and bool(inertia) and isinstance(inertia[0], list)
@@ -82,6 +100,7 @@ def _body(section: TomlSection, folder: Path) -> RigidEntry | RecordEntry:
         mass,
         section.matrix("inertia", size=3) if whole else section.numbers("inertia", count=3),
         section.numbers("com", count=3) if section.has("com") else (0.0, 0.0, 0.0),
+        shapes,
     )
 
 

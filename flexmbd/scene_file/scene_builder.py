@@ -26,9 +26,12 @@ from flexmbd.scene_file.scene_description import (
     FramePlace,
     FunctionPlace,
     JointName,
+    RecordEntry,
     RigidEntry,
     SceneFile,
+    ShapedEntry,
 )
+from flexmbd.scene_file.shapes import make_shape
 from flexmbd.system import System
 
 
@@ -96,12 +99,15 @@ def build(scene: SceneFile) -> Built:
     joints: dict[str, Connection] = {}
     forces: dict[str, Force] = {}
     built = Built(system, bodies, joints, forces)
+    with _at(scene, "ground", system.ground.name):
+        system.ground.shape = make_shape(scene.floor)
     for body in scene.bodies:
         with _at(scene, body.place, body.name):
-            if isinstance(body, RigidEntry):
-                bodies[body.name] = system.add(RigidBody(body.mass, body.inertia, body.com), name=body.name)
+            if isinstance(body, RecordEntry):
+                record = FlexibleBody(ReducedBody.load(body.path), shape=make_shape(body.shapes))
+                bodies[body.name] = system.add(record, name=body.name)
             else:
-                bodies[body.name] = system.add(FlexibleBody(ReducedBody.load(body.path)), name=body.name)
+                bodies[body.name] = system.add(_made(body), name=body.name)
     for joint in scene.joints:
         with _at(scene, joint.place, joint.name):
             kind = JOINTS[joint.kind].make(**joint.arguments)
@@ -155,6 +161,15 @@ def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:
     return lambda moment: float(
         np.atleast_1d(moment.beta_rate(joint) if crossing.rate else moment.beta(joint))[crossing.index] - crossing.level
     )
+
+
+def _made(body: RigidEntry | ShapedEntry) -> RigidBody:
+    shape = make_shape(body.shapes)
+    if isinstance(body, RigidEntry):
+        return RigidBody(body.mass, body.inertia, body.com, shape=shape)
+    if shape is None:
+        raise SceneError("a body by its density needs a shape")
+    return RigidBody.from_shape(shape, density=body.density)
 
 
 def _resolved(built: Built, arguments: Mapping[str, object]) -> dict[str, Any]:

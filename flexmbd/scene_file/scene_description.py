@@ -68,6 +68,15 @@ class FramePlace:
 
 
 @dataclass(frozen=True)
+class ShapeEntry:
+    """A shape: its kind and its arguments; of a file the path is whole."""
+
+    place: str
+    kind: str
+    arguments: Mapping[str, object]
+
+
+@dataclass(frozen=True)
 class RigidEntry:
     """A rigid body: kg; kg m^2 about the centre of mass, its diagonal or whole; m."""
 
@@ -76,6 +85,17 @@ class RigidEntry:
     mass: float
     inertia: Vector | Matrix
     com: Vector
+    shapes: tuple[ShapeEntry, ...] = ()
+
+
+@dataclass(frozen=True)
+class ShapedEntry:
+    """A homogeneous rigid body: what it is made of, and its density (kg/m^3)."""
+
+    name: str
+    place: str
+    shapes: tuple[ShapeEntry, ...]
+    density: float
 
 
 @dataclass(frozen=True)
@@ -85,6 +105,7 @@ class RecordEntry:
     name: str
     place: str
     path: Path
+    shapes: tuple[ShapeEntry, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -170,10 +191,11 @@ class SceneFile:
 
     path: Path
     gravity: Vector
-    bodies: tuple[RigidEntry | RecordEntry, ...]
+    bodies: tuple[RigidEntry | ShapedEntry | RecordEntry, ...]
     joints: tuple[JointEntry, ...]
     forces: tuple[Element, ...]
     couplings: tuple[Element, ...]
     events: tuple[EventEntry, ...]
     run: RunEntry
     output: OutputEntry
+    floor: tuple[ShapeEntry, ...] = ()

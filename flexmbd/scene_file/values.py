@@ -41,6 +41,11 @@ def numbers(section: TomlSection, key: str, names: Names) -> tuple[float, ...]:
     return section.numbers(key)
 
 
+def three_rows(section: TomlSection, key: str, names: Names) -> tuple[tuple[float, ...], ...]:
+    """Three rows of three numbers."""
+    return section.matrix(key, size=3)
+
+
 def whole(section: TomlSection, key: str, names: Names) -> int:
     """A whole number."""
     return section.whole(key)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import check_rotation
@@ -56,6 +57,10 @@ class Body(Protocol):
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First (3,) and second (3, 3) moments of mass about B, in B (kg m, kg m^2)."""
 
+    @property
+    def shape(self) -> Shape | None:
+        """What pictures show of it, in body axes; None: what it has of its own, or symbols."""
+
     def reduced(self) -> ReducedBody | None:
         """The flexible part, or None for a rigid body."""
 
@@ -85,10 +90,15 @@ def refuse_change(body: object, name: str, fixed: tuple[str, ...]) -> None:
 
 @dataclass(eq=False)
 class Ground:
-    """The inertial frame, as a body that does not move."""
+    """The inertial frame, as a body that does not move; its ``shape`` is what pictures show of it, as a floor."""
 
     name: str = "ground"
     mass: float = 0.0
+    shape: Shape | None = field(default=None, kw_only=True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_no_shape(name, value, "the ground")
+        super().__setattr__(name, value)
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at ``p`` (m) with axes ``R`` (3, 3), both in the inertial frame."""
@@ -127,6 +137,7 @@ class RigidBody:
         inertia: (3, 3) or its diagonal (3,), kg m^2, about the centre of mass, in body axes.
         com: (3,) m, centre of mass from the body frame, in body axes.
         name: given by ``System.add``.
+        shape: what pictures show of it, in body axes; without one they show symbols.
 
     Raises:
         SceneError: values that no rigid body can have, each named.
@@ -136,6 +147,11 @@ class RigidBody:
     inertia: ArrayLike
     com: Sequence[float] = (0.0, 0.0, 0.0)
     name: str = field(default="", kw_only=True)
+    shape: Shape | None = field(default=None, kw_only=True)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        refuse_no_shape(name, value, "a rigid body")
+        super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
         self.inertias()
@@ -170,8 +186,21 @@ class RigidBody:
 
     @classmethod
     def from_solid(cls, solid: Solid) -> RigidBody:
-        """A rigid body of a solid's mass, its frame in the axes that the solid was given in."""
-        return cls(solid.mass, solid.inertia, tuple(map(float, solid.com)))
+        """A rigid body of a solid's mass and outline, its frame in the axes that the solid was given in."""
+        shape = None if solid.outline is None else Shape.of_solid(solid)
+        return cls(solid.mass, solid.inertia, tuple(map(float, solid.com)), shape=shape)
+
+    @classmethod
+    def from_shape(cls, shape: Shape, *, density: float) -> RigidBody:
+        """A homogeneous rigid body of a shape, density kg/m^3, its frame in the shape's axes.
+
+        Raises:
+            SceneError: a part of the shape is not closed, or encloses no volume; the message names edges.
+        """
+        refuse_other(shape, Shape, "shape", wanted="a Shape as fm.Shape.box((0.1, 0.1, 0.1))")
+        body = cls.from_solid(shape.solid(density=density))
+        body.shape = shape
+        return body
 
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> RigidBody:
@@ -202,13 +231,16 @@ class FlexibleBody:
     Attributes:
         record: the reduced body.
         name: given by ``System.add``.
+        shape: what pictures show moving with the body frame, in place of the record's surface.
     """
 
     record: ReducedBody
     name: str = field(default="", kw_only=True)
+    shape: Shape | None = field(default=None, kw_only=True)
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_change(self, name, ("record",))
+        refuse_no_shape(name, value, "a flexible body")
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:

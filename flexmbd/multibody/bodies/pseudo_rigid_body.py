@@ -12,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_no_truth
 from flexmbd.multibody.bodies.body import Frame, marker, refuse_change
 from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy, mode_tensors
+from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.record.reduced_body import ReducedBody, Surface
 
@@ -33,6 +34,7 @@ class PseudoRigidBody:
         stretch: (3, 3) U at the start, in body axes.
         stretch_rate: (3, 3) 1/s, its rate at the start, symmetric.
         name: given by ``System.add``.
+        shape: what pictures show, deforming as the body does, in place of the solid's outline.
 
     Raises:
         SceneError: a stretch that is not symmetric and positive definite, a rate that is not symmetric, either of them
@@ -46,9 +48,11 @@ class PseudoRigidBody:
     stretch: ArrayLike = field(default_factory=lambda: np.eye(3), kw_only=True)
     stretch_rate: ArrayLike = field(default_factory=lambda: np.zeros((3, 3)), kw_only=True)
     name: str = field(default="", kw_only=True)
+    shape: Shape | None = field(default=None, kw_only=True)
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_change(self, name, ("solid", "material", "damping", "rigid"))
+        refuse_no_shape(name, value, "a pseudo-rigid body")
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
@@ -90,14 +94,17 @@ class PseudoRigidBody:
         """The record of the stretches; None where they are held."""
         return None if self.rigid else self._record
 
-    @cached_property
+    @property
     def surface(self) -> Surface | None:
-        """The solid's surface with the stretches' displacements, for pictures; without any where they are held."""
-        if self.solid.outline is None:
+        """The shape or the solid's outline with the stretches' displacements, for pictures; where held without any."""
+        if self.shape is not None:
+            x, triangles = self.shape.points, self.shape.triangles
+        elif self.solid.outline is not None:
+            x, triangles = self.solid.outline.x, self.solid.outline.triangles
+        else:
             return None
-        x = self.solid.outline.x
         phi = np.einsum("kab,vb->vak", self.modes[:0] if self.rigid else self.modes, x - self.solid.com)
-        return Surface(x, self.solid.outline.triangles, phi)
+        return Surface(x, triangles, phi)
 
     def stretch_of(self, q: ArrayLike) -> FloatArray:
         """U (..., 3, 3), in body axes, of modal coordinates (..., 6)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -95,6 +96,38 @@ class Solid:
         return cls._even(volume, a**2 / 5.0, density, Outline(*_unit_ball(), a))
 
     @classmethod
+    def cylinder(cls, radius: float, length: float, *, density: float, bore: float = 0.0) -> Solid:
+        """A round cylinder along z about the origin, or a tube: radius, length and inner radius m, density kg/m^3."""
+        r, h, inner = (float(one) if is_number(one) else np.nan for one in (radius, length, bore))
+        if not (np.isfinite([r, h, inner]).all() and r > inner >= 0.0 and h > 0.0):
+            raise SceneError(
+                "a cylinder wants a positive length and a radius that exceeds its bore, not negative (m), "
+                f"got radius {radius!r}, length {length!r}, bore {bore!r}"
+            )
+        across = (r**2 + inner**2) / 4.0
+        volume = np.pi * (r**2 - inner**2) * h
+        points, triangles = _unit_tube(inner / r)
+        outline = Outline(points, triangles, np.array([r, r, h]))
+        return cls._even(volume, (across, across, h**2 / 12.0), density, outline)
+
+    @classmethod
+    def together(cls, solids: Sequence[Solid]) -> Solid:
+        """Several solids as one; where they overlap the mass counts twice.  It has no outline.
+
+        Raises:
+            SceneError: there are none.
+        """
+        if not solids:
+            raise SceneError("no solids to put together")
+        mass = sum(one.mass for one in solids)
+        com, second = np.zeros(3), np.zeros((3, 3))
+        for one in solids:
+            com += one.mass / mass * one.com
+        for one in solids:
+            second += one.second + one.mass * np.outer(one.com - com, one.com - com)
+        return cls(mass, sum(one.volume for one in solids), com, second)
+
+    @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> Solid:
         """The solid inside a closed surface of flat triangles; see ``closed_surface.outward``.
 
@@ -115,6 +148,19 @@ class Solid:
     def _even(cls, volume: float, squares: ArrayLike, density: float, outline: Outline) -> Solid:
         mass = _positive(density) * volume
         return cls(mass, volume, np.zeros(3), mass * np.diag(squares), outline=outline)
+
+    @property
+    def density(self) -> float:
+        """kg/m^3, in the mean."""
+        return self.mass / self.volume
+
+    def scaled(self, factor: float) -> Solid:
+        """The same solid, ``factor`` times as dense."""
+        return replace(self, mass=_positive(factor) * self.mass, second=factor * self.second)
+
+    def moved(self, p: FloatArray, R: FloatArray) -> Solid:
+        """The solid turned by R (3, 3) about the origin, then shifted by p (3,) m; without its outline."""
+        return Solid(self.mass, self.volume, R @ self.com + p, _symmetric(R @ self.second @ R.T))
 
     @cached_property
     def inertia(self) -> FloatArray:
@@ -159,6 +205,33 @@ def _unit_ball() -> tuple[FloatArray, IntArray]:
         (bottom, after[-1], rows[-1]),
     ]
     return points, np.vstack([np.stack([part.ravel() for part in band], axis=1) for band in bands])
+
+
+@cache
+def _unit_tube(bore: float) -> tuple[FloatArray, IntArray]:
+    """Points and triangles of a tube of outer radius and length one about the origin along z; bore 0: a cylinder."""
+    turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(_AROUND)], axis=1)
+    up = np.array([0.0, 0.0, 0.5])
+    here = np.arange(_AROUND)
+    after = np.roll(here, -1)
+    low, high = here, here + _AROUND
+    sides = [(low, after, high), (after, after + _AROUND, high)]
+    if bore == 0.0:
+        points = np.vstack([ring - up, ring + up, [-up, up]])
+        foot, head = np.full(_AROUND, 2 * _AROUND), np.full(_AROUND, 2 * _AROUND + 1)
+        sides += [(foot, after, low), (head, high, after + _AROUND)]
+    else:
+        points = np.vstack([ring - up, ring + up, bore * ring - up, bore * ring + up])
+        n = 2 * _AROUND
+        sides += [(low + n, high + n, after + n), (after + n, high + n, after + high[0] + n)]
+        sides += [(low, low + n, after), (after, low + n, after + n)]
+        sides += [(high, after + _AROUND, high + n), (after + _AROUND, after + _AROUND + n, high + n)]
+    return points, np.vstack([np.stack(part, axis=1) for part in sides])
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return 0.5 * (matrix + matrix.T)
 
 
 def _lengths(values: ArrayLike, what: str) -> FloatArray:
