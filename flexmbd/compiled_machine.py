@@ -6,7 +6,7 @@ import hashlib
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import NoneType
@@ -32,7 +32,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
-from flexmbd.multibody.plan.agreement import refuse_different
+from flexmbd.multibody.plan.agreement import refuse_different, refuse_different_arguments
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import refuse_misplaced_elements
 from flexmbd.multibody.plan.variation import vary
@@ -42,11 +42,12 @@ from flexmbd.multibody.start.energy_check import refuse_false_energies
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Alone, Team, on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.recording import Recording
+from flexmbd.run.run_on_root import run_on_root
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
@@ -218,7 +219,8 @@ class CompiledMachine:
         Raises:
             SceneError, AssemblyError, SimulationError: as ``System.simulate``, and as ``variant``.
         """
-        settings = RunSettings(
+        settings = partial(
+            RunSettings,
             t_end,
             rtol=rtol,
             h=h,
@@ -237,7 +239,7 @@ class CompiledMachine:
             max_seconds=max_seconds,
             recording=recording,
         )
-        return self.run(settings, **values)
+        return self.run(on_every_rank(self.team, settings), **values)
 
     def run(self, settings: RunSettings, /, **values: Any) -> Trajectory:
         """As ``simulate``, by settings that several runs share.
@@ -249,10 +251,19 @@ class CompiledMachine:
         Raises:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
-        scene = self.variant(values)
+        scene = on_every_rank(self.team, lambda: self.variant(values))
+        refuse_different_arguments(settings.told, self.team)
+        if self.team.size > 1 and scene.interiors is None and not self.team.collective_functions:
+            x, v = on_every_rank(self.team, lambda: self._given(scene))
+            refuse_different(scene, x, v, self.team)
+            bodies = {body.name: body for body in self.bodies}
+            simulate = partial(replace(self, team=Alone())._run, scene, settings)
+            return run_on_root(scene, bodies, settings=settings, team=self.team, simulate=simulate)
         found = self._prepared_run(scene, settings) if values else None
-        if found is not None:
-            return found
+        return found or self._run(scene, settings)
+
+    def _run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
+        """Run a variant on the ranks of this machine's team, each of which steps."""
         refuse_false_rates(scene, settings.starts, settings.t_end)
         start = self.start_of(scene, settings.begun, settings.about)
         method = settings.method(start)

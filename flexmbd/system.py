@@ -6,6 +6,7 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeAlias, cast
@@ -36,7 +37,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Team, on_every_rank
 from flexmbd.multibody.topology import spanning_tree
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
@@ -289,7 +290,8 @@ class System(MachineAssembly):
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
                 faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
         """
-        settings = RunSettings(
+        settings = partial(
+            RunSettings,
             t_end,
             rtol=rtol,
             h=h,
@@ -308,7 +310,8 @@ class System(MachineAssembly):
             max_seconds=max_seconds,
             recording=recording,
         )
-        return self.compile().run(settings)
+        checked, machine = on_every_rank(self.team, lambda: (settings(), self.compile()))
+        return machine.run(checked)
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

@@ -7,6 +7,7 @@ function here therefore raises on all ranks or on none.
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -19,6 +20,11 @@ import numpy.typing as npt
 T = TypeVar("T")
 
 _ROOT = 0
+# How a rank waits: it looks whether the others have come, and sleeps this share of the time that it has waited so far,
+# this long (s) at most.
+_SHARE, _NAP = 0.02, 0.02
+# Bytes in one message; MPI counts them in 32 bits.
+_MESSAGE = 1 << 30
 
 
 def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
@@ -51,24 +57,58 @@ def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
 def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
     """Run `function` on rank 0 only and hand its result to every rank. Collective.
 
+    The other ranks sleep meanwhile, where a collective call of MPI would keep their processors busy.
+
     Args:
         comm: the ranks that take part.
         function: takes nothing; its result must be picklable.
 
     Raises:
-        Exception: whatever `function` raised, on every rank.
+        Exception: whatever `function` raised, on every rank; an interrupt (Ctrl-C) as itself on its own rank.
     """
-    result: Any = None
-    error: Exception | None = None
+    result = b""
+    error: BaseException | None = None
     if comm.rank == _ROOT:
         try:
             # pickled here, because a failure inside bcast would leave the others waiting
-            result = pickle.dumps(function())
-        except Exception as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
+            result = pickle.dumps(function(), protocol=pickle.HIGHEST_PROTOCOL)
+        except BaseException as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
             error = caught
-    raise_collectively(comm, error)
-    value: T = pickle.loads(comm.bcast(result, root=_ROOT))  # noqa: S301
+    error = _meet(comm) or error
+    try:
+        interrupt = f"{type(error).__name__} while rank 0 worked for all"
+        raise_collectively(comm, error if error is None or isinstance(error, Exception) else RuntimeError(interrupt))
+    except RuntimeError:
+        if error is not None and not isinstance(error, Exception):
+            raise error from None
+        raise
+    value: T = pickle.loads(_broadcast(comm, result))  # noqa: S301
     return value
+
+
+def _meet(comm: MPI.Comm) -> KeyboardInterrupt | None:
+    """Wait until all ranks have come, asleep; an interrupt meanwhile is kept. Collective."""
+    meeting = comm.Ibarrier()
+    began = time.monotonic()
+    interrupt: KeyboardInterrupt | None = None
+    while not meeting.Test():
+        try:
+            time.sleep(min(_NAP, _SHARE * (time.monotonic() - began)))
+        except KeyboardInterrupt as reason:
+            if interrupt is not None:  # the second one does not wait for the others
+                raise
+            interrupt = reason
+    return interrupt
+
+
+def _broadcast(comm: MPI.Comm, data: bytes) -> bytes:
+    """Rank 0's bytes on every rank, however many. Collective."""
+    found = bytearray(comm.bcast(len(data), root=_ROOT))
+    if comm.rank == _ROOT:
+        found[:] = data
+    for begin in range(0, len(found), _MESSAGE):
+        comm.Bcast([memoryview(found)[begin : begin + _MESSAGE], MPI.BYTE], root=_ROOT)
+    return bytes(found)
 
 
 def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> None:
@@ -108,13 +148,16 @@ def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | No
 
 @dataclass(frozen=True)
 class MpiTeam:
-    """The ranks that run one machine together: rank 0 decides, and no rank steps alone.
+    """The ranks of one machine, as `flexmbd.Team` tells: rank 0 runs it, or decides where all of them step.
 
     Attributes:
         comm: the MPI communicator.
+        collective_functions: whether the user's functions (of time, laws, forces, events and their actions) call MPI,
+            so that all ranks must step and call them.
     """
 
     comm: MPI.Comm
+    collective_functions: bool = False
 
     def __deepcopy__(self, memo: object) -> MpiTeam:
         """Itself: the ranks are the same."""
@@ -150,6 +193,10 @@ class MpiTeam:
     def fail(self, error: Exception | None) -> None:
         """Raise on every rank if any rank hands in an error (`raise_collectively`). Collective."""
         raise_collectively(self.comm, error)
+
+    def on_root(self, function: Callable[[], T]) -> T:
+        """What `function` gives on rank 0, on every rank; the others sleep meanwhile (`on_root`). Collective."""
+        return on_root(self.comm, function)
 
 
 def _team_of_one() -> MpiTeam:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import NoneType
 from typing import Literal
@@ -22,6 +23,7 @@ from flexmbd.run.event import Event
 from flexmbd.run.limits import Limits
 from flexmbd.run.recording import Recording
 
+_OF_ROOT = ("checkpoint_file", "progress")
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
@@ -129,6 +131,12 @@ class RunSettings:
         return not self.progress and all(one is None for one in asked)
 
     @property
+    def told(self) -> dict[str, str]:
+        """What all ranks must have alike, in words by name.  Files, the bar and what functions do are rank 0's."""
+        shared = (one.name for one in fields(self) if one.name not in _OF_ROOT)
+        return {name: _told(getattr(self, name)) for name in shared}
+
+    @property
     def starts(self) -> float:
         """When this run starts (s): at the checkpoint that it goes on from, or at ``t_start``."""
         return self.t_start if self.restart is None else self.restart.t
@@ -202,6 +210,24 @@ def saves_of(settings: RunSettings) -> Saves | None:
     if settings.checkpoint_file is None or settings.checkpoint_every is None:
         return None
     return Saves(Path(settings.checkpoint_file), settings.checkpoint_every)
+
+
+def _told(value: object) -> str:
+    """A setting in words that are the same on all ranks."""
+    if isinstance(value, Checkpoint):
+        return f"a checkpoint at t = {value.t!r} s of scene {value.scene[:12]}"
+    if isinstance(value, WorkingPoint):
+        digest = hashlib.sha256(value.x.tobytes() + value.v.tobytes() + value.multipliers.tobytes()).hexdigest()
+        return f"a working point {digest[:12]}"
+    if isinstance(value, Recording):
+        return f"a recording every {value.every!r} s"
+    if isinstance(value, Integrator):
+        return value.name
+    if isinstance(value, Event):
+        return f"event {value.name!r}, {value.direction.name.lower()}, {'stops' if value.stop else 'goes on'}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_told, value))}]"
+    return repr(value)
 
 
 def refuse_no_integrator(given: object) -> None:

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from flexmbd.errors import SceneError, described
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Alone, Team
 
 FloatArray = NDArray[np.float64]
 
@@ -106,6 +107,15 @@ class Callbacks:
         found = Callbacks(self._team)
         found.codes = self.codes
         return found
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Ask on this rank alone meanwhile: the others do not step."""
+        team, self._team = self._team, Alone()
+        try:
+            yield
+        finally:
+            self._team = team
 
     @property
     def addresses(self) -> frozenset[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,4 +33,22 @@ def refuse_different(scene: CompiledScene, x: FloatArray, v: FloatArray, team: T
             "the scene differs between ranks: another number or start on this rank than on rank 0; build it "
             "from the same numbers on every rank"
         )
+    team.fail(error)
+
+
+def refuse_different_arguments(given: Mapping[str, str], team: Team) -> None:
+    """Compare arguments, told by name, with rank 0's.  Collective.
+
+    Raises:
+        SceneError: on every rank, if one of some rank differs; it gives the name and both values.
+    """
+    if team.size == 1:
+        return
+    of_root = team.on_root(lambda: dict(given))
+    error: SceneError | None = None
+    for name in given:
+        if error is None and of_root[name] != given[name]:
+            error = SceneError(
+                f"{name} is {of_root[name]} on rank 0 and {given[name]} on this rank; give the same on all ranks"
+            )
     team.fail(error)

@@ -253,7 +253,7 @@ def test_functions_of_the_wrong_kind():
 def controlled(answer):
     """A slider-crank with a Python law on its crank; ``answer`` has the law's arguments."""
     scene, _, j1 = slider_crank()
-    scene.team = MpiTeam(MPI.COMM_WORLD)
+    scene.team = MpiTeam(MPI.COMM_WORLD, collective_functions=True)
     scene.add_force(fm.force.JointLaw(j1, answer))
     j1.velocity = 20.0
     return scene, j1
