@@ -12,5 +12,6 @@ from flexmbd.visual.response_plot import Responding as Responding
 from flexmbd.visual.response_plot import plot_response as plot_response
 from flexmbd.visual.series_plot import Drawn as Drawn
 from flexmbd.visual.series_plot import plot_series as plot_series
+from flexmbd.visual.shape_picture import plot_shape as plot_shape
 from flexmbd.visual.stress_picture import StressModel as StressModel
 from flexmbd.visual.stress_picture import plot_stress as plot_stress

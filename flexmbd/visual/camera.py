@@ -91,3 +91,13 @@ def frame_all(
     middle[1] += (above - below) * half_height
     distance = 2.0 * half_height + 2.0 * half[2]
     return Camera(axes.T @ middle, towards, up, float(half_height), float(distance))
+
+
+def oblique(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(towards, up): along the thinnest axis, from a little above and aside."""
+    thin, middle, long = np.eye(3)[np.argsort(np.ptp(x, axis=0), kind="stable")]
+    thin = np.cross(long, middle)  # right-handed: right, up, towards
+    towards = thin + 0.35 * middle - 0.25 * long
+    towards /= np.linalg.norm(towards)
+    up = middle - towards * (middle @ towards)
+    return towards, up / np.linalg.norm(up)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.stress_field import StressField
 from flexmbd.visual import stage
-from flexmbd.visual.camera import frame_all
+from flexmbd.visual.camera import frame_all, oblique
 from flexmbd.visual.destination import checked_path, write
 
 FloatArray = NDArray[np.float64]
@@ -64,7 +64,7 @@ def _draw(field: StressField, path: Path, amplification: float, size: tuple[int,
     try:
         largest = float(field.von_mises.max()) / scale
         stage.add_surface(plotter, mesh, largest=largest, quantity="von Mises stress", unit=unit)
-        towards, up = _oblique(field.x)
+        towards, up = oblique(field.x)
         points = shown[np.unique(field.triangle)]
         aspect = size[0] / size[1]
         camera = frame_all(points, towards, up, aspect=aspect, above=0.14, below=0.16)
@@ -84,13 +84,3 @@ class StressModel(Protocol):
 
     def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
         """Stress on the mesh at modal coordinates q (n,)."""
-
-
-def _oblique(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(towards, up): along the thinnest axis, from a little above and aside."""
-    thin, middle, long = np.eye(3)[np.argsort(np.ptp(x, axis=0), kind="stable")]
-    thin = np.cross(long, middle)  # right-handed: right, up, towards
-    towards = thin + 0.35 * middle - 0.25 * long
-    towards /= np.linalg.norm(towards)
-    up = middle - towards * (middle @ towards)
-    return towards, up / np.linalg.norm(up)

@@ -76,16 +76,34 @@ def turning_forces(
     for i, interface in enumerate(interfaces):
         if not isinstance(interface, RigidInterface):
             continue
-        nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
-        f = state.balance[model.displacement_dofs[nodes]]
-        moments = total(model.comm, f.T @ (model.node_x[nodes] - interface.p))
-        moments = turn.T @ (0.5 * (moments + moments.T)) @ turn
-        work = np.zeros((6, 6))
-        work[3:, 3:] = moments - np.trace(moments) * np.eye(3)
+        work = turning_stiffness(model, interface, balance=state.balance, axes=turn)
         dofs = interface.dofs[interface.dofs < model.n_owned]
         motions = model.rigid_motions(interface.p, turn)[dofs]
         forces[dofs, 6 * i : 6 * i + 6] = motions @ np.linalg.solve(inner(model.comm, motions, motions), work)
     return forces
+
+
+def turning_stiffness(
+    model: LinearModel, interface: RigidInterface, *, balance: FloatArray, axes: FloatArray
+) -> FloatArray:
+    """The stiffness of `turning_forces` against motions of one interface's frame. Collective.
+
+    Args:
+        model: about the state.
+        interface: rigid.
+        balance: (owned dofs,) N, as in `StaticState`.
+        axes: (3, 3) rotation; motions are along and about its columns.
+
+    Returns:
+        (6, 6) N m per rad, zero for translations; the same on every rank.
+    """
+    nodes = interface.nodes[interface.nodes < model.n_owned_nodes]
+    f = balance[model.displacement_dofs[nodes]]
+    moments = total(model.comm, f.T @ (model.node_x[nodes] - interface.p))
+    moments = axes.T @ (0.5 * (moments + moments.T)) @ axes
+    work = np.zeros((6, 6))
+    work[3:, 3:] = moments - np.trace(moments) * np.eye(3)
+    return work
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,7 +110,7 @@ class KrylovSchurSearch:
     def _search(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Eigenvalues and shapes of all pairs that converged. Collective."""
         sizes = self._mass.getSizes()
-        operator = PETSc.Mat().createPython(sizes, _Product(self._stiffness), comm=self._mass.comm)
+        operator = PETSc.Mat().createPython(sizes, ShellProduct(self._stiffness), comm=self._mass.comm)
         operator.setUp()
         solver = SLEPc.EPS().create(self._mass.comm)
         first = self._mass.createVecRight()
@@ -126,7 +126,7 @@ class KrylovSchurSearch:
             inverse = solver.getST().getKSP()
             inverse.setType(PETSc.KSP.Type.PREONLY)
             inverse.getPC().setType(PETSc.PC.Type.PYTHON)
-            inverse.getPC().setPythonContext(_Inverse(self._solve))
+            inverse.getPC().setPythonContext(ShellInverse(self._solve))
             return _solved(solver, self._mass)
         finally:
             for item in (solver, operator, first):
@@ -180,23 +180,25 @@ def shift_after(eigenvalues: FloatArray, count: int) -> tuple[float, int]:
     return float(np.sqrt(ends[gap] * ends[gap + 1])), max(count, 1) + gap
 
 
-class _Product:
+class ShellProduct:
     """A matrix by its product with a block."""
 
     def __init__(self, product: BlockOperator) -> None:
         self._product = product
 
     def mult(self, _: PETSc.Mat, right: PETSc.Vec, left: PETSc.Vec) -> None:
+        """Called by PETSc."""
         left.setArray(self._product(right.array_r[:, None].copy(order="F"))[:, 0])
 
 
-class _Inverse:
+class ShellInverse:
     """A preconditioner that is the inverse."""
 
     def __init__(self, solve: BlockOperator) -> None:
         self._solve = solve
 
     def apply(self, _: PETSc.PC, right: PETSc.Vec, left: PETSc.Vec) -> None:
+        """Called by PETSc."""
         left.setArray(self._solve(right.array_r[:, None].copy(order="F"))[:, 0])
 
 

@@ -142,18 +142,34 @@ class Statics:
         """
         balance = self.rigid if self.floating else None
         f = loads if balance is None else balance.balanced(loads)
+        u = self.response_of(f, shapes=self.static.shapes[:, 6:], forces=self.static.forces[:, 6:])
+        return u if balance is None else balance.deformation(u)
+
+    def response_of(self, loads: FloatArray, *, shapes: FloatArray, forces: FloatArray) -> FloatArray:
+        """Solve K u = f where the interfaces move by some static shapes only. Collective.
+
+        Args:
+            loads: (owned dofs, k) f, N.
+            shapes: (owned dofs, s) combinations Psi of the static shapes, without a rigid motion of the body.
+            forces: (owned dofs, s) K times them.
+
+        Returns:
+            (owned dofs, k) displacements in the mesh's axes, m.
+
+        Raises:
+            ReductionError: on all ranks: a shape without a positive stiffness.
+        """
         u = np.zeros(loads.shape, order="F")
-        u[self.mask] = self.solve(np.asfortranarray(f[self.mask]))
-        shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
+        u[self.mask] = self.solve(np.asfortranarray(loads[self.mask]))
         if shapes.shape[1] > 0:
             stiffness = symmetric(inner(self.model.comm, shapes, forces))
             if not (np.diag(stiffness) > 0.0).all():
                 raise ReductionError("the body is not stable: a motion of an interface has no positive stiffness")
             scale = 1.0 / np.sqrt(np.diag(stiffness))
-            right = scale[:, None] * inner(self.model.comm, shapes, f)
+            right = scale[:, None] * inner(self.model.comm, shapes, loads)
             q = scipy.linalg.solve(stiffness * np.outer(scale, scale), right, assume_a="pos")
             u += shapes @ (scale[:, None] * q)
-        return u if balance is None else balance.deformation(u)
+        return u
 
     @cached_property
     def static(self) -> StaticShapes:

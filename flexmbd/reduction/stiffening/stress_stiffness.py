@@ -27,6 +27,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from petsc4py import PETSc
+
 import basix
 import basix.ufl
 import numpy as np
@@ -40,7 +42,7 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
-from flexmbd.continuum.finite_elements.assembly import integral
+from flexmbd.continuum.finite_elements.assembly import assemble, integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 
 if TYPE_CHECKING:
@@ -92,6 +94,36 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
     # each rank has the sums over its own cells
     everywhere = model.comm.reduce(total, root=0)
     return np.ascontiguousarray(model.comm.bcast(everywhere, root=0))
+
+
+def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat | None:
+    """P(u; ., .) of one field over all dofs. Collective.
+
+    Args:
+        model: each term of its strain energy is integrated by its own rule, as the stiffness is.
+        field: (local dofs including ghosts,) u, m.
+
+    Returns:
+        A new symmetric AIJ matrix with the layout of `K`, N/m, which the caller destroys; None as `stress_stiffness`.
+    """
+    u = fem.Function(model.space)
+    forms = []
+    for group in model.groups:
+        for term in group.formulation.strain_energy(u, group.symbols):
+            if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
+                continue
+            form, at = _directional(term, group, u)
+            at.x.array[:] = field
+            forms.append(form)
+    if not forms:
+        return None
+    half = assemble({"geometric stiffness": forms}, model.groups, model.space)[0]
+    other = half.copy()
+    other.transpose()
+    half.axpy(1.0, other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    half.scale(0.5)
+    other.destroy()
+    return half
 
 
 def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
