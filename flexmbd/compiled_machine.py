@@ -44,10 +44,12 @@ from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.team import Alone, Team, on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.controller import Controller
 from flexmbd.run.event import Event
 from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.recording import Recording
 from flexmbd.run.run_on_root import run_on_root
+from flexmbd.run.sampling import code_of
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
@@ -70,6 +72,7 @@ class CompiledMachine:
         bodies: its bodies.
         parameters: what each name means.
         team: the processes that run it side by side.
+        controllers: its sampled controllers.
 
     Raises:
         SceneError: a parameter does not fit the scene, or bears the name of an argument of ``simulate``.
@@ -80,6 +83,7 @@ class CompiledMachine:
     bodies: tuple[Body, ...]
     parameters: Mapping[str, tuple[Parameter, ...]]
     team: Team
+    controllers: tuple[Controller, ...] = ()
     _workspaces: Workspaces = field(default_factory=Workspaces, init=False)
 
     def __post_init__(self) -> None:
@@ -252,7 +256,7 @@ class CompiledMachine:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = on_every_rank(self.team, lambda: self.variant(values))
-        refuse_different_arguments(settings.told, self.team)
+        refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
         if self.team.size > 1 and scene.interiors is None and not self.team.collective_functions:
             x, v = on_every_rank(self.team, lambda: self._given(scene))
             refuse_different(scene, x, v, self.team)
@@ -272,14 +276,17 @@ class CompiledMachine:
                 start, method, t_start=settings.t_start, t_end=settings.t_end, rtol=settings.rtol, h=settings.h
             )
         else:
-            snapshot = settings.restart.of(start.scene, method)
+            snapshot = settings.restart.of(start.scene, method, controllers=code_of(self.controllers))
         bodies = {body.name: body for body in self.bodies}
-        return run(start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team)
+        return run(
+            start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team,
+            controllers=self.controllers,
+        )  # fmt: skip
 
     def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory | None:
         """Run a variant in arrays of runs before; None where that is not for them, or for the first of its kind."""
         key = settings.stepping
-        if not settings.is_stepping_alone or not self._workspaces.are_for(key):
+        if self.controllers or not settings.is_stepping_alone or not self._workspaces.are_for(key):
             return None
         workspace = self._workspaces.taken(key, lambda: self._new_workspace(settings))
         if workspace is None:
@@ -309,7 +316,7 @@ class CompiledMachine:
 
     def _batch_runs(self, settings: RunSettings, outputs: Mapping[str, Sampled]) -> BatchRuns | None:
         """How variants are run in workspaces and outputs sampled there; None where that cannot be."""
-        if not settings.is_stepping_alone or not can_be_prepared(self.scene, settings):
+        if self.controllers or not settings.is_stepping_alone or not can_be_prepared(self.scene, settings):
             return None
         key = settings.stepping
         self._workspaces.are_for(key)
@@ -403,7 +410,8 @@ class CompiledMachine:
         told_of = {name: one.meaning(self.scene) for name, one in sampled.items()}
         asked = [f"{name} {told_of.get(name) or fingerprint(ask)}" for name, ask in outputs.items()]
         named = [(name, [meaning(one, self.scene) for one in of]) for name, of in self.parameters.items()]
-        told_apart = (program_stamp(), self.scene.digest(), values.digest(), options, asked, named)
+        machine = self.scene.digest(), code_of(self.controllers)
+        told_apart = (program_stamp(), machine, values.digest(), options, asked, named)
         digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
         batch = self._batch_runs(settings, sampled) if len(sampled) == len(outputs) else None
         study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared, batch=batch)

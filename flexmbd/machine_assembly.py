@@ -5,12 +5,12 @@ Entered by ``system`` alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
@@ -18,12 +18,14 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, Rig
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.team import Alone, Team
+from flexmbd.run.controller import Controller, Measurement
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +54,7 @@ class MachineAssembly:
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
         self._couplings: list[CoordinateCoupling] = []
+        self._controllers: list[Controller] = []
         # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
         self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
         self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
@@ -145,6 +148,51 @@ class MachineAssembly:
         self._check_force(force)
         self._forces.append(force)
         return force
+
+    def add_controller(
+        self,
+        step: Callable[..., Any],
+        *,
+        period: float,
+        measurements: Sequence[Measurement] | Mapping[str, Measurement] = (),
+        inputs: Sequence[Signal],
+        offset: float = 0.0,
+        state: ArrayLike | None = None,
+        name: str | None = None,
+    ) -> Controller:
+        """Let a control law set signals at equal times; between these they are held (zero-order hold).
+
+        Steps of all integrators end on its instants, offset + k period after the start, k = 0, 1, ..., exactly.  The
+        instant at which a run ends belongs to the run that goes on from there.  At instants that controllers share,
+        all measure before any signal is set.
+
+        Args:
+            step: the law, step(t, y) -> u; with a ``state``, step(t, y, state) -> (u, next state).  It must not
+                remember anything elsewhere: a step that is taken again, as an event makes it, asks again.
+            period: s between two samples.
+            measurements: y, what the law gets: an array (ny,) of a list of quantities; of a mapping a dictionary of
+                their values by its names, each a number or an array.  A quantity is fm.output.Position, Velocity or
+                Acceleration of a joint (its coordinates: rad, m), a frame (inertial axes: m) or a flexible body (its
+                modal coordinates), a signal, or a function of the machine's fm.Instant.
+            inputs: u, the signals that it sets, (nu,); one alone may be a number.
+            offset: s from the start of the simulation to the first sample.
+            state: what the law remembers at first, an array of any shape; it goes to checkpoints.
+            name: unique; by default "controller 1", "controller 2", ...
+
+        Raises:
+            SceneError: a period that is not positive and finite, what cannot be measured, a signal that another
+                controller sets, or a name that is taken.
+        """
+        chosen = name or f"controller {len(self._controllers) + 1}"
+        controller = Controller(step, period, measurements, inputs, offset=offset, state=state, name=chosen)
+        for other in self._controllers:
+            if other.name == chosen:
+                raise SceneError(f"the name {chosen!r} is taken; give the controller a name of its own")
+            for signal in controller.inputs:
+                if any(signal is one for one in other.inputs):
+                    raise SceneError(f"{controller.what}: {other.what} sets the signal {signal.name!r} already")
+        self._controllers.append(controller)
+        return controller
 
     def _check_force(self, force: Force) -> None:
         refuse_other(force, Force, "a force", wanted="a force element as fm.force.JointTorque(joint, 1.0)")

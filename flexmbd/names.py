@@ -59,6 +59,7 @@ from flexmbd.multibody.bodies.solid import Outline as Outline
 from flexmbd.multibody.bodies.solid import Solid as Solid
 from flexmbd.multibody.functions.compiled_function import Compiled as Compiled
 from flexmbd.multibody.functions.compiled_function import compiled as compiled
+from flexmbd.multibody.functions.signal import Signal as Signal
 from flexmbd.multibody.functions.spline_table import Beyond as Beyond
 from flexmbd.multibody.functions.spline_table import Table as Table
 from flexmbd.multibody.functions.time_function import Motion as Motion
@@ -96,6 +97,8 @@ from flexmbd.record.reduced_body import ReducedBody as ReducedBody
 from flexmbd.record.stress_field import StressField as StressField
 from flexmbd.rotation import Axis as Axis
 from flexmbd.run.checkpoint import Checkpoint as Checkpoint
+from flexmbd.run.controller import Controller as Controller
+from flexmbd.run.controller import Measurement as Measurement
 from flexmbd.run.departure import Departure as Departure
 from flexmbd.run.event import Direction as Direction
 from flexmbd.run.event import Event as Event
@@ -105,6 +108,7 @@ from flexmbd.run.recording import BodyRecording as BodyRecording
 from flexmbd.run.recording import Recording as Recording
 from flexmbd.run.recording import load_recording as load_recording
 from flexmbd.run.result_file import Runnable as Runnable
+from flexmbd.run.sampling import Samples as Samples
 from flexmbd.run.settings import RunSettings as RunSettings
 from flexmbd.run.stats import Stats as Stats
 from flexmbd.run.stopped import SimulationError as SimulationError

@@ -126,7 +126,8 @@ class System(MachineAssembly):
         self, scene: CompiledScene, named: Mapping[str, tuple[Parameter, ...]] | None = None
     ) -> CompiledMachine:
         kept = with_given_start(scene, self._connections, self._bodies)
-        return CompiledMachine(kept, tuple(self._connections), tuple(self._bodies), named or {}, self.team)
+        parts = tuple(self._connections), tuple(self._bodies), named or {}, self.team, tuple(self._controllers)
+        return CompiledMachine(kept, *parts)
 
     def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         return self._machine(scene).start_of(scene, t, about)
@@ -233,7 +234,8 @@ class System(MachineAssembly):
         else:
             refuse_no_integrator(integrator)
             method = f"{integrator.name} (as asked)"
-        return f"{explain(start)}\nintegrator: {method}"
+        sampled = "".join(f"{one.explained}\n" for one in self._controllers)
+        return f"{explain(start)}\n{sampled}integrator: {method}"
 
     def simulate(
         self,

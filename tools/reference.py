@@ -15,13 +15,13 @@ PAGES = {
     "system": (
         "Systems",
         "System CompiledMachine Runnable CompiledScene Start WorkingPoint Instant Team LinearizedMachine "
-        "StateSpace Input",
+        "StateSpace Input Controller Measurement",
         "parameter output",
     ),
     "running": (
         "Simulations and results",
         "Trajectory ResultTable Momentum Energy Stats Departure RunSettings Event Moment Direction Occurrence "
-        "Checkpoint Recording BodyRecording load_recording SimulationError SimulationInterrupted",
+        "Samples Checkpoint Recording BodyRecording load_recording SimulationError SimulationInterrupted",
         "ensemble",
     ),
     "integrators": (
@@ -40,7 +40,7 @@ PAGES = {
     "joints": ("Joints", "Way Multipliers Penalty AugmentedLagrangian", "joint"),
     "forces": (
         "Forces and functions of time",
-        "Table Beyond Sine Motion Piecewise TimeFunction compiled Compiled",
+        "Table Beyond Sine Motion Piecewise Signal TimeFunction compiled Compiled",
         "force",
     ),
     "record": (

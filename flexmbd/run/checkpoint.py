@@ -18,9 +18,10 @@ from flexmbd.multibody.bodies.continuum_body import Memory
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.run.sampling import SamplingMemory
 from flexmbd.run.stepping import Snapshot
 
-_VERSION = 7
+_VERSION = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +45,8 @@ class Checkpoint:
         """Time (s) of the checkpoint."""
         return float(self.snapshot.state.numbers[st.TIME])
 
-    def of(self, scene: CompiledScene, method: Integrator) -> Snapshot:
-        """Return the snapshot if it belongs to this scene and method.
+    def of(self, scene: CompiledScene, method: Integrator, *, controllers: str = "") -> Snapshot:
+        """Return the snapshot if it belongs to this scene and method, and to controllers of this code.
 
         Raises:
             SceneError: it was made by another one.
@@ -56,6 +57,11 @@ class Checkpoint:
             )
         if self.scene != scene.digest():
             raise SceneError("the checkpoint was made by another scene: bodies, joints, forces or functions differ")
+        if self.snapshot.sampling.code != controllers:
+            raise SceneError(
+                "the checkpoint was made with other controllers: one is new or gone, or a law, a period, a signal or a "
+                "state differs"
+            )
         return self.snapshot
 
     def save(self, path: str | Path) -> Path:
@@ -70,6 +76,10 @@ class Checkpoint:
             **{f"groups.{name}": part for name, part in snapshot.groups.fields().items()},
             **{f"method.{name}": part for name, part in snapshot.memory.items()},
             "rows": snapshot.rows,
+            "controllers": snapshot.sampling.code,
+            "sample": snapshot.sampling.next,
+            "signals": snapshot.sampling.values,
+            "controller_states": snapshot.sampling.states,
             "wrenches": snapshot.interiors.wrenches,
             "bodies": len(snapshot.interiors.memories),
             **{
@@ -95,7 +105,10 @@ class Checkpoint:
             own = _memory(file, "method.")
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
             kept = InteriorSnapshot(file["wrenches"], memories)
-            snapshot = Snapshot(state, groups, own, float(first_step), file["rows"], kept)
+            sampling = SamplingMemory(
+                str(file["controllers"]), file["sample"], file["signals"], file["controller_states"]
+            )
+            snapshot = Snapshot(state, groups, own, float(first_step), file["rows"], kept, sampling)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason

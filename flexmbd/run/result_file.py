@@ -30,11 +30,13 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.departure import Departure
 from flexmbd.run.event import Event, Moment, Occurrence
 from flexmbd.run.recording import BodyRecording
+from flexmbd.run.sampling import Samples
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
 
-TRAJECTORY = FileKind("flexmbd trajectory", 1, "Trajectory.save")
+TRAJECTORY = FileKind("flexmbd trajectory", 2, "Trajectory.save")
+_SAMPLES = ("t", "measurements", "inputs", "states", "before")
 _ROWS = ("t", "x", "v", "a", "row_multipliers")
 
 
@@ -65,6 +67,7 @@ class SavedRun:
     departures: tuple[Departure, ...]
     kept_rows: tuple[int, ...] | None
     recordings: tuple[BodyRecording, ...]
+    samples: tuple[Samples, ...]
 
 
 def save_run(path: Path, saved: SavedRun, series: ResultTable, *, scene: CompiledScene, team: Team) -> None:
@@ -86,6 +89,7 @@ def save_run(path: Path, saved: SavedRun, series: ResultTable, *, scene: Compile
                 "path": tuple(str(one.path) for one in saved.recordings),
                 "name": tuple(one.name for one in saved.recordings),
             },
+            "samples": {str(k): _samples_tree(one) for k, one in enumerate(saved.samples)},
             "series": {"names": series.names, "units": series.units, "values": series.values},
         }
         if saved.kept_rows is not None:
@@ -122,6 +126,7 @@ def load_run(path: Path, scene: CompiledScene) -> SavedRun:
             departures=_departures(tree["departures"]),
             kept_rows=None if kept is None else tuple(kept.tolist()),
             recordings=_recordings(tree["recordings"], scene),
+            samples=tuple(_samples(tree["samples"][str(k)]) for k in range(len(tree["samples"]))),
         )
     except (KeyError, ValueError, TypeError, AttributeError, IndexError) as reason:
         raise RecordError(f"{path} does not hold what a {TRAJECTORY.format} should: {reason}") from reason
@@ -182,6 +187,17 @@ def _departures_tree(departures: tuple[Departure, ...], nv: int) -> Tree:
 
 def _departures(tree: Tree) -> tuple[Departure, ...]:
     return tuple(Departure(*parts) for parts in zip(tree["row"].tolist(), tree["v"], tree["a"], strict=True))
+
+
+def _samples_tree(samples: Samples) -> Tree:
+    numbers = {name: getattr(samples, name) for name in _SAMPLES}
+    rows = [(k, row) for k, rows in enumerate(samples.rows) for row in rows]
+    return {"name": samples.name, **numbers, "rows": np.array(rows, dtype=np.int64).reshape(-1, 2)}
+
+
+def _samples(tree: Tree) -> Samples:
+    rows = tuple(tuple(tree["rows"][tree["rows"][:, 0] == k, 1].tolist()) for k in range(len(tree["before"])))
+    return Samples(tree["name"], **{name: tree[name] for name in _SAMPLES}, rows=rows)
 
 
 def _interiors_tree(rows: tuple[InteriorRecord, ...]) -> Tree:

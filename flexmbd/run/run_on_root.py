@@ -10,6 +10,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
 from flexmbd.run.event import Occurrence
+from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory
@@ -84,7 +85,8 @@ def _received(
     outcome: _Outcome, scene: CompiledScene, bodies: Mapping[str, Body], settings: RunSettings, team: Team
 ) -> tuple[Trajectory, BaseException | None]:
     events = tuple(Occurrence(settings.events[k], t, row) for k, t, row in outcome.occurred)
-    trajectory = Trajectory(scene=scene, bodies=bodies, team=team, events=events, **outcome.parts)
+    driven = with_samples(scene, outcome.parts["samples"])
+    trajectory = Trajectory(scene=driven, bodies=bodies, team=team, events=events, **outcome.parts)
     if outcome.error is None:
         return trajectory, None
     kind, message = outcome.error

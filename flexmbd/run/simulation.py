@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
@@ -27,10 +27,12 @@ from flexmbd.multibody.start.loop_closing import CLOSED
 from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
+from flexmbd.run.controller import Controller
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.recording_file import Recorder, open_recorder
+from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
 from flexmbd.run.stats import Stats
 from flexmbd.run.stepping import Integration, Snapshot
@@ -51,6 +53,7 @@ def run(
     method: Integrator,
     snapshot: Snapshot,
     team: Team,
+    controllers: Sequence[Controller] = (),
 ) -> Trajectory:
     """Integrate from a snapshot by settings, of which those of the start have been heeded; see ``System.simulate``."""
     method.check(start.scene)
@@ -60,7 +63,9 @@ def run(
         announce_compilation(purpose)
     set_out = time.perf_counter()
     events, begun, t_end, saves = settings.events, settings.begun, settings.t_end, saves_of(settings)
-    integration = Integration(start, method, team, snapshot, one_by_one=len(events) > 0)
+    integration = Integration(
+        start, method, team, snapshot, one_by_one=len(events) > 0, controllers=controllers, begun=begun
+    )
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     budget = _Budget(limits_of(settings), integration, team, set_out)
@@ -231,9 +236,11 @@ def _finish(
     kept = tuple(start.choice.rows) if start.scene.redundant else None
     beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
+    samples = integration.samples()
     return Trajectory(
-        scene, t, x, v, a, multipliers, stats, bodies, team, interior_rows=beside, departures=departures, kept_rows=kept
-    )
+        with_samples(scene, samples), t, x, v, a, multipliers, stats, bodies, team,
+        interior_rows=beside, departures=departures, kept_rows=kept, samples=samples,
+    )  # fmt: skip
 
 
 def _spent(method: Integrator, count: IntArray, seconds: float, compile_seconds: float) -> Stats:

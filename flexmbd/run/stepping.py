@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
+from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
@@ -28,8 +29,10 @@ from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
+from flexmbd.run.controller import Controller
 from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
+from flexmbd.run.sampling import NO_SAMPLING, Samples, Sampling, SamplingMemory, with_own_signals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,6 +53,7 @@ class Snapshot:
         first_step: the step (s) that the integration began with.
         rows: (m,) which of all constraint rows are kept.
         interiors: what bodies with history remember.
+        sampling: what controllers remember.
     """
 
     state: st.State
@@ -58,6 +62,7 @@ class Snapshot:
     first_step: float
     rows: IntArray
     interiors: InteriorSnapshot = NO_INTERIORS
+    sampling: SamplingMemory = NO_SAMPLING
 
 
 class Integration:
@@ -76,8 +81,17 @@ class Integration:
     """
 
     def __init__(
-        self, start: Start, method: Integrator, team: Team, at: Snapshot, *, one_by_one: bool
+        self,
+        start: Start,
+        method: Integrator,
+        team: Team,
+        at: Snapshot,
+        *,
+        one_by_one: bool,
+        controllers: Sequence[Controller] = (),
+        begun: float = 0.0,
     ) -> None:
+        start = with_own_signals(start) if controllers else start
         scene = start.scene if np.array_equal(at.rows, start.choice.rows) else start.unreduced.keep_rows(at.rows)
         self.start = start
         self.scene = scene
@@ -87,6 +101,9 @@ class Integration:
         self.work = new_work(scene.plan)
         self._team = team
         self._first_step = at.first_step
+        self._sampling = Sampling(controllers, scene, begun=begun, team=team) if controllers else None
+        if self._sampling is not None and at.sampling.code:
+            self._sampling.resume(at.sampling, scene)
         self._interiors = scene.interiors
         if self._interiors is not None:
             self._interiors.restore(scene.plan, at.interiors)
@@ -163,9 +180,9 @@ class Integration:
             return failed
         code = st.DONE
         while code == st.DONE and self.t < t_end:
-            if count[st.AT_BREAK] == 1:
+            if self._take_samples() or count[st.AT_BREAK] == 1:
                 self._leave_break()
-            ahead = self._breaks.next_jump(self.t)
+            ahead = self._next_jump(t_end)
             number[st.TIME_END] = min(t_end, ahead)
             number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
             code = self._stepper.advance(self.record, self._breaks.knots)
@@ -177,6 +194,20 @@ class Integration:
             count[st.RESELECT_ROWS] = code
             return st.OUTPUT
         return code
+
+    def _take_samples(self) -> bool:
+        """Let the controllers whose time has come set their signals; whether any did.  Collective."""
+        if self._sampling is None:
+            return False
+        s = self.state
+        return self._sampling.take(self.t, self.scene, Instant(self.scene, self.t, s.x, s.v, s.a, s.multipliers))
+
+    def _next_jump(self, t_end: float) -> float:
+        """When (s) a function of time jumps next, or a controller samples."""
+        ahead = self._breaks.next_jump(self.t)
+        if self._sampling is None:
+            return ahead
+        return min(ahead, self._sampling.following(t_end, ahead))
 
     def _choose_rows(self) -> bool:
         """Keep other rows where they hold more firmly, and begin anew with them; whether there are any.  Collective."""
@@ -295,11 +326,16 @@ class Integration:
             self._choose_rows()
         return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
 
+    def samples(self) -> tuple[Samples, ...]:
+        """What controllers did."""
+        return () if self._sampling is None else self._sampling.samples()
+
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
         memory = {name: part.copy() for name, part in arrays_of(self._stepper.memory).items()}
         parts = _copy(self.state), _copy_groups(self.groups), memory, self._first_step, self._rows.copy()
-        return Snapshot(*parts, _kept(self.scene))
+        sampling = NO_SAMPLING if self._sampling is None else self._sampling.snapshot()
+        return Snapshot(*parts, _kept(self.scene), sampling)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this integration."""
@@ -311,6 +347,8 @@ class Integration:
             for part, kept in zip(here.fields().values(), there.fields().values(), strict=True):
                 part[...] = kept
         self._recall(snapshot.memory)
+        if self._sampling is not None:
+            self._sampling.restore(snapshot.sampling, self.scene)
         if self._interiors is not None:
             self._interiors.restore(self.scene.plan, snapshot.interiors)
 

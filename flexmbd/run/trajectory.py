@@ -26,10 +26,12 @@ from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
 from flexmbd.run.columns import table_columns, table_times, tabulate
+from flexmbd.run.controller import Controller
 from flexmbd.run.departure import Departure
 from flexmbd.run.force_series import ForceSeries
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
+from flexmbd.run.sampling import Samples, with_samples
 from flexmbd.run.stats import Stats
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ class Trajectory(ForceSeries):
             just before.
         recordings: fields of bodies with history, where the simulation was given a recording.
         kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
+        samples: what each controller measured and gave.
     """
 
     scene: CompiledScene
@@ -81,6 +84,7 @@ class Trajectory(ForceSeries):
     departures: tuple[Departure, ...] = ()
     kept_rows: tuple[int, ...] | None = None
     recordings: tuple[BodyRecording, ...] = ()
+    samples: tuple[Samples, ...] = ()
 
     def __repr__(self) -> str:
         """What ran, how long and in how many steps; arrays are asked for by name."""
@@ -104,6 +108,18 @@ class Trajectory(ForceSeries):
             raise SceneError(f"one time in s is wanted, got {t!r:.100}")
         x, v, a = (part[0] for part in self.motion(t))
         return Instant(self.scene, float(t), x, v, a, self._multipliers(float(t), x, v, a))
+
+    def sampled(self, controller: Controller) -> Samples:
+        """What a controller measured and gave, at its samples.
+
+        Raises:
+            SceneError: it did not run here.
+        """
+        refuse_other(controller, Controller, "a controller", wanted="what scene.add_controller(...) gave")
+        for one in self.samples:
+            if one.name == controller.name:
+                return one
+        raise SceneError(f"{controller.what} did not run here")
 
     def _multipliers(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
         """(m,) at a time (s) at which the machine moves so; None where what interiors exert is not known."""
@@ -193,6 +209,7 @@ class Trajectory(ForceSeries):
         scene, bodies, team = machine.compiled_parts(values)
         saved = load_run(Path(path), scene)
         parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
+        scene = with_samples(scene, saved.samples)
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)
 
     def plot(

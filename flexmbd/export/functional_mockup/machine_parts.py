@@ -94,6 +94,12 @@ def refuse_functions(scene: CompiledScene) -> None:
     if scene.interiors is not None:
         names = ", ".join(body.name for body in scene.interiors.bodies)
         raise ExportError(f"bodies with history cannot leave in an FMU ({names}): where they stay elastic, reduce them")
+    signals = {row.signal.name: None for row in scene.time_rows if row.signal is not None}
+    if signals:
+        raise ExportError(
+            f"controllers and states cannot leave in an FMU, and signals that they set ({', '.join(signals)}) cannot "
+            "either: give the loads numbers and make them inputs, and compute them outside"
+        )
     given = time_kinds(plan)
     users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
     elements = force_elements(plan)

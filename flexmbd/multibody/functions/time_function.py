@@ -13,6 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_truth, numbers
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.fingerprint import fingerprint
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
 from flexmbd.multibody.kernels.base import kinds
 
@@ -69,7 +70,7 @@ class Piecewise:
 
 #: Types that serve as a function of time.
 TimeFunction = Union[
-    float, Sine, Table, "PPoly", Compiled, Motion, Piecewise, Callable[[float], Any]
+    float, Sine, Table, "PPoly", Compiled, Motion, Piecewise, Signal, Callable[[float], Any]
 ]
 
 
@@ -87,6 +88,7 @@ class TimeRow:
         code: digest of a user's function (see ``fingerprint``).
         motion: whether it prescribes a motion.
         breaks: (k,) s, declared.
+        signal: the signal of which the row holds the value; None of functions of time.
     """
 
     kind: int
@@ -98,6 +100,7 @@ class TimeRow:
     code: str = ""
     motion: bool = False
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    signal: Signal | None = None
 
     @property
     def has_pieces(self) -> bool:
@@ -133,6 +136,15 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     none = (0, 0, 0)
+    if isinstance(function, Signal):
+        if motion:
+            raise SceneError(
+                f"{what}: signal {function.name!r} jumps when it is set, and so would the motion; let it be the value "
+                "of a load, as fm.force.JointTorque(joint, signal)"
+            )
+        constant = np.array([1.0, 0.0, 1.0, float(function.initial)])
+        text = f"signal {function.name!r}, {function.initial:g} until it is set"
+        return TimeRow(kinds.TIME_PIECEWISE, constant, 1, none, None, text, signal=function)
     if isinstance(function, (int, float, np.integer, np.floating)) and not is_truth(function):
         value = float(function)
         if not np.isfinite(value):

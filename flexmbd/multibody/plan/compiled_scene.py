@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -82,6 +82,7 @@ class CompiledScene:
         addresses: of all functions that the whole scene calls, in the order of ``_addresses``.
         sources: where the plan's numbers come from.
         varied: whether its numbers are those of a variant, not those of ``parts``.
+        unset: where signals have the history of a run here, the scene with them at their initial values.
     """
 
     plan: Plan
@@ -109,6 +110,7 @@ class CompiledScene:
     interiors: Interiors | None = None
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     varied: bool = False
+    unset: CompiledScene | None = None
 
     def __repr__(self) -> str:
         """Its sizes."""
@@ -161,6 +163,8 @@ class CompiledScene:
         Bodies with history sum up the masses of their frames over their ranks: with them the numbers of frames and
         rigid bodies count to eight digits, so that a scene is the same on any number of ranks.
         """
+        if self.unset is not None:
+            return self.unset.digest(functions=functions)
         plan = self.plan
         if self.interiors is not None:
             plan = plan.replace(rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
@@ -189,6 +193,8 @@ class CompiledScene:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Its parts and numbers; functions' addresses are of this process."""
+        if self.unset is not None:
+            return with_signals, (self.unset, {k: row.data for k, row in enumerate(self.time_rows) if row.signal})
         numbers = {name: getattr(self, name) for name in _NUMBERS}
         breaks = tuple(row.breaks for row in self.time_rows)
         return _compiled_anew, (self.parts, self.addresses, numbers, self.index.substitutes, breaks)
@@ -389,6 +395,18 @@ def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
         data.append(data_with_integrals(row))
         offset += data[-1].size
     return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
+
+
+def with_signals(scene: CompiledScene, steps: Mapping[int, FloatArray]) -> CompiledScene:
+    """The scene with signals as steps over time: by rows of ``Plan.times`` their data, of polynomials of order 0.
+
+    ``unset`` of what is returned is ``scene``.
+    """
+    known = enumerate(scene.time_rows)
+    rows = [row if k not in steps else replace(row, data=steps[k], count=(steps[k].size - 2) // 2) for k, row in known]
+    times, time_data = _time_table(rows)
+    plan = scene.plan.replace(times=times, time_data=time_data)
+    return replace(scene, plan=plan, time_rows=tuple(rows), unset=scene)
 
 
 def add_probe(scene: CompiledScene, frame: Frame) -> Plan:
