@@ -1,10 +1,12 @@
-# flexmbd with DOLFINx 0.9, on Debian 13:
+# flexmbd with DOLFINx 0.9, on Debian 13. Untried: no image could be fetched; tools/try_wheel.py has hadolint read it.
 #
 #     docker build -t flexmbd .
 #     docker run --rm -it -v "$PWD:/work" flexmbd python /flexmbd/demos/slider_crank.py
 
 FROM debian:trixie
 
+# Debian 13 holds its versions by itself.
+# hadolint ignore=DL3008
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install --yes --no-install-recommends \
         python3-dolfinx python3-dolfinx-real python3-petsc4py-real python3-slepc4py-real python3-mpi4py \

