@@ -46,6 +46,9 @@ suppress_warnings = ["ref.python"]  # of the attributes that many classes call b
 
 html_theme = "furo"
 html_title = f"flexmbd {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_domain_indices = False
 html_copy_source = False
 html_show_sphinx = False
 html_show_copyright = False
@@ -68,11 +71,17 @@ def plain(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    """Write the gallery's and the reference's pages before the sources are read."""
+    """Write the pages of gallery and reference before the sources are read; at the end lay films beside them."""
 
     def write_pages(app):
-        gallery.write_pages(Path(app.srcdir) / "gallery", root=ROOT)
+        gallery.write_pages(Path(app.srcdir) / "gallery", outputs=Path(app.config.gallery_outputs))
         reference.write_pages(Path(app.srcdir) / "reference")
 
+    def copy_films(app, failure):
+        if failure is None:
+            gallery.copy_films(Path(app.srcdir) / "gallery", Path(app.outdir) / "gallery")
+
+    app.add_config_value("gallery_outputs", str(gallery.OUTPUTS), "env", types=[str])
     app.connect("builder-inited", write_pages)
+    app.connect("build-finished", copy_films)
     app.connect("autodoc-process-docstring", plain, priority=100)  # before napoleon

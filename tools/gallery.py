@@ -1,7 +1,8 @@
 """The site's gallery: a page for each demo, from its file and from what one run of it printed and drew.
 
 `python tools/gallery.py` runs the demos and keeps their outputs in `out_gallery`, from which any number of builds take
-them. Demos that were not run show their text, their code and the picture in docs/pictures that bears their name.
+them; `./run docs --outputs FOLDER` takes those of another run, as .ci/run does: a folder a demo, what it printed in
+`printed.txt`. Demos that were not run show their text, their code and the picture in docs/pictures of their name.
 """
 
 from __future__ import annotations
@@ -14,22 +15,30 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+#: Where a run of the demos is kept.
+OUTPUTS = ROOT / "out_gallery"
 _PICTURES = (".png", ".gif", ".mp4")
 _PRINTED = "printed.txt"
 
 
-def write_pages(folder: Path, *, root: Path = ROOT) -> None:
+def write_pages(folder: Path, *, outputs: Path = OUTPUTS, root: Path = ROOT) -> None:
     """Write the pages of all demos of a checkout, and their index, into a folder of the site's sources."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     demos = sorted((root / "demos").glob("*.py"))
     for demo in demos:
-        outputs = _outputs(demo, root)
-        for file in outputs:
+        kept = _outputs(demo, outputs, root)
+        for file in kept:
             if file.suffix in _PICTURES:
                 shutil.copy(file, folder / f"{demo.stem}-{file.name}")
-        (folder / f"{demo.stem}.md").write_text(page_of(demo, outputs))
+        (folder / f"{demo.stem}.md").write_text(page_of(demo, kept))
     (folder / "index.md").write_text(_index(demos, folder))
+
+
+def copy_films(folder: Path, built: Path) -> None:
+    """Lay the films beside the built pages, which show them by HTML of their own, so that Sphinx does not see them."""
+    for film in folder.glob("*.mp4"):
+        shutil.copy(film, built)
 
 
 def page_of(demo: Path, outputs: Sequence[Path]) -> str:
@@ -69,9 +78,9 @@ def run_demos(folder: Path, names: Sequence[str], *, root: Path = ROOT) -> int:
     return failed
 
 
-def _outputs(demo: Path, root: Path) -> list[Path]:
+def _outputs(demo: Path, outputs: Path, root: Path) -> list[Path]:
     """What a run of a demo left, or the picture in the tree of its name."""
-    kept = root / "out_gallery" / demo.stem
+    kept = outputs / demo.stem
     if kept.is_dir():
         return sorted(file for file in kept.rglob("*") if file.suffix in _PICTURES or file.name == _PRINTED)
     picture = root / "docs" / "pictures" / f"{demo.stem}.png"
@@ -80,7 +89,7 @@ def _outputs(demo: Path, root: Path) -> list[Path]:
 
 def _shown(name: str, suffix: str) -> str:
     if suffix == ".mp4":
-        return f'<video controls loop muted playsinline width="100%" src="../_images/{name}"></video>'
+        return f'<video controls loop muted playsinline preload="metadata" width="100%" src="{name}"></video>'
     return f"![{name}]({name})"
 
 
@@ -107,4 +116,4 @@ def _index(demos: Sequence[Path], folder: Path) -> str:
 
 
 if __name__ == "__main__":
-    raise SystemExit(min(1, run_demos(ROOT / "out_gallery", sys.argv[1:])))
+    raise SystemExit(min(1, run_demos(OUTPUTS, sys.argv[1:])))
