@@ -5,7 +5,8 @@
 
 Asks of every page: no link, picture or script is dead; nothing is fetched from elsewhere; every formula is set and
 none has an error; nothing but what scrolls by itself (tables, code, formulas) is wider than a telephone's 360 points;
-films play. Of the search: it finds `craig_bampton`. Prints what is wrong, page by page. Needs Debian's Chromium and its python3-selenium; nothing of flexmbd.
+films play. Of the search: it finds `craig_bampton`. Prints what is wrong, page by page. Needs
+Debian's Chromium and its python3-selenium, nothing of flexmbd.
 """
 
 from __future__ import annotations
