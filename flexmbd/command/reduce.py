@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from flexmbd.continuum import Interface
     from flexmbd.record.reduced_body import ReducedBody
+    from flexmbd.reduction import InterfaceModes
 
 _EXAMPLES = """\
 examples:
@@ -113,6 +114,22 @@ def _describe_reduction(parser: argparse.ArgumentParser) -> None:
         metavar="E",
         help="instead of a number: as many as bring the relative error of the eigenvalues (2 pi f)^2 down to E",
     )
+    reduction.add_argument("--free", action="store_true", help="modes of the free body instead of fixed-interface ones")
+    reduction.add_argument(
+        "--interface-modes",
+        type=int,
+        metavar="N",
+        help="N characteristic modes in the place of the six static shapes of every interface but --joint and --frame",
+    )
+    reduction.add_argument(
+        "--interface-tol",
+        type=float,
+        metavar="E",
+        help="instead of N: as many as add no more than E to the relative error of the eigenvalues",
+    )
+    reduction.add_argument(
+        "--joint", action="append", default=[], metavar="NAME", help="an interface that keeps its six; repeat it"
+    )
     reduction.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
     reduction.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
     reduction.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
@@ -142,7 +159,9 @@ def reduce(arguments: argparse.Namespace) -> int:
         return 0
     _require(arguments)
     interfaces = [parse_interface(text) for text in arguments.interface]
-    truncation = chosen_truncation(Truncation(arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol))
+    given = Truncation(arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol, free=arguments.free)
+    truncation = chosen_truncation(given)
+    characteristic = _interface_modes(arguments)
     parallel.on_root(comm, lambda: check_free(arguments.output, force=arguments.force, source=arguments.mesh))
     material = parallel.on_root(comm, lambda: _material(arguments))
     damping = make_damping(material.damping)
@@ -171,10 +190,24 @@ def reduce(arguments: argparse.Namespace) -> int:
         geometric_stiffness=not arguments.no_geometric_stiffness,
         damping=damping,
         keep=Keep(modes=arguments.keep_modes, surface=arguments.keep_surface),
+        interface_modes=characteristic,
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))
     _report(arguments.output, body, size, as_json=arguments.json)
     return 0
+
+
+def _interface_modes(arguments: argparse.Namespace) -> InterfaceModes | None:
+    """What --interface-modes, --interface-tol and --joint ask for."""
+    from flexmbd.reduction import InterfaceModes, Truncation
+    from flexmbd.reduction.modes.truncation import chosen_truncation
+
+    if arguments.interface_modes is None and arguments.interface_tol is None:
+        if arguments.joint:
+            arguments.refuse("--joint NAME goes with --interface-modes or --interface-tol")
+        return None
+    wanted = Truncation(arguments.interface_modes, tol=arguments.interface_tol)
+    return InterfaceModes(chosen_truncation(wanted), joints=tuple(arguments.joint))
 
 
 def _require(arguments: argparse.Namespace) -> None:

@@ -178,7 +178,8 @@ class StressModes:
     Attributes:
         node: (k,) node numbers, as in `NodalModes`.
         x: (k, 3) m, node positions in B.
-        interface: (k,) number, in the record's order, of the interface that the node is of; -1 for none.
+        interface: (k,) number, in the record's order, of the interface that the node is of; -1 for none. Interfaces
+            without a frame in the record (`InterfaceModes`) are counted on.
         sigma: (k, 6, n) Pa, components xx yy zz xy xz yz in B's axes.
     """
 

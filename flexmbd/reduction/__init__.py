@@ -25,6 +25,7 @@ from flexmbd.reduction.modes.eigensolver import KrylovSchur as KrylovSchur
 from flexmbd.reduction.modes.eigensolver import SpectrumSlicing as SpectrumSlicing
 from flexmbd.reduction.modes.fixed_modes import TruncationErrors as TruncationErrors
 from flexmbd.reduction.modes.fixed_modes import truncation_errors as truncation_errors
+from flexmbd.reduction.modes.interface_modes import InterfaceModes as InterfaceModes
 from flexmbd.reduction.modes.truncation import Truncation as Truncation
 from flexmbd.reduction.optional_groups import Keep as Keep
 from flexmbd.reduction.static_shapes.condensation import CondensedMatrices as CondensedMatrices

@@ -13,17 +13,25 @@ from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
-from flexmbd.record.reduced_body import FRAME_DOFS, ReducedBody
+from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.modes.eigensolver import Eigensolver, chosen_eigensolver
 from flexmbd.reduction.modes.fixed_modes import fixed_interface_modes
+from flexmbd.reduction.modes.free_modes import free_interface_modes
+from flexmbd.reduction.modes.interface_modes import (
+    InterfaceModes,
+    all_interface_shapes,
+    check_interface_modes,
+    interface_shapes,
+)
+from flexmbd.reduction.modes.ritz import ritz_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
-from flexmbd.reduction.stiffening.geometric_stiffness import n_inertia_loads
+from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
 from flexmbd.reduction.stiffening.stretch_modes import stretch_modes
 from flexmbd.reduction.unit_loads import Load, listed
 
@@ -39,6 +47,7 @@ def craig_bampton(
     keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
     eigensolver: Eigensolver | None = None,
+    interface_modes: InterfaceModes | None = None,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -66,6 +75,8 @@ def craig_bampton(
             memory there is by conjugate gradients.
         eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
             `SpectrumSlicing()`.
+        interface_modes: which interfaces keep their six static shapes, and how many characteristic modes stand for
+            those of the others; None: all keep them.
 
     Returns:
         The record, the same to the bit on every rank.
@@ -92,12 +103,15 @@ def craig_bampton(
         keep=keep,
         solver=solver,
         eigensolver=eigensolver,
+        interface_modes=interface_modes,
     )
     refuse_no_truth(ReductionError, geometric_stiffness=geometric_stiffness)
     method = chosen_eigensolver(eigensolver)
     truncation = chosen_truncation(modes)
     contents = Contents(geometric_stiffness=geometric_stiffness, loads=given, damping=damping, keep=keep)
     contents.check(model)
+    if interface_modes is not None:
+        check_interface_modes(interface_modes, model.interfaces, frame=frame)
     basis, count, notes = _basis(
         model,
         frame,
@@ -105,10 +119,11 @@ def craig_bampton(
         contents=contents,
         solver=solver,
         eigensolver=method,
+        choice=interface_modes,
     )
     provenance = {
         "reduction": _name(model, count),
-        "fixed-interface modes": str(count),
+        **({} if truncation.free else {"fixed-interface modes": str(count)}),
         "eigensolver": repr(method),
         "eigenvalue tolerance": f"{eigen.TOLERANCE:.0e}",
         **notes,
@@ -142,25 +157,40 @@ def _basis(
     contents: Contents,
     solver: Solver | None,
     eigensolver: Eigensolver,
+    choice: InterfaceModes | None,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     with body_statics(model, frame=frame, solver=solver) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
-        fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
-        found = responses(statics, contents)
+        if truncation.free:
+            frames = interface_loads(model, statics.interfaces, R=statics.R).forces
+            fixed, notes = free_interface_modes(
+                statics, truncation, frames=frames, fields=fields, images=images, eigensolver=eigensolver
+            )
+        else:
+            fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
+        kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
+        notes.update(kept.notes)
+        found = responses(statics, contents, kept.interfaces)
         count = len(fixed.eigenvalues)
         if contents.geometric_stiffness and count > 0:
             more = _stretch_modes(statics, fixed, found, images)
             fixed = eigen.Modes(
                 np.concatenate([fixed.eigenvalues, more.eigenvalues]), np.hstack([fixed.shapes, more.shapes])
             )
+            if truncation.free:
+                # beside modes that are no eigenvectors of the fixed body they share mass or energy
+                fixed = ritz_modes(model, fixed.shapes, images=images)
             notes["stretch modes"] = str(len(more.eigenvalues))
     # the shapes of the first interface were only for the check
-    shapes: FloatArray = np.hstack([static.shapes[:, 6:], fixed.shapes])
-    forces = np.hstack([static.forces[:, 6:], multiply(model.K, fixed.shapes)])
-    n, interfaces = shapes.shape[1], statics.interfaces
+    shapes, forces = static.shapes[:, 6:], static.forces[:, 6:]
+    if choice is not None:
+        shapes, forces = shapes @ kept.change, forces @ kept.change
+    shapes = np.hstack([shapes, fixed.shapes])
+    forces = np.hstack([forces, multiply(model.K, fixed.shapes)])
+    n, interfaces = shapes.shape[1], kept.interfaces
     moved: FloatArray = np.zeros((6 * len(interfaces), n))
     rigid_part: FloatArray = np.zeros((6, n))
     if frame is None and statics.rigid is not None:
@@ -174,8 +204,8 @@ def _basis(
         p=statics.p,
         R=statics.R,
         interfaces=interfaces,
-        rows=np.eye(6 * len(interfaces), n, -6) - moved,
-        names=_names(statics, count, len(fixed.eigenvalues) - count),
+        rows=_frame_motions(len(interfaces), n) - moved,
+        names=(*kept.names, *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free)),
         shapes=shapes,
         forces=forces,
         eigenvalues=fixed.eigenvalues,
@@ -197,14 +227,16 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
     )
 
 
-def _names(statics: Statics, modes: int, stretch: int) -> tuple[str, ...]:
-    """(n,) names of the coordinates."""
-    static = [f"{one.name}.{dof}" for one in statics.interfaces[1:] for dof in FRAME_DOFS]
-    if statics.floating and statics.interfaces:
-        static = [f"{name} from {statics.interfaces[0].name}" for name in static]
-    kind = "fixed-interface" if statics.interfaces else "free-free"
+def _frame_motions(frames: int, n: int) -> FloatArray:
+    """(6 frames, n) motions of the frames: the first is at rest, the others are the first coordinates."""
+    return np.eye(6 * frames, n, -6)
+
+
+def _names(statics: Statics, modes: int, stretch: int, *, free: bool) -> tuple[str, ...]:
+    """Names of the modes' coordinates."""
+    kind = ("free-interface" if free else "fixed-interface") if statics.interfaces else "free-free"
     modal = [f"{kind} {i + 1}" for i in range(modes)]
-    return (*static, *modal, *(f"stretch {i + 1}" for i in range(stretch)))
+    return (*modal, *(f"stretch {i + 1}" for i in range(stretch)))
 
 
 def _signed_modes(

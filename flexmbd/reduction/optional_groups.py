@@ -12,6 +12,7 @@ Which part of flexmbd needs a group:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.gram_matrix import check_inertia
+from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import (
     boundary_triangles,
@@ -114,11 +116,11 @@ class Responses:
     displacements: FloatArray
 
 
-def responses(statics: Statics, contents: Contents) -> Responses:
-    """Apply the loads that the contents need. Collective."""
+def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundInterface]) -> Responses:
+    """Apply the loads that the contents need, those of the interfaces that the record has among them. Collective."""
     names, forces = tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
     named = UnitLoads(names, forces, np.zeros(len(names)))
-    loads = joined(unit_loads(statics), named) if contents.geometric_stiffness else named
+    loads = joined(unit_loads(statics, interfaces), named) if contents.geometric_stiffness else named
     return Responses(loads, statics.static_response(loads.forces))
 
 
@@ -129,6 +131,7 @@ def optional_parts(
     *,
     modes: FloatArray,
     stiffness: FloatArray,
+    frames: Sequence[str],
     p: FloatArray,
     R: FloatArray,
 ) -> tuple[dict[str, Any], dict[str, str]]:
@@ -140,6 +143,7 @@ def optional_parts(
         found: the responses to loads.
         modes: (local dofs including ghosts, n) in normal form, in the mesh's axes.
         stiffness: (n,) 1/s^2.
+        frames: names of the record's interfaces, in its order.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
 
@@ -194,7 +198,7 @@ def optional_parts(
     if contents.keep.surface:
         parts["surface"] = surface_group(model, modes, p=p, R=R)
     if contents.keep.stress:
-        parts["stress"] = stress_group(model, modes, p=p, R=R)
+        parts["stress"] = stress_group(model, modes, frames=frames, p=p, R=R)
     return parts, provenance
 
 

@@ -98,7 +98,14 @@ def project(
     parts, x = parallel.on_root(model.comm, make)
     modes = with_ghosts(model, basis.shapes @ x)
     more, notes = optional_parts(
-        model, contents, basis.responses, modes=modes, stiffness=parts["stiffness"], p=p, R=R
+        model,
+        contents,
+        basis.responses,
+        modes=modes,
+        stiffness=parts["stiffness"],
+        frames=[one.name for one in basis.interfaces],
+        p=p,
+        R=R,
     )
     parts["provenance"].update(notes)
     return ReducedBody(**parts, **more)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +20,15 @@ _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
 _LINEAR = 1e-9
 
 
-def stress_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> StressModes:
+def stress_group(
+    model: LinearModel, modes: FloatArray, *, frames: Sequence[str], p: FloatArray, R: FloatArray
+) -> StressModes:
     """The group, as `LinearModel.stress_field` averages each mode. Collective.
 
     Args:
         model: the body.
         modes: (local dofs including ghosts, n), in the mesh's axes.
+        frames: names of the interfaces that the record has, in its order.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
 
@@ -45,14 +50,16 @@ def stress_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: Flo
             f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
             "modes; keep the modes (Keep(modes=True)) and have stresses from the model"
         )
-    return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node), sigma)
+    return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node, frames), sigma)
 
 
-def _interface_of(model: LinearModel, node: NDArray[np.int64]) -> NDArray[np.int64]:
+def _interface_of(model: LinearModel, node: NDArray[np.int64], frames: Sequence[str]) -> NDArray[np.int64]:
     """The interface that each node is of, the first where several share it; -1 for none. Collective."""
     owner = np.full(len(node), -1, dtype=np.int64)
     numbers = node_numbers(model)
-    for i, interface in reversed(list(enumerate(model.interfaces))):
+    known = [one for name in frames for one in model.interfaces if one.name == name]
+    others = [one for one in model.interfaces if one.name not in frames]
+    for i, interface in reversed(list(enumerate([*known, *others]))):
         held = model.comm.allgather(numbers[interface.nodes])
         owner[np.isin(node, np.concatenate(held))] = i
     return owner

@@ -160,6 +160,23 @@ def test_reduce_by_a_frequency_and_by_a_tolerance(beam_file, words, keywords):
     assert [written.provenance.get(note) for note in notes] == [expected.provenance.get(note) for note in notes]
 
 
+def test_reduce_by_interface_modes_and_free_modes(beam_file, capsys):
+    output = beam_file.with_name("beam.h5")
+    arguments = ["reduce", str(beam_file), "--form", "solid_linear", *STEEL, *ENDS, "--frame", "start", "--modes", "3"]
+    arguments += ["--no-geometric-stiffness", "-o", str(output)]
+    assert main([*arguments, "--free", "--interface-modes", "4"]) == 0
+    from flexmbd.reduction import InterfaceModes, Truncation
+
+    keywords = {"modes": Truncation(3, free=True), "frame": "start", "geometric_stiffness": False}
+    expected = by_hand(beam_file, **keywords, interface_modes=InterfaceModes(4))
+    assert ReducedBody.load(output).stiffness == pytest.approx(expected.stiffness, rel=1e-9)
+    assert main([*arguments, "--force", "--interface-tol", "1e-3"]) == 0
+    assert "interface modes" in ReducedBody.load(output).provenance
+    with pytest.raises(SystemExit):
+        main([*arguments, "--force", "--joint", "end"])
+    assert "goes with --interface-modes" in capsys.readouterr().err
+
+
 GOOD = {
     "--form": ["solid_linear"],
     "--parameter": ["E=2.1e11", "nu=0.3", "rho=7850"],

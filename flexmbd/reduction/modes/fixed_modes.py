@@ -28,13 +28,13 @@ from flexmbd.reduction.modes.sturm import confirmed
 from flexmbd.reduction.modes.truncation import LOWEST, MOST, Truncation, whole_number
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics
 
-# Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
-_GUARD = 2
+#: Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
+GUARD = 2
 # Relative distance below which neighbouring eigenvalues count as equal: as equal as a mesh leaves those of a body whose
 # shape has them so. Half a pair is a body that bends more easily one way than another.
 _EQUAL = 1e-4
-# Basis vectors, enough for MOST modes.
-_LIMIT = 10 * MOST + 100
+#: Basis vectors, enough for MOST modes.
+SEARCH_LIMIT = 10 * MOST + 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,11 @@ def fixed_interface_modes(
         _check_number(statics, truncation.modes)
         if truncation.modes == 0:
             return FoundModes(0, eigen.Modes(np.zeros(0), np.zeros((len(start), 0))), {})
-    limit = _LIMIT if truncation.modes is None else 10 * (truncation.modes + _GUARD) + 100
+    limit = SEARCH_LIMIT if truncation.modes is None else 10 * (truncation.modes + GUARD) + 100
     search = _mode_search(statics, start, eigensolver, limit=limit)
     while True:
         count, provenance = _count(statics, search, truncation)
-        whole = _find_whole_clusters(search, count, size=statics.size)
+        whole = find_whole_clusters(search, count, size=statics.size)
         if not truncation.complete:
             provenance["completeness"] = "not counted"
             break
@@ -104,7 +104,7 @@ def fixed_interface_modes(
         provenance["completeness"] = confirmed(statics, search, whole)
         if np.array_equal(search.eigenvalues[:whole], before):
             break  # else a mode was missing, and with it the number below a frequency or the end of a cluster changes
-    found = search.modes(min(whole + _GUARD, len(search.eigenvalues)))
+    found = search.modes(min(whole + GUARD, len(search.eigenvalues)))
     return FoundModes(whole, found, {**provenance, **_note_of_added(statics, found.eigenvalues, count, whole)})
 
 
@@ -164,12 +164,12 @@ def _count(statics: Statics, search: ModeSearch, truncation: Truncation) -> tupl
     }
 
 
-def _find_whole_clusters(search: ModeSearch, count: int, *, size: int) -> int:
+def find_whole_clusters(search: ModeSearch, count: int, *, size: int) -> int:
     """Find modes until the cluster that a number ends in is seen to end; returns the number with all of it. Collective.
 
     ``size``: dofs.
     """
-    guard = _GUARD
+    guard = GUARD
     while True:
         search.find(min(count + guard, size))
         whole = _whole_clusters(search.eigenvalues, count)
@@ -199,7 +199,7 @@ def _note_of_added(statics: Statics, eigenvalues: FloatArray, count: int, whole:
 
 
 def _mode_search(
-    statics: Statics, start: FloatArray, eigensolver: Eigensolver, *, limit: int = _LIMIT
+    statics: Statics, start: FloatArray, eigensolver: Eigensolver, *, limit: int = SEARCH_LIMIT
 ) -> ModeSearch:
     if statics.size == 0:
         raise ReductionError("with its interfaces fixed the body has no modes; ask for modes=0 or refine the mesh")

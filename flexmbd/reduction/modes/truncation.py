@@ -35,12 +35,15 @@ class Truncation:
         complete: whether the modes are counted by the signs of the pivots of a second factor, K - sigma M with sigma
             above them, and looked for again where some are missing. The record's provenance says what was counted;
             there is no count without a factor.
+        free: whether these are modes of the body that nothing holds, rather than of that with all interfaces fixed
+            (`flexmbd.reduction.modes.free_modes`); beside `modes` or `below_hz`.
     """
 
     modes: int | None = None
     below_hz: float | None = None
     tol: float | None = None
     complete: bool = True
+    free: bool = False
 
     @property
     def range(self) -> str:
@@ -64,7 +67,11 @@ def chosen_truncation(choice: object) -> Truncation:
     if not isinstance(choice, Truncation):
         return Truncation(modes=whole_number("modes", choice, least=0))
     modes, below_hz, tol = choice.modes, choice.below_hz, choice.tol
-    refuse_no_truth(ReductionError, complete=choice.complete)
+    refuse_no_truth(ReductionError, complete=choice.complete, free=choice.free)
+    if choice.free and tol is not None:
+        raise ReductionError(
+            "tol is for fixed-interface modes, whose error is estimated; beside free=True give modes or below_hz"
+        )
     given = [name for name, value in (("modes", modes), ("below_hz", below_hz), ("tol", tol)) if value is not None]
     if given not in (["modes"], ["below_hz"], ["tol"], ["below_hz", "tol"]):
         raise ReductionError(

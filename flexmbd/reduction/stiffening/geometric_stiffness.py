@@ -126,14 +126,16 @@ def joined(*loads: UnitLoads) -> UnitLoads:
     return UnitLoads(names, forces, np.concatenate([part.accelerations for part in loads]))
 
 
-def unit_loads(statics: Statics) -> UnitLoads:
+def unit_loads(statics: Statics, interfaces: Sequence[FoundInterface]) -> UnitLoads:
     """The loads of a body's motion and of its interfaces, as in `GeometricStiffness`. Collective.
 
     Args:
-        statics: of the body. Where its frame floats all interfaces are loaded, else all but the frame's.
+        statics: of the body.
+        interfaces: those with frames, the first of `statics` at first. Where the body frame floats all are loaded, else
+            all but that.
     """
     model, floating = statics.model, statics.floating
-    moving = statics.interfaces if floating else statics.interfaces[1:]
+    moving = interfaces if floating else interfaces[1:]
     return joined(
         inertia_loads(model, p=statics.p, R=statics.R, floating=floating),
         interface_loads(model, moving, R=statics.R),

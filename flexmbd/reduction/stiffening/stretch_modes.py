@@ -12,14 +12,13 @@ only the membrane part of the displacements is added (`flexmbd.reduction.stiffen
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
-from flexmbd.reduction.modes.signs import determined_rotation
+from flexmbd.reduction.modes.ritz import independent, ritz_modes
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
 from flexmbd.reduction.stiffening.membrane import membrane_fields
@@ -27,8 +26,6 @@ from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
 
 # Of the largest effect of the loads on the stiffness what one of them may lack.
 _LACKING = 1e-3
-# Part of a load's strain energy that is round-off.
-_ROUNDING = 1e-12
 
 
 def stretch_modes(
@@ -58,8 +55,8 @@ def stretch_modes(
     rest = np.asfortranarray(rest - fixed.shapes @ known)
     basis: FloatArray = np.asfortranarray(np.hstack([statics.static.shapes[:, 6:], fixed.shapes]))
     of_basis, of_rest, of_whole = (_energies(model, fields) for fields in (basis, rest, displacements))
-    modal = parallel.on_root(comm, lambda: _independent(of_basis, np.diag(of_basis)))
-    own = parallel.on_root(comm, lambda: _independent(of_rest, np.diag(of_whole)))
+    modal = parallel.on_root(comm, lambda: independent(of_basis, np.diag(of_basis)))
+    own = parallel.on_root(comm, lambda: independent(of_rest, np.diag(of_whole)))
     scaled = np.hstack([basis @ modal, rest @ own])
     local = with_ghosts(model, scaled)
     found = stress_stiffness(model, local, local)
@@ -72,32 +69,12 @@ def stretch_modes(
     shapes = np.asfortranarray(rest @ chosen)
     # what rounding left of the modes
     shapes = np.asfortranarray(shapes - fixed.shapes @ inner(comm, fixed.shapes, multiply(model.M, shapes)))
-    mass, stiffness = (symmetric(inner(comm, shapes, multiply(matrix, shapes))) for matrix in (model.M, model.K))
-    projections = inner(comm, shapes, images)
-
-    def ritz() -> tuple[FloatArray, FloatArray]:
-        # mass by stiffness, as in the normal form
-        inverse, x = scipy.linalg.eigh(mass, stiffness)
-        eigenvalues = 1.0 / inverse[::-1]
-        x = x[:, ::-1] * np.sqrt(eigenvalues)
-        return eigenvalues, x @ determined_rotation(eigenvalues, x.T @ projections)
-
-    eigenvalues, x = parallel.on_root(comm, ritz)
-    return Modes(eigenvalues, np.asfortranarray(shapes @ x))
+    return ritz_modes(model, shapes, images=images)
 
 
 def _energies(model: LinearModel, fields: FloatArray) -> FloatArray:
     """(l, l) twice the strain energies of fields and of their pairs. Collective."""
     return symmetric(inner(model.comm, fields, multiply(model.K, fields)))
-
-
-def _independent(energies: FloatArray, whole: FloatArray) -> FloatArray:
-    """(l, r) combinations of rests, of energy 1/2 and without any in common, but for what is round-off of the whole."""
-    scale = np.divide(1.0, np.sqrt(np.abs(whole)), out=np.zeros(len(whole)), where=whole != 0.0)
-    values, vectors = np.linalg.eigh(scale[:, None] * energies * scale)
-    own = values > _ROUNDING
-    combinations: FloatArray = scale[:, None] * vectors[:, own] / np.sqrt(values[own])
-    return combinations
 
 
 def _combinations(found: FloatArray, loads: UnitLoads, held: FloatArray, *, first: int) -> FloatArray:
