@@ -12,7 +12,7 @@ from types import NoneType
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.compiled_machine import CompiledMachine
 from flexmbd.given import refuse_other
@@ -43,6 +43,7 @@ from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings, refuse_no_integrator
+from flexmbd.run.stats import NOTHING_SPENT
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
@@ -111,6 +112,44 @@ class System(MachineAssembly):
             AssemblyError: the mechanism cannot be assembled.
         """
         return self._start(self._compile(()), t)
+
+    def at_start(self, *, t: float = 0.0) -> Trajectory:
+        """The machine at its consistent start, t (s), as a trajectory of one instant: to be shown, asked and exported.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``.
+        """
+        start = self.start(t=t)
+        rows = (np.array([t]), start.x[None], start.v[None], start.a[None], start.multipliers[None])
+        bodies = {body.name: body for body in self._bodies}
+        return Trajectory(start.scene, *rows, NOTHING_SPENT, bodies, self.team)
+
+    def show(
+        self,
+        *,
+        path: str | Path | None = None,
+        size: tuple[int, int] = (1280, 720),
+        view: ArrayLike | None = None,
+        frames: bool = False,
+    ) -> Path | None:
+        """Show the machine at its start in a window or a notebook; or write it to ``path``, a .png.
+
+        Bodies are shown by their shapes and surfaces, others by symbols; see ``flexmbd.visual.show`` for the arguments.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``.
+            PictureError: as ``flexmbd.visual.show``.
+        """
+        return self.at_start().show(path=path, size=size, view=view, frames=frames)
+
+    def to_pyvista(self) -> Any:
+        """What ``show`` shows as a pyvista.MultiBlock, a block for each body and joint (m). Not collective.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``.
+            PictureError: pyvista is not installed.
+        """
+        return self.at_start().to_pyvista(0.0)
 
     def start_with(self, forces: Sequence[Force], *, instead_of: Sequence[Force] = (), t: float = 0.0) -> Start:
         """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.

@@ -242,6 +242,8 @@ class Trajectory(ForceSeries):
         amplification: float = 1.0,
         models: Mapping[FlexibleBody, StressModel] | None = None,
         looks: Mapping[ContinuumBody, Look] | None = None,
+        view: ArrayLike | None = None,
+        frames: bool = False,
         progress: bool = False,
     ) -> Path:
         """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
@@ -261,8 +263,54 @@ class Trajectory(ForceSeries):
             models=models,
             recordings=self.recordings,
             looks=looks,
+            view=view,
+            frames=frames,
             progress=progress,
         )
+
+    def show(
+        self,
+        *,
+        t: float | None = None,
+        path: str | Path | None = None,
+        size: tuple[int, int] = (1280, 720),
+        amplification: float = 1.0,
+        models: Mapping[FlexibleBody, StressModel] | None = None,
+        looks: Mapping[ContinuumBody, Look] | None = None,
+        view: ArrayLike | None = None,
+        frames: bool = False,
+    ) -> Path | None:
+        """Show the machine in a window or a notebook, over all times or at ``t`` (s); or write it to ``path``, a .png.
+
+        See ``flexmbd.visual.show`` for the arguments and for what is raised.
+        """
+        import flexmbd.visual as visual  # pyvista loads only here
+
+        return visual.show(
+            self,
+            t=t,
+            path=path,
+            size=size,
+            amplification=amplification,
+            models=models,
+            recordings=self.recordings,
+            looks=looks,
+            view=view,
+            frames=frames,
+        )
+
+    def to_pyvista(self, t: float, *, amplification: float = 1.0) -> Any:
+        """What a picture shows at ``t`` (s) as a pyvista.MultiBlock, a block a body and joint (m). Not collective.
+
+        Displacements (m) and the fields of recorded bodies are point data.
+
+        Raises:
+            SceneError: a time outside the trajectory.
+            PictureError: pyvista is not installed.
+        """
+        import flexmbd.visual as visual  # pyvista loads only here
+
+        return visual.machine_meshes(self, t, amplification=amplification, recordings=self.recordings)
 
     def stress(
         self, body: FlexibleBody | ContinuumBody, model: StressModel | None = None, *, t: float

@@ -3,6 +3,7 @@
 Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
 """
 
+from flexmbd.visual.drawn_scene import machine_meshes as machine_meshes
 from flexmbd.visual.film import animate as animate
 from flexmbd.visual.recorded_motion import Marked as Marked
 from flexmbd.visual.recorded_motion import RecordedMotion as RecordedMotion
@@ -13,5 +14,6 @@ from flexmbd.visual.response_plot import plot_response as plot_response
 from flexmbd.visual.series_plot import Drawn as Drawn
 from flexmbd.visual.series_plot import plot_series as plot_series
 from flexmbd.visual.shape_picture import plot_shape as plot_shape
-from flexmbd.visual.stress_picture import StressModel as StressModel
+from flexmbd.visual.show import show as show
+from flexmbd.visual.skin import StressModel as StressModel
 from flexmbd.visual.stress_picture import plot_stress as plot_stress

@@ -29,13 +29,18 @@ class Camera:
     distance: float
 
 
-def viewing_axes(places: FloatArray, gravity: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def viewing_axes(
+    places: FloatArray, gravity: ArrayLike, view: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Choose (towards, up) for a motion that visits ``places`` (k, 3).
 
     A motion in a plane of two coordinate axes is seen along its normal, one in space from a
     corner.  Gravity points downwards; without it y points up in the x-y plane, and else z does.
+    A unit vector ``view`` (3,) is taken as ``towards``.
     """
     g = np.asarray(gravity, dtype=np.float64)
+    if view is not None:
+        return view, _upwards(view, g)
     extent = np.ptp(places, axis=0)
     flat = extent <= 0.02 * extent.max()
     # where a motion along a line leaves a choice: gravity is the last direction to look along
@@ -51,6 +56,16 @@ def viewing_axes(places: FloatArray, gravity: ArrayLike) -> tuple[FloatArray, Fl
         towards = np.eye(3)[normal] * (-1.0 if normal == 1 else 1.0)  # x, or else y, to the right
     up = up - towards * (up @ towards)
     return towards, up / np.linalg.norm(up)
+
+
+def _upwards(towards: FloatArray, gravity: FloatArray) -> FloatArray:
+    """Against gravity, or z or y, as seen from ``towards``: the first of them that is not looked along."""
+    for up in (-gravity, np.eye(3)[2], np.eye(3)[1]):
+        across = up - towards * (up @ towards)
+        size = float(np.linalg.norm(across))
+        if size > 1e-6 * float(np.linalg.norm(up)) > 0.0:
+            break
+    return np.asarray(across / size)
 
 
 def _corner(up: FloatArray) -> FloatArray:

@@ -18,29 +18,29 @@ def checked_path(path: str | Path, suffixes: Collection[str]) -> Path:
     """Return ``path`` as a Path.
 
     Raises:
-        PictureError: its suffix is none of ``suffixes``; the message lists them.
+        PictureError: its suffix is none of ``suffixes``, or its folder is not there or not to be written to.
     """
+    if not isinstance(path, (str, Path)):
+        raise PictureError(f"the path of a picture is a text or a Path, got {path!r:.100}")
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise PictureError(
             f"{target}: the suffix {target.suffix!r} is not known; use {' or '.join(sorted(suffixes))}"
         )
+    folder = target.parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise PictureError(f"cannot write {target}: {folder} is no folder that may be written to")
     return target
 
 
 def save(figure: Figure, target: Path, team: Team) -> None:
-    """Let the team's root write a figure of matplotlib. Collective over the team.
+    """Let the team's root write a figure of matplotlib; the other ranks go on. Not collective.
 
     Raises:
-        PictureError: on all ranks: the folder or the file cannot be written.
+        PictureError: on the root: the file cannot be written.
     """
-    error = None
     if team.is_root:
-        try:
-            write(target, lambda temporary: figure.savefig(temporary, dpi=150))
-        except PictureError as caught:
-            error = caught
-    team.fail(error)
+        write(target, lambda temporary: figure.savefig(temporary, dpi=150))
 
 
 def write(target: Path, fill: Callable[[Path], None]) -> Path:

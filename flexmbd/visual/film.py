@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
-from flexmbd.visual import stage
-from flexmbd.visual.camera import Camera, frame_all, viewing_axes
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.library import load
+from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene
+from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
-from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
-from flexmbd.visual.sketch import Shape, Sketch, sketch
-from flexmbd.visual.skin import Skin, skins
-from flexmbd.visual.stress_picture import StressModel
+from flexmbd.visual.recorded_skin import FieldSeries, Look
+from flexmbd.visual.scales import readable
+from flexmbd.visual.skin import StressModel
+from flexmbd.visual.view import Picture, SceneView
 
 FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 #: What ``animate`` writes.
 SUFFIXES = (".gif", ".mp4")
 
 # A motion shorter than the first is slowed down to a film of the second (s).
 _SHORT, _SLOWED = 3.0, 8.0
-
-# Shares of the picture's height that are left to words: above, and below with a colour bar.
-_ABOVE, _BELOW = 0.08, 0.13
 
 
 def animate(
@@ -47,17 +41,19 @@ def animate(
     models: Mapping[FlexibleBody, StressModel] | None = None,
     recordings: Sequence[FieldSeries] = (),
     looks: Mapping[ContinuumBody, Look] | None = None,
+    view: ArrayLike | None = None,
+    frames: bool = False,
     progress: bool = False,
 ) -> Path:
     """Film the machine.
 
-    A flexible body whose record holds its surface shows it, deformed and coloured; other bodies
+    A body is shown by its ``shape``, or else by the surface that its record holds, deformed and coloured; other bodies
     are drawn as sticks between their frames with a ball at the centre of mass.  A body with history
     that was recorded shows its surface, coloured by a field.  The camera stands
-    still and projects in parallel, along the normal of a plane motion.
+    still and projects in parallel, along the normal of a plane motion; it sees all that moves at all instants.
 
-    Collective over the trajectory's team, whose root draws and writes, and over the communicators
-    of ``models``.
+    The trajectory's root draws and writes, the other ranks return at once: it may be called on the root alone.  Where
+    ``models`` are given it is collective over their communicators.
 
     Args:
         trajectory: what to film.
@@ -72,40 +68,58 @@ def animate(
         models: colours these bodies by von Mises stress instead of displacement.
         recordings: of bodies with history; what ``Trajectory.animate`` gives is its own.
         looks: how bodies with history are shown; by default coloured by von Mises stress.
+        view: (3,) direction from the scene to the camera, instead of the natural one.
+        frames: whether the axes of all frames are drawn: x red, y green, z blue.
         progress: show a progress bar.
 
     Returns:
         The path.
 
     Raises:
-        PictureError: an unknown suffix, a bad choice, a file that cannot be written; on all ranks.
+        PictureError: an unknown suffix, a folder that is not there, a bad choice: on all ranks that call; a file that
+            cannot be written: on the root.
         SceneError: ``between`` is outside the trajectory.
     """
     target = checked_path(path, SUFFIXES)
     times, slowness = _times(trajectory, between, slow_motion, fps)
-    if not (np.isfinite(amplification) and amplification >= 0.0):
-        raise PictureError(f"the amplification must not be negative, got {amplification}")
-    refuse_unknown(looks or {}, recordings)
-    shown = skins(trajectory, times, models or {}, amplification=amplification)
-    for one in recordings:
-        shown.append(recorded_skin(one, times, look_of(looks or {}, one), amplification=amplification))
-    error: Exception | None = None
+    require("pyvista")
+    if not (models or trajectory.team.is_root):
+        return target
+    scene = drawn_scene(
+        trajectory,
+        times,
+        notes=_notes(times, slowness, amplification),
+        amplification=amplification,
+        models=models,
+        recordings=recordings,
+        looks=looks,
+        frames=frames,
+    )
+    eye = checked_view(view)
     if trajectory.team.is_root:
-        try:
-            drawn = sketch(trajectory, times, skinned=[body for skin in shown for body in skin.covers])
-            notes = _notes(times, slowness, amplification if shown else 1.0)
-            gravity = trajectory.scene.plan.gravity
-            camera = _camera(drawn, shown, gravity, aspect=size[0] / size[1])
-
-            def fill(temporary: Path) -> None:
-                pictures = _pictures(drawn, shown, notes, camera, size)
-                _write_film(temporary, pictures, fps, len(times), progress=progress)
-
-            write(target, fill)
-        except Exception as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
-            error = caught
-    trajectory.team.fail(error)
+        write_film(scene, target, fps=fps, size=size, view=eye, progress=progress)
     return target
+
+
+def write_film(
+    scene: DrawnScene,
+    target: Path,
+    *,
+    fps: int,
+    size: tuple[int, int],
+    view: FloatArray | None = None,
+    progress: bool = False,
+) -> None:
+    """Draw a scene instant after instant and write the film. Not collective.
+
+    Raises:
+        PictureError: a bad size, or the file cannot be written.
+    """
+
+    def fill(temporary: Path) -> None:
+        _write_film(temporary, _pictures(scene, size, view), fps, len(scene.notes), progress=progress)
+
+    write(target, fill)
 
 
 def _times(
@@ -132,7 +146,7 @@ def _times(
 
 def _notes(times: FloatArray, slowness: float, amplification: float) -> list[str]:
     """What is written in each picture."""
-    size, unit = stage.readable(float(np.abs(times).max()), "s")
+    size, unit = readable(float(np.abs(times).max()), "s")
     digits = max(0, int(np.ceil(-np.log10((times[1] - times[0]) / size))))
     suffix = ""
     if slowness > 1.001:
@@ -144,129 +158,16 @@ def _notes(times: FloatArray, slowness: float, amplification: float) -> list[str
     return [f"t = {t / size:.{digits}f} {unit}{suffix}" for t in times]
 
 
-def _camera(
-    drawn: Sketch,
-    shown: Sequence[Skin],
-    gravity: FloatArray,
-    *,
-    aspect: float,
-) -> Camera:
-    """A camera that sees everything at all instants."""
-    points = [drawn.places, *(primitive.reach() for primitive in drawn.primitives)]
-    for skin in shown:
-        corners = np.array(np.meshgrid(*skin.bounds.T)).reshape(3, -1).T
-        if skin.body is None:
-            points.append(corners)
-            continue
-        pose = drawn.bodies[skin.body]
-        moved = np.einsum("kij,cj->kci", pose.R, corners) + pose.p[:, None, :]
-        points.append(moved.reshape(-1, 3))
-    towards, up = viewing_axes(drawn.places, gravity)
-    below = _BELOW if shown else _ABOVE
-    return frame_all(
-        np.concatenate(points), towards, up, aspect=aspect, above=_ABOVE, below=below
-    )
-
-
-def _pictures(
-    drawn: Sketch,
-    shown: Sequence[Skin],
-    notes: Sequence[str],
-    camera: Camera,
-    size: tuple[int, int],
-) -> Iterator[Picture]:
+def _pictures(scene: DrawnScene, size: tuple[int, int], view: FloatArray | None) -> Iterator[Picture]:
     """Draw instant after instant, as (height, width, 3)."""
-    plotter = stage.open_stage(size)
+    drawn = SceneView(scene, size=size, view=view)
     try:
-        stage.place_camera(plotter, camera)
-        movers = [*_add_primitives(plotter, drawn), *_add_skins(plotter, drawn, shown)]
-        _add_legend(plotter, drawn, shown)
-        words = stage.add_words(plotter, notes[0])
-        plotter.show(auto_close=False)  # off-screen: only makes `render` draw from now on
-        for k, note in enumerate(notes):
-            for move in movers:
-                move(k)
-            words.input = note
-            plotter.render()
-            yield plotter.screenshot(return_img=True)
+        drawn.plotter.show(auto_close=False)  # off-screen: only makes `render` draw from now on
+        for k in range(len(scene.notes)):
+            drawn.move_to(k)
+            yield drawn.screenshot()
     finally:
-        plotter.close()
-
-
-def _add_primitives(plotter: Any, drawn: Sketch) -> Iterator[Callable[[int], None]]:
-    """Put the solids on the stage; yield what moves each to an instant."""
-    pyvista = load("pyvista")
-    units = {
-        Shape.CYLINDER: pyvista.Cylinder(center=(0, 0, 0.5), direction=(0, 0, 1), resolution=32),
-        Shape.BALL: pyvista.Sphere(radius=1.0, theta_resolution=32, phi_resolution=24),
-        Shape.BOX: pyvista.Box(),
-    }
-    units[Shape.CYLINDER].points[:, :2] *= 2.0  # radius 1
-    for primitive in drawn.primitives:
-        smooth = primitive.shape is not Shape.BOX
-        actor = plotter.add_mesh(
-            units[primitive.shape],
-            color=primitive.colour,
-            smooth_shading=smooth,
-            split_sharp_edges=smooth,
-            ambient=0.3,
-        )
-
-        def move(k: int, actor: Any = actor, pose: FloatArray = primitive.pose) -> None:
-            actor.user_matrix = pose[k]
-
-        yield move
-
-
-def _add_skins(
-    plotter: Any, drawn: Sketch, shown: Sequence[Skin]
-) -> Iterator[Callable[[int], None]]:
-    """Put the surfaces on the stage, one colour bar a quantity; yield what moves each."""
-    quantities = list(dict.fromkeys(skin.quantity for skin in shown))
-    for skin in shown:
-        largest = max(s.largest for s in shown if s.quantity == skin.quantity)
-        name, unit = skin.quantity
-        scale, unit = stage.readable(largest, unit)
-        mesh, vertex = stage.surface_mesh(skin.x, skin.triangle)
-        mesh.point_data["value"] = np.zeros(mesh.n_points)
-        row = quantities.index(skin.quantity)
-        actor = stage.add_surface(
-            plotter, mesh, largest=largest / scale, quantity=name, unit=unit, row=row
-        )
-
-        def move(
-            k: int,
-            skin: Skin = skin,
-            mesh: Any = mesh,
-            actor: Any = actor,
-            vertex: NDArray[np.int64] = vertex,
-            scale: float = scale,
-        ) -> None:
-            places, value = skin.at(k)
-            mesh.points = places[vertex]
-            mesh.point_data["value"] = value[vertex] / scale
-            pose = np.eye(4)
-            if skin.body is None:  # it deforms without limit, and its normals turn
-                mesh.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
-            else:
-                pose[:3, :3] = drawn.bodies[skin.body].R[k]
-                pose[:3, 3] = drawn.bodies[skin.body].p[k]
-            actor.user_matrix = pose
-
-        yield move
-
-
-def _add_legend(plotter: Any, drawn: Sketch, shown: Sequence[Skin]) -> None:
-    """Name the bodies by their colours; one with a surface has that of what is not stressed."""
-    skinned = {body.name for skin in shown for body in skin.covers}
-    entries = [
-        [name, stage.BARE if name in skinned else colour] for name, colour in drawn.colours.items()
-    ]
-    if 0 < len(entries) <= 12:
-        height = 0.05 * len(entries)
-        plotter.add_legend(
-            entries, bcolor=None, face="circle", loc="lower left", size=(0.14, height), border=False
-        )
+        drawn.close()
 
 
 def _write_film(

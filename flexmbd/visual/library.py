@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any
 
 from flexmbd.errors import PictureError
@@ -20,3 +21,13 @@ def load(name: str) -> Any:
         raise PictureError(
             f"this picture needs {name}: pip install 'flexmbd[pictures]' ({reason})"
         ) from reason
+
+
+def require(name: str) -> None:
+    """Tell on every rank, without loading it, that a library is missing.
+
+    Raises:
+        PictureError: it is not installed.
+    """
+    if importlib.util.find_spec(name) is None:
+        raise PictureError(f"this picture needs {name}: pip install 'flexmbd[pictures]'")

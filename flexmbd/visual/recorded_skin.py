@@ -77,6 +77,7 @@ class RecordedSkin:
     """The surface of a recorded body in inertial axes, linear between the instants.
 
     Attributes:
+        label: the body's name.
         covers: the rigid bodies of its frames.
         quantity: what the colours mean and its SI unit.
         x: (v, 3) m, undeformed vertices.
@@ -84,9 +85,12 @@ class RecordedSkin:
         instants: (ni,) s.
         times: (nt,) s, of the pictures.
         places: (ni, v, 3) m, single precision.
+        rigid: (ni, v, 3) m, where they would be undeformed, single precision.
+        amplification: factor on the deformation in ``places``.
         colours: (ni, v), single precision.
     """
 
+    label: str
     covers: tuple[Body, ...]
     quantity: tuple[str, str]
     x: FloatArray
@@ -94,8 +98,16 @@ class RecordedSkin:
     instants: FloatArray
     times: FloatArray
     places: NDArray[np.float32]
+    rigid: NDArray[np.float32]
+    amplification: float
     colours: NDArray[np.float32]
-    body = None
+    colour = None
+    turns = True
+
+    @property
+    def pose(self) -> FloatArray:
+        """(nt, 4, 4): its axes are inertial ones."""
+        return np.broadcast_to(np.eye(4), (len(self.times), 4, 4))
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -109,10 +121,17 @@ class RecordedSkin:
 
     def at(self, k: int) -> tuple[FloatArray, FloatArray]:
         """The vertices (v, 3) m and their values (v,) at picture k."""
+        return self._now(self.places, k), self._now(self.colours, k)
+
+    def displacement(self, k: int) -> FloatArray:
+        """(v, 3) m against the body's axes at picture k, not amplified."""
+        moved = self._now(self.places, k) - self._now(self.rigid, k)
+        return np.asarray(moved / self.amplification) if self.amplification else np.zeros_like(moved)
+
+    def _now(self, part: NDArray[np.float32], k: int) -> FloatArray:
         row, share = _between(self.instants, float(self.times[k]))
         after = min(row + 1, len(self.instants) - 1)
-        places, colours = ((1.0 - share) * part[row] + share * part[after] for part in (self.places, self.colours))
-        return places.astype(np.float64), colours.astype(np.float64)
+        return np.asarray((1.0 - share) * part[row] + share * part[after], dtype=np.float64)
 
 
 def recorded_skin(series: FieldSeries, times: FloatArray, look: Look, *, amplification: float) -> RecordedSkin:
@@ -135,10 +154,12 @@ def recorded_skin(series: FieldSeries, times: FloatArray, look: Look, *, amplifi
         values = np.linalg.norm(values, axis=2)
     x = mesh.x[shown] @ R[0].T + p[0]
     for axis in look.mirror:
+        _, rigid, _ = _mirrored(x, rigid, triangle, "xyz".index(axis))
         x, places, triangle = _mirrored(x, places, triangle, "xyz".index(axis))
         values = np.hstack([values, values])
     body = series.body
     return RecordedSkin(
+        label=series.name,
         covers=() if body is None else body.parts,
         quantity=_QUANTITIES.get(look.colour, (look.colour.replace("_", " "), "")),
         x=x,
@@ -146,6 +167,8 @@ def recorded_skin(series: FieldSeries, times: FloatArray, look: Look, *, amplifi
         instants=series.t,
         times=times,
         places=places.astype(np.float32),
+        rigid=rigid.astype(np.float32),
+        amplification=amplification,
         colours=values.astype(np.float32),
     )
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexmbd.errors import PictureError
+from flexmbd.given import is_number
 from flexmbd.record.reduced_body import Surface
-from flexmbd.visual import stage
-from flexmbd.visual.camera import frame_all, oblique
-from flexmbd.visual.destination import checked_path, write
+from flexmbd.visual.destination import checked_path
+from flexmbd.visual.drawn_scene import DrawnScene, portrait
+from flexmbd.visual.library import require
+from flexmbd.visual.show import write_picture
+from flexmbd.visual.skin import DisplacementSkin
 
 #: What ``plot_shape`` writes.
 SUFFIXES = (".png",)
@@ -44,33 +48,38 @@ def plot_shape(
         PictureError: another suffix, a bad size, no such mode, or the file cannot be written.
     """
     target = checked_path(path, SUFFIXES)
+    require("pyvista")
+    scene = mode_scene(surface, mode=mode, amplitude=amplitude, title=title)
+    write_picture(scene, target, size=size)
+    return target
+
+
+def mode_scene(
+    surface: Surface, *, mode: int, amplitude: float = 0.1, title: str = "", phases: ArrayLike = 1.0
+) -> DrawnScene:
+    """A body's surface displaced by one mode and coloured by the displacement's size, over its largest.
+
+    Args:
+        surface: with modes.
+        mode: which one, from 0.
+        amplitude: the largest displacement drawn, as a part of the body's length.
+        title: written above.
+        phases: (nt,) factors on the displacement, one a picture.
+
+    Raises:
+        PictureError: no such mode, or an amplitude that is no number.
+    """
     count = surface.phi.shape[2]
     if not (isinstance(mode, int) and 0 <= mode < count):
         raise PictureError(f"mode must be one of the {count} there are, counted from 0, got {mode!r}")
-
-    def fill(temporary: Path) -> None:
-        _draw(surface, temporary, mode, amplitude, size, title)
-
-    return write(target, fill)
-
-
-def _draw(surface: Surface, path: Path, mode: int, amplitude: float, size: tuple[int, int], title: str) -> None:
-    shape = surface.phi[:, :, mode]
-    sizes = np.linalg.norm(shape, axis=1)
-    share = sizes / (sizes.max(initial=0.0) or 1.0)
+    if not is_number(amplitude):
+        raise PictureError(f"amplitude must be a number, a part of the body's length, got {amplitude!r:.100}")
+    shape = surface.phi[:, :, mode : mode + 1]
+    unit = shape / (float(np.linalg.norm(shape, axis=1).max(initial=0.0)) or 1.0)
     length = float(np.ptp(surface.x, axis=0).max())
-    shown = surface.x + amplitude * length / (sizes.max(initial=0.0) or 1.0) * shape
-    mesh, vertex = stage.surface_mesh(surface.x, surface.triangle)
-    mesh.points = shown[vertex]
-    mesh.point_data["value"] = share[vertex]
-    plotter = stage.open_stage(size)
-    try:
-        stage.add_surface(plotter, mesh, largest=1.0, quantity="displacement over its largest", unit="")
-        towards, up = oblique(surface.x)
-        camera = frame_all(shown, towards, up, aspect=size[0] / size[1], above=0.14, below=0.16)
-        stage.place_camera(plotter, camera)
-        if title:
-            stage.add_words(plotter, title)
-        plotter.screenshot(path)
-    finally:
-        plotter.close()
+    q = np.atleast_1d(np.asarray(phases, dtype=np.float64))[:, None]
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    moved = amplitude * length * unit
+    share = ("displacement over its largest", "")
+    skin = DisplacementSkin("body", (), surface.x, surface.triangle, unit, moved, q, pose, share)
+    return portrait(skin, notes=[title] * len(q))

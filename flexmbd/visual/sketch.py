@@ -1,60 +1,35 @@
-"""A machine as simple shapes that move: what a film shows of bodies that have no surface.
+"""Symbols of a machine: what pictures show of bodies without a shape or surface, and of joints.
 
-A rigid body is drawn as sticks between the frames that joints hold it by and a ball at its centre
+A body is drawn as sticks between the frames that joints hold it by and a ball at its centre
 of mass; a revolute joint as a pin, a prismatic one as a rail and a sliding block, a spherical one
-as a ball; what is fixed to the ground is grey.
+as a ball; what is fixed to the ground is grey.  All are scaled by the scene.
 """
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.shape import Shape
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.visual.palette import GROUND, JOINT
+from flexmbd.visual.part import RigidPart, body_pose, pose_matrix
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.skin import surface_of
 
 FloatArray = NDArray[np.float64]
 
-GROUND = "#a8a8a8"
-JOINT = "#2b2b2b"
-BODIES = ("#4c72b0", "#dd8452", "#55a868", "#8172b3", "#c44e52", "#937860", "#64b5cd", "#ccb974")
+#: Of the axes of a frame: x, y and z.
+AXES = ("#c44e52", "#55a868", "#4c72b0")
 
-
-class Shape(enum.Enum):
-    """Unit shapes: radius 1 (a box: half sides 1); the cylinder runs from z = 0 to 1."""
-
-    CYLINDER = enum.auto()
-    BALL = enum.auto()
-    BOX = enum.auto()
-
-
-@dataclass(frozen=True, eq=False)
-class Primitive:
-    """A unit shape that moves.
-
-    Attributes:
-        shape: which of them.
-        colour: as a hexadecimal text.
-        pose: (nt, 4, 4) from the unit shape to inertial axes, scaling included (m).
-    """
-
-    shape: Shape
-    colour: str
-    pose: FloatArray
-
-    def reach(self) -> FloatArray:
-        """(k, 3) m, points between which it stays at all instants."""
-        low = 0.0 if self.shape is Shape.CYLINDER else -1.0
-        corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [low, 1.0], [1.0])).reshape(4, -1)
-        return (self.pose @ corners)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+_SHARE = 0.009  # of the scene's extent that is a stick's radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,59 +41,85 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
-class Sketch:
-    """The machine at the instants of a film.
+class Skeleton:
+    """A machine's frames at the instants of a picture.
 
     Attributes:
-        primitives: what moves rigidly.
-        bodies: pose of each body frame.
-        colours: colour of each body, by its name.
+        joints: those that hold something.
+        frames: of each body, those that joints hold and all interfaces.
+        poses: of all frames.
+        bodies: (nt, 4, 4) of each body's axes.
+        coms: (nt, 3) m, the centre of mass of each body.
         places: (k, 3) m, where frames and centres of mass are met over all instants.
-        size: m, the radius of a stick.
     """
 
-    primitives: tuple[Primitive, ...]
-    bodies: IdentityMap[Body, Pose]
-    colours: Mapping[str, str]
+    joints: list[Connection]
+    frames: IdentityMap[Body, list[Frame]]
+    poses: IdentityMap[Frame, Pose]
+    bodies: IdentityMap[Body, FloatArray]
+    coms: IdentityMap[Body, FloatArray]
     places: FloatArray
-    size: float
 
 
-def sketch(trajectory: RecordedMotion, times: FloatArray, *, skinned: Sequence[Body]) -> Sketch:
-    """Draw the machine at ``times`` (nt,); bodies in ``skinned`` get no sticks, but their joints.
-
-    Not collective.
-    """
-    joints = _joints(trajectory)
-    frames = _frames(trajectory, joints)
+def skeleton(motion: RecordedMotion, times: FloatArray) -> Skeleton:
+    """The frames of a machine at ``times`` (nt,) s. Not collective."""
+    joints = _joints(motion)
+    frames = _frames(motion, joints)
     poses = IdentityMap(
-        (f, Pose(trajectory.position(f, t=times), trajectory.rotation(f, t=times)))
-        for held in frames.values()
-        for f in held
+        (f, Pose(motion.position(f, t=times), motion.rotation(f, t=times))) for held in frames.values() for f in held
     )
-    bodies = IdentityMap((body, _body_pose(trajectory, body, times)) for body in trajectory.bodies.values())
-    coms = IdentityMap((body, pose.p + pose.R @ (body.moments()[0] / body.mass)) for body, pose in bodies.items())
+    bodies = IdentityMap((body, body_pose(motion, body, times)) for body in motion.bodies.values())
+    coms = IdentityMap(
+        (body, pose[:, :3, 3] + pose[:, :3, :3] @ (body.moments()[0] / body.mass)) for body, pose in bodies.items()
+    )
     places = np.concatenate([pose.p for pose in poses.values()] + list(coms.values()))
-    size = 0.009 * (float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0)
-    heaviest = max(body.mass for body in trajectory.bodies.values())
-    primitives: list[Primitive] = []
-    colours = {}
-    for k, (name, body) in enumerate(trajectory.bodies.items()):
-        colours[name] = BODIES[k % len(BODIES)]
-        if any(body is other for other in skinned):
+    return Skeleton(joints, frames, poses, bodies, coms, places)
+
+
+def stick_radius(places: FloatArray) -> float:
+    """m, by the extent of what is drawn (k, 3)."""
+    return _SHARE * (float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0)
+
+
+def symbols(
+    motion: RecordedMotion,
+    bones: Skeleton,
+    size: float,
+    *,
+    colours: Mapping[str, str],
+    shown: Sequence[Body],
+    frames: bool = False,
+) -> Iterator[RigidPart]:
+    """The symbols of bodies that are not ``shown`` otherwise, and of joints where one of their bodies is not.
+
+    Args:
+        motion: of the machine.
+        bones: its frames.
+        size: m, the radius of a stick.
+        colours: of the bodies, by name.
+        shown: bodies that have shapes or surfaces.
+        frames: whether the axes of all frames are drawn.
+    """
+    heaviest = max(body.mass for body in motion.bodies.values())
+    covered: IdentityMap[Body, None] = IdentityMap((body, None) for body in shown)
+    for name, body in motion.bodies.items():
+        if body in covered:
             continue
-        com = coms[body]
-        tops = [poses[f].p for f in frames.get(body, ())]
+        com = bones.coms[body]
+        tops = [bones.poses[f].p for f in bones.frames.get(body, ())]
         for a, b in _sticks(tops, com, size):
-            primitives.append(cylinder(a, b, size, colours[name]))
+            yield cylinder(a, b, size, colours[name], name)
         radius = 2.4 * size * max(0.5, (body.mass / heaviest) ** (1 / 3))
-        primitives.append(ball(com, radius, colours[name]))
-    for joint in joints:
-        primitives.extend(_joint_primitives(joint, poses, size, colours))
-    return Sketch(tuple(primitives), bodies, colours, places, size)
+        yield ball(com, radius, colours[name], name)
+    for joint in bones.joints:
+        yield from _joint_symbols(joint, bones.poses, size, colours, covered)
+    if frames:
+        for frame, pose in bones.poses.items():
+            for axis, colour in enumerate(AXES):
+                yield cylinder(pose.p, pose.p + 8.0 * size * pose.R[:, :, axis], 0.35 * size, colour, frame.label)
 
 
-def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str) -> Primitive:
+def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str, label: str) -> RigidPart:
     """A round stick from a to b, each (nt, 3) m."""
     z = b - a
     length = np.linalg.norm(z, axis=1, keepdims=True)
@@ -128,25 +129,40 @@ def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str) -> Primit
     norm = np.linalg.norm(x, axis=1, keepdims=True)
     x = x / np.where(norm > 0.0, norm, 1.0)
     columns = np.stack([radius * x, radius * np.cross(z, x), length * z], axis=2)
-    return Primitive(Shape.CYLINDER, colour, _matrix(a, columns))
+    unit = unit_cylinder()
+    return RigidPart(label, colour, unit.points, unit.triangles, pose_matrix(a, columns))
 
 
-def ball(p: FloatArray, radius: float, colour: str) -> Primitive:
+def ball(p: FloatArray, radius: float, colour: str, label: str) -> RigidPart:
     """A ball at p (nt, 3) m."""
-    return Primitive(Shape.BALL, colour, _matrix(p, np.broadcast_to(radius * np.eye(3), (len(p), 3, 3))))
+    unit = unit_ball()
+    pose = pose_matrix(p, np.broadcast_to(radius * np.eye(3), (len(p), 3, 3)))
+    return RigidPart(label, colour, unit.points, unit.triangles, pose)
 
 
-def box(pose: Pose, half: Sequence[float], colour: str) -> Primitive:
+def box(pose: Pose, half: Sequence[float], colour: str, label: str) -> RigidPart:
     """A box with half sides ``half`` (m) along the axes of a frame."""
-    return Primitive(Shape.BOX, colour, _matrix(pose.p, pose.R * np.asarray(half)))
+    unit = unit_box()
+    matrix = pose_matrix(pose.p, pose.R * np.asarray(half))
+    return RigidPart(label, colour, unit.points, unit.triangles, matrix)
 
 
-def _matrix(p: FloatArray, columns: FloatArray) -> FloatArray:
-    matrix = np.zeros((len(p), 4, 4))
-    matrix[:, :3, :3] = columns
-    matrix[:, :3, 3] = p
-    matrix[:, 3, 3] = 1.0
-    return matrix
+@cache
+def unit_cylinder() -> Shape:
+    """Of radius 1, from z = 0 to 1."""
+    return Shape.cylinder(1.0, 1.0, at=(0.0, 0.0, 0.5))
+
+
+@cache
+def unit_ball() -> Shape:
+    """Of radius 1."""
+    return Shape.sphere(1.0)
+
+
+@cache
+def unit_box() -> Shape:
+    """Of half sides 1."""
+    return Shape.box((2.0, 2.0, 2.0))
 
 
 def _joints(trajectory: RecordedMotion) -> list[Connection]:
@@ -169,11 +185,6 @@ def _frames(trajectory: RecordedMotion, joints: Sequence[Connection]) -> Identit
                 Frame(body, i.p_BI_B, i.R_BI, i.modes, i.name) for i in record.interfaces
             )
     return frames
-
-
-def _body_pose(trajectory: RecordedMotion, body: Body, times: FloatArray) -> Pose:
-    frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
-    return Pose(trajectory.position(frame, t=times), trajectory.rotation(frame, t=times))
 
 
 def _sticks(
@@ -202,13 +213,19 @@ def _sticks(
         yield foot, com
 
 
-def _joint_primitives(
-    joint: Connection, poses: IdentityMap[Frame, Pose], size: float, colours: Mapping[str, str]
-) -> Iterator[Primitive]:
+def _joint_symbols(
+    joint: Connection,
+    poses: IdentityMap[Frame, Pose],
+    size: float,
+    colours: Mapping[str, str],
+    covered: IdentityMap[Body, None],
+) -> Iterator[RigidPart]:
     ends = [joint.parent, joint.child]
     if ends[1].body.name not in colours:  # what is on the ground carries the other
         ends.reverse()
     grounded = ends[0].body.name not in colours
+    if all(f.body.shape is not None or f.body.name not in colours for f in ends):
+        return  # whoever gave shapes to both has drawn what holds them
     steps = joint.joint.steps
     turn = joint.joint.turn
     parent, child = (Pose(poses[f].p, poses[f].R @ turn) for f in ends)
@@ -217,28 +234,37 @@ def _joint_primitives(
     axis = child.R[:, :, 2]
     if pair is not None and single and pair.turning == kinds.TURN_ABOUT_Z:
         reach = 2.7 * size + max(_thickness(f, turn[:, 2]) for f in ends)
-        yield cylinder(child.p - reach * axis, child.p + reach * axis, 1.1 * size, JOINT)
+        yield cylinder(child.p - reach * axis, child.p + reach * axis, 1.1 * size, JOINT, joint.name)
         if grounded:
             depth = 0.5 * size * axis
-            yield cylinder(child.p - depth, child.p + depth, 2.8 * size, GROUND)
+            yield cylinder(child.p - depth, child.p + depth, 2.8 * size, GROUND, joint.name)
     elif single:
-        yield box(child, (2.2 * size, 2.2 * size, 3.6 * size), colours[ends[1].body.name])
+        if ends[1].body not in covered:
+            half = (2.2 * size, 2.2 * size, 3.6 * size)
+            yield box(child, half, colours[ends[1].body.name], ends[1].body.name)
         travel = np.einsum("ki,ki->k", child.p - parent.p, parent.R[:, :, 2])
         low, high = travel.min() - 6.0 * size, travel.max() + 6.0 * size
         a, b = (parent.p + s * parent.R[:, :, 2] for s in (low, high))
-        yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT)
+        yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT, joint.name)
     elif pair is None or len(pair.angular) > 0:
-        yield ball(child.p, 1.5 * size, JOINT)
+        yield ball(child.p, 1.5 * size, JOINT, joint.name)
     elif grounded:
-        yield box(child, (2.0 * size,) * 3, GROUND)
+        yield box(child, (2.0 * size,) * 3, GROUND, joint.name)
 
 
 def _thickness(frame: Frame, axis: FloatArray) -> float:
-    """How far (m) a body's surface reaches along a joint's axis near the joint."""
-    surface = surface_of(frame.body)
-    if surface is None:
+    """How far (m) what is drawn of a body reaches along a joint's axis near the joint."""
+    x = _outline_points(frame.body)
+    if x is None:
         return 0.0
-    away = surface.x - frame.p_BF_B
+    away = x - frame.p_BF_B
     distance = np.linalg.norm(away, axis=1)
     near = away[distance <= 1.5 * distance.min()]
     return float(np.abs(near @ (frame.R_BF @ axis)).max())
+
+
+def _outline_points(body: Body) -> FloatArray | None:
+    if body.shape is not None:
+        return body.shape.points
+    surface = surface_of(body)
+    return None if surface is None else surface.x

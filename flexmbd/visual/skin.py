@@ -13,46 +13,19 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.record.reduced_body import ReducedBody, Surface
+from flexmbd.record.stress_field import StressField
+from flexmbd.visual.part import body_pose, bounds_of
 from flexmbd.visual.recorded_motion import RecordedMotion
-from flexmbd.visual.stress_picture import StressModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-class Skin(Protocol):
-    """A coloured surface of ``v`` vertices."""
+class StressModel(Protocol):
+    """What can turn modal coordinates into a stress field: a ContinuumModel."""
 
-    @property
-    def body(self) -> Body | None:
-        """In whose axes the vertices are; None: in inertial ones."""
-
-    @property
-    def covers(self) -> tuple[Body, ...]:
-        """The bodies that it shows, which are not drawn as sticks then."""
-
-    @property
-    def quantity(self) -> tuple[str, str]:
-        """What the colours mean and its SI unit."""
-
-    @property
-    def x(self) -> FloatArray:
-        """(v, 3) m, undeformed vertices."""
-
-    @property
-    def triangle(self) -> IntArray:
-        """(t, 3) vertices, oriented outwards."""
-
-    @property
-    def bounds(self) -> FloatArray:
-        """(2, 3) m, least and largest coordinates of the drawn vertices over all instants."""
-
-    @property
-    def largest(self) -> float:
-        """The largest value over all instants."""
-
-    def at(self, k: int) -> tuple[FloatArray, FloatArray]:
-        """The drawn vertices (v, 3) m and their values (v,) at instant k."""
+    def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
+        """Stress on the mesh at modal coordinates q (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,31 +33,33 @@ class DisplacementSkin:
     """A record's surface, coloured by the length of the displacement against the body frame.
 
     Attributes:
-        body: whose surface.
+        label: the body's name.
+        covers: the body, where it is one of a machine.
         x: (v, 3) m, undeformed vertices.
         triangle: (t, 3) vertices, oriented outwards.
         phi: (v, 3, n) their modes.
         drawn: (v, 3, n) the same with the deformation amplified.
         q: (nt, n) modal coordinates.
+        pose: (nt, 4, 4) from the body's axes to inertial ones.
+        quantity: what the values are and their unit.
     """
 
-    body: Body
+    label: str
+    covers: tuple[Body, ...]
     x: FloatArray
     triangle: IntArray
     phi: FloatArray
     drawn: FloatArray
     q: FloatArray
-    quantity = ("displacement", "m")
-
-    @property
-    def covers(self) -> tuple[Body, ...]:
-        """The body alone."""
-        return (self.body,)
+    pose: FloatArray
+    quantity: tuple[str, str] = ("displacement", "m")
+    colour = None
+    turns = False
 
     @cached_property
     def bounds(self) -> FloatArray:
         """(2, 3) m, least and largest coordinates of the drawn vertices over all instants."""
-        return _bounds([self.x + self.drawn @ row for row in self.q])
+        return bounds_of([self.x + self.drawn @ row for row in self.q])
 
     @cached_property
     def largest(self) -> float:
@@ -95,35 +70,42 @@ class DisplacementSkin:
         """The drawn vertices (v, 3) m and the length of their displacement (v,) m at instant k."""
         return self.x + self.drawn @ self.q[k], np.linalg.norm(self.phi @ self.q[k], axis=1)
 
+    def displacement(self, k: int) -> FloatArray:
+        """(v, 3) m at instant k, not amplified."""
+        return self.phi @ self.q[k]
+
 
 @dataclass(frozen=True, eq=False)
 class StressSkin:
     """A model's surface, coloured by von Mises stress.
 
     Attributes:
-        body: whose surface.
+        label: the body's name.
+        covers: the body, where it is one of a machine.
         x: (v, 3) m, undeformed vertices.
         triangle: (t, 3) vertices, oriented outwards.
         places: (nt, v, 3) m, the drawn vertices, single precision.
+        moved: (nt, v, 3) m, their displacements, not amplified, single precision.
         von_mises: (nt, v) Pa, single precision.
+        pose: (nt, 4, 4) from the body's axes to inertial ones.
     """
 
-    body: Body
+    label: str
+    covers: tuple[Body, ...]
     x: FloatArray
     triangle: IntArray
     places: NDArray[np.float32]
+    moved: NDArray[np.float32]
     von_mises: NDArray[np.float32]
+    pose: FloatArray
+    colour = None
     quantity = ("von Mises stress", "Pa")
-
-    @property
-    def covers(self) -> tuple[Body, ...]:
-        """The body alone."""
-        return (self.body,)
+    turns = False
 
     @cached_property
     def bounds(self) -> FloatArray:
         """(2, 3) m, least and largest coordinates of the drawn vertices over all instants."""
-        return _bounds(list(self.places))
+        return bounds_of(list(self.places))
 
     @property
     def largest(self) -> float:
@@ -134,38 +116,45 @@ class StressSkin:
         """The drawn vertices (v, 3) m and their von Mises stress (v,) Pa at instant k."""
         return self.places[k].astype(np.float64), self.von_mises[k].astype(np.float64)
 
+    def displacement(self, k: int) -> FloatArray:
+        """(v, 3) m at instant k, not amplified."""
+        return self.moved[k].astype(np.float64)
+
 
 def skins(
-    trajectory: RecordedMotion,
+    motion: RecordedMotion,
     times: FloatArray,
     models: Mapping[FlexibleBody, StressModel],
     *,
     amplification: float,
-) -> list[Skin]:
-    """Surfaces of the bodies that have one, at ``times`` (nt,).
+) -> list[DisplacementSkin | StressSkin]:
+    """Surfaces of the bodies that have one and no shape, at ``times`` (nt,) s.
 
     What is amplified is the deformation beyond the rigid motion that follows the interfaces, so
     that bodies stay where joints hold them.
 
     Collective over the models' communicators where there are models.
     """
-    found: list[Skin] = []
-    for body in trajectory.bodies.values():
-        record, surface = body.reduced(), surface_of(body)
-        if record is None:
-            if surface is not None:
-                none = np.zeros((len(times), 0))
-                found.append(DisplacementSkin(body, surface.x, surface.triangle, surface.phi, surface.phi, none))
-            continue
-        q = trajectory.q(body, t=times)
+    found: list[DisplacementSkin | StressSkin] = []
+    for name, body in motion.bodies.items():
+        record = body.reduced()
+        surface = surface_of(body)
         model = next((m for b, m in models.items() if b is body), None)
-        if model is not None:
-            found.append(_stress_skin(body, record, model, q, amplification))
-        elif surface is not None:
-            rigid = _rigid_motion(record, surface.x)
-            drawn = rigid + amplification * (surface.phi - rigid)
-            found.append(DisplacementSkin(body, surface.x, surface.triangle, surface.phi, drawn, q))
+        if model is not None and record is not None:
+            pose = body_pose(motion, body, times)
+            found.append(_stress_skin(body, record, model, motion.q(body, t=times), pose, amplification))
+        elif surface is not None and (body.shape is None or isinstance(body, PseudoRigidBody)):
+            q = np.zeros((len(times), 0)) if record is None else motion.q(body, t=times)
+            drawn = surface.phi if record is None else amplified(record, surface, amplification)
+            pose = body_pose(motion, body, times)
+            found.append(DisplacementSkin(name, (body,), surface.x, surface.triangle, surface.phi, drawn, q, pose))
     return found
+
+
+def amplified(record: ReducedBody, surface: Surface, amplification: float) -> FloatArray:
+    """(v, 3, n) modes of a record's surface, amplified beyond the rigid motion that follows the interfaces."""
+    rigid = _rigid_motion(record, surface.x)
+    return rigid + amplification * (surface.phi - rigid)
 
 
 def surface_of(body: Body) -> Surface | None:
@@ -177,20 +166,31 @@ def surface_of(body: Body) -> Surface | None:
 
 
 def _stress_skin(
-    body: Body, record: ReducedBody, model: StressModel, q: FloatArray, amplification: float
+    body: Body, record: ReducedBody, model: StressModel, q: FloatArray, pose: FloatArray, amplification: float
 ) -> StressSkin:
     pictures = (model.stress_field(record, row) for row in q)
     first = next(pictures)
     shown, triangle = np.unique(first.triangle, return_inverse=True)
     x = first.x[shown]
     rigid = _rigid_motion(record, x)
-    places = np.empty((len(q), len(shown), 3), np.float32)
+    places, moved = np.empty((2, len(q), len(shown), 3), np.float32)
     von_mises = np.empty((len(q), len(shown)), np.float32)
     for k, picture in enumerate((first, *pictures)):
         followed = rigid @ q[k]
+        moved[k] = picture.displacement[shown]
         places[k] = x + followed + amplification * (picture.displacement[shown] - followed)
         von_mises[k] = picture.von_mises[shown]
-    return StressSkin(body, x, triangle.reshape(-1, 3), places, von_mises)
+    return StressSkin(body.name, (body,), x, triangle.reshape(-1, 3), places, moved, von_mises, pose)
+
+
+def field_skin(field: StressField, amplification: float) -> StressSkin:
+    """The surface of a stress field, at its one instant, in its own axes."""
+    shown, triangle = np.unique(field.triangle, return_inverse=True)
+    moved = field.displacement[shown].astype(np.float32)
+    places = (field.x[shown] + amplification * field.displacement[shown]).astype(np.float32)
+    values = field.von_mises[shown].astype(np.float32)
+    parts = (places[None], moved[None], values[None], np.eye(4)[None])
+    return StressSkin("body", (), field.x[shown], triangle.reshape(-1, 3), *parts)
 
 
 def _rigid_motion(record: ReducedBody, x: FloatArray) -> FloatArray:
@@ -213,8 +213,3 @@ def _rigid_fields(x: FloatArray) -> FloatArray:
     for axis in range(3):
         fields[:, :, 3 + axis] = np.cross(np.eye(3)[axis], x)
     return fields
-
-
-def _bounds(places: list[FloatArray]) -> FloatArray:
-    lowest = np.min([p.min(axis=0) for p in places], axis=0)
-    return np.array([lowest, np.max([p.max(axis=0) for p in places], axis=0)], dtype=np.float64)

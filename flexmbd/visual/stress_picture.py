@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.errors import PictureError
+from flexmbd.given import is_number
 from flexmbd.record.stress_field import StressField
-from flexmbd.visual import stage
-from flexmbd.visual.camera import frame_all, oblique
-from flexmbd.visual.destination import checked_path, write
+from flexmbd.visual.destination import checked_path
+from flexmbd.visual.drawn_scene import DrawnScene, portrait
+from flexmbd.visual.library import require
+from flexmbd.visual.scales import readable
+from flexmbd.visual.show import write_picture
+from flexmbd.visual.skin import field_skin
 
 FloatArray = NDArray[np.float64]
 
@@ -47,40 +50,23 @@ def plot_stress(
         PictureError: another suffix, a bad size, or the file cannot be written.
     """
     target = checked_path(path, SUFFIXES)
-
-    def fill(temporary: Path) -> None:
-        _draw(field, temporary, amplification, size, title)
-
-    return write(target, fill)
-
-
-def _draw(field: StressField, path: Path, amplification: float, size: tuple[int, int], title: str) -> None:
-    scale, unit = stage.readable(field.max, "Pa")
-    mesh, vertex = stage.surface_mesh(field.x, field.triangle)
-    shown = field.x + amplification * field.displacement
-    mesh.points = shown[vertex]
-    mesh.point_data["value"] = field.von_mises[vertex] / scale
-    plotter = stage.open_stage(size)
-    try:
-        largest = float(field.von_mises.max()) / scale
-        stage.add_surface(plotter, mesh, largest=largest, quantity="von Mises stress", unit=unit)
-        towards, up = oblique(field.x)
-        points = shown[np.unique(field.triangle)]
-        aspect = size[0] / size[1]
-        camera = frame_all(points, towards, up, aspect=aspect, above=0.14, below=0.16)
-        stage.place_camera(plotter, camera)
-        words = [title] if title else []
-        words.append(f"largest von Mises stress in a cell {field.max / scale:.3g} {unit}")
-        if amplification != 1.0:
-            words.append(f"deformation × {amplification:g}")
-        stage.add_words(plotter, "\n".join(words))
-        plotter.screenshot(path)
-    finally:
-        plotter.close()
+    require("pyvista")
+    scene = stress_scene(field, amplification=amplification, title=title)
+    write_picture(scene, target, size=size)
+    return target
 
 
-class StressModel(Protocol):
-    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+def stress_scene(field: StressField, *, amplification: float = 1.0, title: str = "") -> DrawnScene:
+    """A body's surface coloured by von Mises stress.
 
-    def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
-        """Stress on the mesh at modal coordinates q (n,)."""
+    Raises:
+        PictureError: a negative amplification.
+    """
+    if not (is_number(amplification) and amplification >= 0.0):
+        raise PictureError(f"the amplification must not be negative, got {amplification!r}")
+    scale, unit = readable(field.max, "Pa")
+    words = [title] if title else []
+    words.append(f"largest von Mises stress in a cell {field.max / scale:.3g} {unit}")
+    if amplification != 1.0:
+        words.append(f"deformation × {amplification:g}")
+    return portrait(field_skin(field, amplification), notes=["\n".join(words)])

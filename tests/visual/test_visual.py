@@ -11,7 +11,10 @@ import flexmbd as fm
 from flexmbd.errors import PictureError, SceneError
 from flexmbd.record.reduced_body import InterfaceFrame, Surface
 from flexmbd.record.stress_field import StressField
-from flexmbd.visual import camera, film, plot_stress, sketch, stage
+from flexmbd.visual import camera, film, plot_stress, scales, sketch
+from flexmbd.visual.drawn_scene import drawn_scene
+from flexmbd.visual.palette import GROUND
+from flexmbd.visual.part import placed
 from flexmbd.visual.skin import DisplacementSkin, _rigid_motion, skins
 
 SMALL = {"size": (160, 120), "fps": 10}
@@ -158,12 +161,12 @@ def test_only_the_root_writes(machine, tmp_path):
     run = replace(machine, team=other)
     run.animate(tmp_path / "film.gif", **SMALL)
     run.plot(path=tmp_path / "plot.png")
+    run.show(path=tmp_path / "machine.png", size=(160, 120))
     assert not list(tmp_path.iterdir())
-    assert other.told == [None, None]
-    root = Team(is_root=True)
-    with pytest.raises(PictureError):
-        replace(machine, team=root).plot(path=tmp_path / "nowhere" / "plot.png")
-    assert len(root.told) == 1
+    assert other.told == []  # nothing waits for other ranks: the root may call alone
+    for team in (other, Team(is_root=True)):
+        with pytest.raises(PictureError, match="nowhere"):
+            replace(machine, team=team).plot(path=tmp_path / "nowhere" / "plot.png")
 
 
 def test_plot_of_series(machine, tmp_path):
@@ -252,37 +255,43 @@ def test_bad_plots_are_refused(machine, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_solids_are_where_the_bodies_are(machine):
+def machine_parts(run, times, **how):
+    return drawn_scene(run, times, notes=[""] * len(times), **how)
+
+
+def test_symbols_are_where_the_bodies_are(machine):
     times = 0.025 * np.arange(5.0)
-    drawn = sketch.sketch(machine, times, skinned=[])
+    drawn = machine_parts(machine, times)
     crank, rod, piston = (machine.bodies[name] for name in ("crank", "rod", "piston"))
-    by_colour = {
-        (solid.shape, solid.colour): solid for solid in drawn.primitives if solid.colour in drawn.colours.values()
+    units = {"cylinder": sketch.unit_cylinder(), "ball": sketch.unit_ball(), "box": sketch.unit_box()}
+    parts = {
+        (name, part.label): part for part in drawn.parts for name, unit in units.items() if part.x is unit.points
     }
-    stick = by_colour[sketch.Shape.CYLINDER, drawn.colours["rod"]]
+    stick = parts["cylinder", "rod"]
+    assert stick.colour == drawn.legend["rod"]
     ends = np.einsum("kij,jn->kni", stick.pose, np.array([[0, 0], [0, 0], [0, 1], [1, 1.0]]))[:, :, :3]
     np.testing.assert_allclose(ends[:, 0], machine.position(crank.frame((0.08, 0, 0)), t=times), atol=1e-12)
     np.testing.assert_allclose(ends[:, 1], machine.position(rod.frame((0.3, 0, 0)), t=times), atol=1e-12)
-    block = by_colour[sketch.Shape.BOX, drawn.colours["piston"]]
+    block = parts["box", "piston"]
     np.testing.assert_allclose(block.pose[:, :3, 3], machine.position(piston.frame(), t=times), atol=1e-12)
-    ball = by_colour[sketch.Shape.BALL, drawn.colours["crank"]]
+    ball = parts["ball", "crank"]
     np.testing.assert_allclose(
         ball.pose[:, :3, 3], machine.position(crank.frame((0.03, 0, 0)), t=times), atol=1e-12
     )
     # the bearing and the rail
-    assert [solid.colour for solid in drawn.primitives].count(sketch.GROUND) == 2
+    assert [part.colour for part in drawn.parts].count(GROUND) == 2
 
 
 def test_cylinder_runs_between_its_ends():
     rng = np.random.default_rng(1)
     a, b = rng.standard_normal((2, 6, 3))
-    solid = sketch.cylinder(a, b, 0.1, "#000000")
-    np.testing.assert_allclose(solid.pose[:, :3, 3], a)
-    np.testing.assert_allclose(solid.pose[:, :3, 2], b - a)
-    across = solid.pose[:, :3, :2]
+    stick = sketch.cylinder(a, b, 0.1, "#000000", "stick")
+    np.testing.assert_allclose(stick.pose[:, :3, 3], a)
+    np.testing.assert_allclose(stick.pose[:, :3, 2], b - a)
+    across = stick.pose[:, :3, :2]
     square = across.transpose(0, 2, 1) @ across
     np.testing.assert_allclose(square, [0.01 * np.eye(2)] * 6, atol=1e-15)
-    assert (np.linalg.det(solid.pose[:, :3, :3]) > 0.0).all()
+    assert (np.linalg.det(stick.pose[:, :3, :3]) > 0.0).all()
 
 
 def test_positions_at_chosen_times_lie_on_the_trajectory(machine):
@@ -343,12 +352,11 @@ def test_a_pseudo_rigid_body_is_drawn_as_it_deforms(solid):
     run, body = rubber(solid, stretch=np.diag([1.3, 0.8, 1.0]))
     times = np.array([0.0, 0.1, 0.2])
     (skin,) = skins(run, times, {}, amplification=1.0)
-    pose = sketch.sketch(run, times, skinned=[body]).bodies[body]
     F = run.deformation_gradient(body, t=times)
     assert np.linalg.norm(F[2] - np.eye(3)) > 0.05
     a, b, c = np.moveaxis(skin.triangle, 1, 0)
     for k, t in enumerate(times):
-        drawn = skin.at(k)[0] @ pose.R[k].T + pose.p[k]
+        drawn = placed(skin, k)[0]
         for vertex in (0, 5, len(skin.x) - 1):
             assert drawn[vertex] == pytest.approx(run.position(body.frame(skin.x[vertex]), t=[t])[0], abs=1e-12)
         volumes = [np.einsum("ti,ti->", x[a], np.cross(x[b], x[c])) for x in (drawn, skin.x)]
@@ -467,7 +475,7 @@ def test_camera_sees_everything(gravity):
     ("largest", "unit", "name"), [(3.1e8, "Pa", "MPa"), (2e-3, "m", "mm"), (0.0, "m", "m"), (12.0, "s", "s")]
 )
 def test_units_that_read_well(largest, unit, name):
-    scale, readable = stage.readable(largest, unit)
+    scale, readable = scales.readable(largest, unit)
     assert readable == name
     assert largest == 0.0 or 1.0 <= largest / scale < 1000.0
 

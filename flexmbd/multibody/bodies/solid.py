@@ -18,6 +18,7 @@ IntArray = NDArray[np.int64]
 
 _ROUND_OFF = 1e-12  # of a second moment that should not be negative
 _RINGS, _AROUND = 18, 36  # of the triangles that show a ball
+_SIDES = 60  # of the polygon that shows a cylinder
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,23 +211,23 @@ def _unit_ball() -> tuple[FloatArray, IntArray]:
 @cache
 def _unit_tube(bore: float) -> tuple[FloatArray, IntArray]:
     """Points and triangles of a tube of outer radius and length one about the origin along z; bore 0: a cylinder."""
-    turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(_AROUND)], axis=1)
+    turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)], axis=1)
     up = np.array([0.0, 0.0, 0.5])
-    here = np.arange(_AROUND)
+    here = np.arange(_SIDES)
     after = np.roll(here, -1)
-    low, high = here, here + _AROUND
-    sides = [(low, after, high), (after, after + _AROUND, high)]
+    low, high = here, here + _SIDES
+    sides = [(low, after, high), (after, after + _SIDES, high)]
     if bore == 0.0:
         points = np.vstack([ring - up, ring + up, [-up, up]])
-        foot, head = np.full(_AROUND, 2 * _AROUND), np.full(_AROUND, 2 * _AROUND + 1)
-        sides += [(foot, after, low), (head, high, after + _AROUND)]
+        foot, head = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
+        sides += [(foot, after, low), (head, high, after + _SIDES)]
     else:
         points = np.vstack([ring - up, ring + up, bore * ring - up, bore * ring + up])
-        n = 2 * _AROUND
+        n = 2 * _SIDES
         sides += [(low + n, high + n, after + n), (after + n, high + n, after + high[0] + n)]
         sides += [(low, low + n, after), (after, low + n, after + n)]
-        sides += [(high, after + _AROUND, high + n), (after + _AROUND, after + _AROUND + n, high + n)]
+        sides += [(high, after + _SIDES, high + n), (after + _SIDES, after + _SIDES + n, high + n)]
     return points, np.vstack([np.stack(part, axis=1) for part in sides])
 
 

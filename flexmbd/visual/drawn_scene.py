@@ -1,0 +1,199 @@
+"""A machine as surfaces that move: what films, pictures, windows and other programs' meshes are all made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import PictureError
+from flexmbd.given import is_number, numbers
+from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.visual.camera import Camera, frame_all, oblique, viewing_axes
+from flexmbd.visual.library import load
+from flexmbd.visual.palette import GROUND, body_colours
+from flexmbd.visual.part import Part, RigidPart, placed, reach
+from flexmbd.visual.recorded_motion import RecordedMotion
+from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
+from flexmbd.visual.sketch import skeleton, stick_radius, symbols
+from flexmbd.visual.skin import StressModel, skins
+
+FloatArray = NDArray[np.float64]
+
+# From bare steel: what is not stressed.
+BARE = "#b9c2cc"
+
+# Shares of the picture's height that are left free: above for words.
+_ABOVE, _BELOW = 0.1, 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnScene:
+    """The surfaces of a scene at nt instants.
+
+    Attributes:
+        parts: what is drawn.
+        fixed: the shapes of the ground, which stand beside the camera's choice.
+        legend: names and colours of what is drawn.
+        places: (k, 3) m, by which the view is chosen: frames and centres of mass over all instants.
+        gravity: (3,) m/s^2.
+        notes: what is written in the picture of each instant.
+        eye: the natural (towards, up), each (3,); None: by ``viewing_axes``.
+    """
+
+    parts: tuple[Part, ...]
+    fixed: tuple[RigidPart, ...]
+    legend: Mapping[str, str]
+    places: FloatArray
+    gravity: FloatArray
+    notes: tuple[str, ...]
+    eye: tuple[FloatArray, FloatArray] | None = None
+
+    def camera(self, aspect: float, view: FloatArray | None = None) -> Camera:
+        """A camera that sees all that moves at all instants, from a direction ``view`` (3,) or the natural one."""
+        if view is None and self.eye is not None:
+            towards, up = self.eye
+        else:
+            towards, up = viewing_axes(self.places, self.gravity, view)
+        corners = [reach(part) for part in (self.parts or self.fixed)]
+        points = np.concatenate([self.places, *corners])
+        return frame_all(points, towards, up, aspect=aspect, above=_ABOVE, below=_BELOW)
+
+    @property
+    def quantities(self) -> tuple[tuple[str, str], ...]:
+        """What colours mean and its SI unit, each once."""
+        return tuple(dict.fromkeys(part.quantity for part in self.parts if part.colour is None))
+
+    def largest(self, quantity: tuple[str, str]) -> float:
+        """The largest value over all instants."""
+        return max(part.largest for part in self.parts if part.colour is None and part.quantity == quantity)
+
+    def to_pyvista(self, k: int = 0) -> Any:
+        """A pyvista.MultiBlock of the surfaces at an instant, in the inertial frame (m), a block for each part.
+
+        Values, as "displacement" (m) or "von Mises stress" (Pa), are point data; "colour" is field data.
+
+        Raises:
+            PictureError: pyvista is not installed.
+        """
+        pyvista = load("pyvista")
+        blocks = pyvista.MultiBlock()
+        names: dict[str, int] = {}
+        for part in (*self.parts, *self.fixed):
+            places, values = placed(part, k)
+            mesh = pyvista.PolyData.from_regular_faces(places, part.triangle)
+            if part.colour is None:
+                mesh.point_data[part.quantity[0]] = values
+            mesh.field_data["colour"] = [part.colour or BARE]
+            names[part.label] = count = names.get(part.label, 0) + 1
+            blocks.append(mesh, name=part.label if count == 1 else f"{part.label} ({count})")
+        return blocks
+
+
+def drawn_scene(
+    motion: RecordedMotion,
+    times: FloatArray,
+    *,
+    notes: Sequence[str],
+    amplification: float = 1.0,
+    models: Mapping[FlexibleBody, StressModel] | None = None,
+    recordings: Sequence[FieldSeries] = (),
+    looks: Mapping[ContinuumBody, Look] | None = None,
+    frames: bool = False,
+) -> DrawnScene:
+    """The surfaces of a machine at ``times`` (nt,) s.  Collective over the communicators of ``models``, if any.
+
+    A body is shown by its ``shape``, or else by the surface that its record holds, deformed and coloured; a recorded
+    body with history by its own, coloured by a field; others by symbols.
+
+    Args:
+        motion: of the machine.
+        times: s.
+        notes: what is written in each picture.
+        amplification: factor on deformations.
+        models: colour these bodies by von Mises stress.
+        recordings: of bodies with history.
+        looks: how these are shown.
+        frames: whether the axes of all frames are drawn.
+
+    Raises:
+        PictureError: a bad choice.
+    """
+    if not (is_number(amplification) and amplification >= 0.0):
+        raise PictureError(f"the amplification must not be negative, got {amplification!r}")
+    refuse_unknown(looks or {}, recordings)
+    bones = skeleton(motion, times)
+    colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
+    parts: list[Part] = [*skins(motion, times, models or {}, amplification=amplification)]
+    for one in recordings:
+        parts.append(recorded_skin(one, times, look_of(looks or {}, one), amplification=amplification))
+    valued = [body for part in parts for body in part.covers]
+    for name, body in motion.bodies.items():
+        if body.shape is not None and not any(body is other for other in valued):
+            for piece in body.shape.pieces():
+                colour = piece.colour or colours[name]
+                parts.append(RigidPart(name, colour, piece.points, piece.triangles, bones.bodies[body], (body,)))
+    places = np.concatenate([bones.places, *(reach(part) for part in parts)])
+    shown = [body for part in parts for body in part.covers]
+    parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
+    bare = {body.name for body in valued}
+    legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}
+    return DrawnScene(
+        tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
+    )
+
+
+def portrait(part: Part, *, notes: Sequence[str]) -> DrawnScene:
+    """A scene of one part, seen mostly along its thinnest direction, its longest one to the right."""
+    return DrawnScene((part,), (), {}, part.x, np.zeros(3), tuple(notes), eye=oblique(part.x))
+
+
+def machine_meshes(
+    motion: RecordedMotion, t: float, *, amplification: float = 1.0, recordings: Sequence[FieldSeries] = ()
+) -> Any:
+    """What a picture shows at ``t`` (s) as a pyvista.MultiBlock; see ``DrawnScene.to_pyvista``. Not collective.
+
+    Raises:
+        SceneError: a time outside the motion.
+        PictureError: pyvista is not installed.
+    """
+    times = np.atleast_1d(numbers(t))
+    return drawn_scene(motion, times, notes=[""], amplification=amplification, recordings=recordings).to_pyvista()
+
+
+def _own_colour(motion: RecordedMotion, name: str) -> str | None:
+    """The colour of a body's shape, of its first part that has one."""
+    shape = motion.bodies[name].shape
+    given = [] if shape is None else [piece.colour for piece in shape.pieces()]
+    return given[0] if given else None
+
+
+def _fixed(motion: RecordedMotion, count: int) -> tuple[RigidPart, ...]:
+    """The shapes of the ground."""
+    ground = motion.scene.parts.ground
+    if ground.shape is None:
+        return ()
+    pose = np.broadcast_to(np.eye(4), (count, 4, 4))
+    return tuple(
+        RigidPart(ground.name, piece.colour or GROUND, piece.points, piece.triangles, pose)
+        for piece in ground.shape.pieces()
+    )
+
+
+def checked_view(view: ArrayLike | None) -> FloatArray | None:
+    """A direction (3,) from the scene to the eye, of length one.
+
+    Raises:
+        PictureError: it is none.
+    """
+    if view is None:
+        return None
+    vector = numbers(view)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0.0):
+        raise PictureError(f"view is a direction (3,) from the scene to the eye, not all zero, got {view!r}")
+    return np.asarray(vector / length)
