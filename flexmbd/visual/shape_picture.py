@@ -75,7 +75,7 @@ def mode_scene(
     if not is_number(amplitude):
         raise PictureError(f"amplitude must be a number, a part of the body's length, got {amplitude!r:.100}")
     shape = surface.phi[:, :, mode : mode + 1]
-    unit = shape / (float(np.linalg.norm(shape, axis=1).max(initial=0.0)) or 1.0)
+    unit = np.asarray(shape / (float(np.linalg.norm(shape, axis=1).max(initial=0.0)) or 1.0))
     length = float(np.ptp(surface.x, axis=0).max())
     q = np.atleast_1d(np.asarray(phases, dtype=np.float64))[:, None]
     pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
