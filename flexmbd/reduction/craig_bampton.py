@@ -35,6 +35,9 @@ from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_
 from flexmbd.reduction.stiffening.stretch_modes import stretch_modes
 from flexmbd.reduction.unit_loads import Load, listed
 
+# How many modes memory is kept for where their number is not given.
+_EXPECTED = 64
+
 
 def craig_bampton(
     model: LinearModel,
@@ -160,10 +163,15 @@ def _basis(
     choice: InterfaceModes | None,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
-    with body_statics(model, frame=frame, solver=solver) as statics:
+    expected = _EXPECTED if truncation.modes is None else truncation.modes
+    with body_statics(model, frame=frame, solver=solver, modes=expected) as statics:
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
+        if choice is None:
+            # before the modes, since counting these may take the place of the factor
+            kept = all_interface_shapes(statics)
+            found = responses(statics, contents, kept.interfaces)
         if truncation.free:
             frames = interface_loads(model, statics.interfaces, R=statics.R).forces
             fixed, notes = free_interface_modes(
@@ -171,9 +179,10 @@ def _basis(
             )
         else:
             fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
-        kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
+        if choice is not None:
+            kept = interface_shapes(statics, fixed, choice)
+            found = responses(statics, contents, kept.interfaces)
         notes.update(kept.notes)
-        found = responses(statics, contents, kept.interfaces)
         count = len(fixed.eigenvalues)
         if contents.geometric_stiffness and count > 0:
             more = _stretch_modes(statics, fixed, found, images)
@@ -223,6 +232,7 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
         fixed,
         loads=found.loads.first(number),
         displacements=found.displacements[:, :number],
+        held=found.held[:, :number],
         images=images,
     )
 

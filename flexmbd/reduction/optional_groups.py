@@ -110,10 +110,12 @@ class Responses:
         loads: l of them: where geometric stiffness is wanted those of the body's motion first, then those of
             the interfaces; the named ones last.
         displacements: (owned dofs, l).
+        held: (owned dofs, l) with all interfaces fixed.
     """
 
     loads: UnitLoads
     displacements: FloatArray
+    held: FloatArray
 
 
 def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundInterface]) -> Responses:
@@ -121,7 +123,8 @@ def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundIn
     names, forces = tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
     named = UnitLoads(names, forces, np.zeros(len(names)))
     loads = joined(unit_loads(statics, interfaces), named) if contents.geometric_stiffness else named
-    return Responses(loads, statics.static_response(loads.forces))
+    held = statics.held_response(loads.forces)
+    return Responses(loads, statics.static_response(loads.forces, held=held), held)
 
 
 def optional_parts(

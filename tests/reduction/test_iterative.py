@@ -1,4 +1,4 @@
-"""Conjugate gradients with multigrid in the place of a factor: the same records, and when they are taken."""
+"""A compressed factor, or multigrid, with conjugate gradients: the same records, and when they are taken."""
 
 from mpi4py import MPI
 
@@ -14,7 +14,7 @@ from flexmbd.continuum.grid import tagged_mesh
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Solver, craig_bampton, guyan
-from flexmbd.reduction.static_shapes import conjugate_gradients, factor
+from flexmbd.reduction.static_shapes import conjugate_gradients, memory
 from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
@@ -42,21 +42,28 @@ CASES = {
     "free": ({}, None),
 }
 
+NAMES = {
+    Solver.DIRECT: "direct",
+    Solver.COMPRESSED: "compressed factor, conjugate gradients",
+    Solver.ITERATIVE: "conjugate gradients, multigrid",
+}
+
 
 def difference(found, expected):
     return abs(found - expected).max(initial=0) / abs(expected).max(initial=1e-300)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_same_record_as_by_a_factor(case):
+@pytest.mark.parametrize("solver", [Solver.COMPRESSED, Solver.ITERATIVE])
+def test_same_record_as_by_a_factor(case, solver):
     couplings, frame = CASES[case]
     model = coupled(couplings, 1)
     exact, body = (
-        craig_bampton(model, modes=2, frame=frame, geometric_stiffness=case == "attached", solver=solver)
-        for solver in (Solver.DIRECT, Solver.ITERATIVE)
+        craig_bampton(model, modes=2, frame=frame, geometric_stiffness=case == "attached", solver=one)
+        for one in (Solver.DIRECT, solver)
     )
     assert exact.provenance["solver"] == "direct"
-    assert body.provenance["solver"] == "conjugate gradients, multigrid"
+    assert body.provenance["solver"] == NAMES[solver]
     assert body.stiffness == pytest.approx(exact.stiffness, rel=1e-10)
     assert difference(body.gram, exact.gram) < 1e-10
     if case == "attached":
@@ -78,11 +85,12 @@ def test_loads_of_any_number_and_of_nothing():
     for solver in Solver:
         with body_statics(model, frame="root", solver=solver) as statics:
             found.append(np.vstack(COMM.allgather(statics.static_response(loads))))
-    exact, u = found
-    assert not u[:, [3, 8]].any()
+    exact = found[0]
     size = abs(exact).max(axis=0)
     size[[3, 8]] = 1.0
-    assert (abs(u - exact).max(axis=0) / size).max() < 1e-11
+    for u in found[1:]:
+        assert not u[:, [3, 8]].any()
+        assert (abs(u - exact).max(axis=0) / size).max() < 1e-11
 
 
 def iterations(monkeypatch, divisions):
@@ -123,18 +131,23 @@ def solver_of(model):
 def has_memory(monkeypatch, size, *, rank=None):
     """Let the computer have so many bytes left, or that rank's."""
     if rank is None or rank == COMM.rank:
-        monkeypatch.setattr(factor, "available_memory", lambda: size)
+        monkeypatch.setattr(memory, "available_memory", lambda: size)
 
 
 @pytest.mark.parametrize("rank", [None, 0, COMM.size - 1])
-def test_without_memory_for_a_factor_it_iterates(monkeypatch, rank):
-    model = block(solid_linear, STEEL, (7, 4, 4))
-    assert solver_of(model) == "direct"
-    # of which a part of 0.7, but at least 1 MB for each rank
-    has_memory(monkeypatch, 2 * 10**6, rank=rank)
-    assert solver_of(model) == "conjugate gradients, multigrid"
-    with pytest.raises(ReductionError, match=r"would take \d+ MB, and \d MB are there.*solver=Solver.ITERATIVE"):
+def test_the_quickest_solver_that_fits_in_memory(monkeypatch, rank):
+    """A factor of so few dofs is not smaller when compressed; and none is begun in vain."""
+    model = block(solid_linear, STEEL, (9, 5, 5))
+    assert solver_of(model) == NAMES[Solver.DIRECT]
+    beside = memory.workspace(model, shapes=18, modes=0)
+    for room, chosen in ((100e6, Solver.DIRECT), (1.02 * memory.multigrid_memory(model), Solver.ITERATIVE)):
+        has_memory(monkeypatch, int((room + beside) / memory._SHARE), rank=rank)
+        assert solver_of(model) == NAMES[chosen]
+    with pytest.raises(ReductionError, match=r"would take \d+ MB, and \d+ MB are there.*solver=Solver.COMPRESSED or"):
         guyan(model, frame="x_min", solver=Solver.DIRECT)
+    has_memory(monkeypatch, int(beside), rank=rank)
+    with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are there.*take fewer modes"):
+        guyan(model, frame="x_min")
 
 
 def test_where_the_memory_is_not_known_a_factor_is_made(monkeypatch):
@@ -143,9 +156,9 @@ def test_where_the_memory_is_not_known_a_factor_is_made(monkeypatch):
 
 
 def test_memory_that_is_left():
-    left = factor.available_memory()
+    left = memory.available_memory()
     assert left is None or 2**20 < left < 2**50
-    limit = factor.memory_limit(COMM)
+    limit = memory.memory_limit(COMM)
     assert all(other == limit for other in COMM.allgather(limit))
 
 
@@ -188,7 +201,8 @@ def test_a_loose_piece_is_refused(monkeypatch):
 
 def test_solvers_that_are_none():
     model = coupled({"root": RIGID}, 1)
-    with pytest.raises(ReductionError, match=r"must be Solver.DIRECT, Solver.ITERATIVE or None, got 'iterative'"):
+    every = "Solver.DIRECT, Solver.COMPRESSED, Solver.ITERATIVE or None"
+    with pytest.raises(ReductionError, match=rf"must be {every}, got 'iterative'"):
         craig_bampton(model, modes=1, frame="root", solver="iterative")
     if COMM.size > 1:
         with pytest.raises(ReductionError, match=r"solver is .*DIRECT.* on rank 0 and .*ITERATIVE.* on rank 1"):

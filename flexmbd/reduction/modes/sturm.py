@@ -12,15 +12,18 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.matrices.blocks import inner, symmetric
+from flexmbd.continuum.matrices.blocks import inner, multiply, symmetric
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.reduction.modes.eigensolver import ModeSearch
 from flexmbd.reduction.modes.krylov_schur import shift_after
-from flexmbd.reduction.static_shapes.factor import Factor, TooLargeError, memory_limit
+from flexmbd.reduction.static_shapes.factor import Factor, TooLargeError
+from flexmbd.reduction.static_shapes.memory import memory_limit
 from flexmbd.reduction.static_shapes.statics import Statics
 
 # Relative gap of eigenvalues in which a count is sound, and how often more modes are looked for to find one.
 _GAP, _MORE, _TIMES = 1e-3, 4, 4
+# Power iteration on 1 - B^-1 A: vectors, steps, and what is well below one.
+_COLUMNS, _POWERS, _NEAR = 4, 8, 0.5
 
 
 def principal_part(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> PETSc.Mat:
@@ -40,18 +43,22 @@ def principal_part(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> PETSc.Mat:
 def count_below(statics: Statics, eigenvalue: float) -> int:
     """Number of modes with all interfaces fixed below an eigenvalue (1/s^2). Collective.
 
+    Where two factors do not fit in memory that of the statics is given up, and made again when it is needed. A
+    compressed factor B of A = K - sigma M counts as well where no eigenvalue of B^-1 A is negative: then no matrix on
+    the way from A to B is singular, and both have the same signs.
+
     Raises:
-        TooLargeError: on all ranks: the factor would not fit in memory.
-        ReductionError: on all ranks: the eigenvalue is one of the body's.
+        TooLargeError: on all ranks: the factor would not fit in memory, alone neither.
+        ReductionError: on all ranks: the eigenvalue is one of the body's, or a compressed factor tells nothing.
     """
     model, columns = statics.model, statics.held_averages
     shifted = principal_part(model.K, statics.mask)
     shifted.axpy(-eigenvalue, statics.M, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    factor: Factor | None = None
     try:
-        factor = Factor(shifted, definite=False, limit=memory_limit(model.comm))
-    finally:
-        shifted.destroy()
-    try:
+        factor = _indefinite_factor(statics, shifted)
+        if statics.tolerance > 0.0:
+            _check_nearness(factor, shifted)
         others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
         count = factor.negative_pivots - model.comm.allreduce(others)
         if columns is not None:
@@ -61,7 +68,38 @@ def count_below(statics: Statics, eigenvalue: float) -> int:
             return int(model.comm.bcast(count + int(signs.sum()) - len(small)))
         return count - (0 if statics.interfaces else 6)
     finally:
-        factor.destroy()
+        shifted.destroy()
+        if factor is not None:
+            factor.destroy()
+
+
+def _indefinite_factor(statics: Statics, shifted: PETSc.Mat) -> Factor:
+    """Beside the statics' factor where there is room for both, else in its place. Collective."""
+    for alone in (False, True):
+        if alone:
+            statics.release_factor()
+        try:
+            limit = memory_limit(statics.model.comm)
+            return Factor(shifted, definite=False, limit=limit, tolerance=statics.tolerance)
+        except TooLargeError:
+            if alone:
+                raise
+    raise AssertionError
+
+
+def _check_nearness(factor: Factor, matrix: PETSc.Mat) -> None:
+    """Refuse a factor B of A where power iteration finds 1 - B^-1 A not well below one. Collective."""
+    comm = matrix.comm.tompi4py()
+    rest = np.random.default_rng(comm.rank).normal(size=(matrix.getLocalSize()[0], _COLUMNS)).copy(order="F")
+    for _ in range(_POWERS):
+        rest /= np.sqrt(np.diag(inner(comm, rest, rest)))
+        rest = np.asfortranarray(rest - factor.solve(multiply(matrix, rest)))
+    size = float(np.sqrt(np.diag(inner(comm, rest, rest)).max()))
+    if not size < _NEAR:
+        raise ReductionError(
+            f"the compressed factor of K - sigma M is off by {size:.1e} of it, bound {_NEAR:g}, and counts nothing; "
+            "take solver=Solver.DIRECT, or Truncation(..., complete=False)"
+        )
 
 
 def confirmed(statics: Statics, search: ModeSearch, count: int) -> str:

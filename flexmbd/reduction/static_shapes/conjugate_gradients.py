@@ -1,16 +1,19 @@
-"""The inverse of a stiffness whose factor would not fit in memory: conjugate gradients on blocks."""
+"""The inverse of a stiffness whose factor would not fit in memory: conjugate gradients on blocks, by multigrid."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply, total
+from flexmbd.continuum.matrices.eigen import BlockOperator
 from flexmbd.errors import ConvergenceError
 from flexmbd.reduction.static_shapes.multigrid import Multigrid, multigrid
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
@@ -25,7 +28,99 @@ _TOGETHER = 8
 
 
 class ConjugateGradients:
-    """K^-1 by conjugate gradients with a multigrid cycle as preconditioner, column by column of a block at once.
+    """K^-1 by conjugate gradients with a positive definite preconditioner, column by column of a block at once.
+
+    Attributes:
+        product: K times a block.
+        precondition: nearly K^-1 times a block: a multigrid cycle, or a compressed factor.
+        noise: what round-off makes of K times a block, in size.
+        comm: the ranks.
+    """
+
+    def __init__(
+        self, product: BlockOperator, precondition: BlockOperator, noise: BlockOperator, *, comm: MPI.Comm
+    ) -> None:
+        """Put together what is there already; not collective."""
+        self.product, self.precondition, self.noise, self.comm = product, precondition, noise, comm
+
+    def solve(self, block: FloatArray) -> FloatArray:
+        """K^-1 times a block (rows of this rank, k). Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: a column does not converge.
+        """
+        result = np.empty(block.shape, order="F")
+        for first in range(0, block.shape[1], _TOGETHER):
+            some = slice(first, first + _TOGETHER)
+            result[:, some] = self._solve(np.asfortranarray(block[:, some]))
+        return result
+
+    def _solve(self, loads: FloatArray) -> FloatArray:
+        size = self._dots(loads, self.precondition(loads))
+        x: FloatArray = np.zeros(loads.shape, order="F")
+        rest, iterations, worst = loads, 0, np.inf
+        goal = _TOLERANCE**2 * size
+        for _ in range(_STARTS):
+            correction, more = self._iterate(rest, goal)
+            x += correction
+            iterations += more
+            rest = loads - self.product(x)
+            left = self._dots(rest, self.precondition(rest))
+            last, worst = worst, _largest(left, size)
+            if worst <= _BOUND:
+                return x
+            noise = self._round_off(x)
+            if np.all(left <= np.maximum(_BOUND**2 * size, MARGIN**2 * noise)):
+                return x
+            goal = np.maximum(goal, noise)
+            if not worst < 0.5 * last:
+                break
+        raise ConvergenceError(
+            f"conjugate gradients left a residual of {worst:.1e} of a load after "
+            f"{iterations} iterations, bound {_BOUND:.0e} or what round-off makes of it: a part of the body is "
+            "connected to no interface or not to the rest, or its cells are very thin or its stiffness jumps; look at "
+            "the mesh, or take solver=Solver.DIRECT"
+        )
+
+    def _round_off(self, x: FloatArray) -> FloatArray:
+        """(k,) squares of the norms of residuals that are round-off alone, of any signs. Collective."""
+        signs = np.random.default_rng(self.comm.rank).choice([-1.0, 1.0], size=x.shape)
+        noise = np.asfortranarray(signs * self.noise(x))
+        return self._dots(noise, self.precondition(noise))
+
+    def _iterate(self, loads: FloatArray, goal: FloatArray) -> tuple[FloatArray, int]:
+        """A solution by recurrences, and the number of iterations (Hestenes & Stiefel 1952). Collective.
+
+        Args:
+            loads: (rows of this rank, k).
+            goal: (k,) squares of the norms of residuals at which it ends.
+        """
+        x: FloatArray = np.zeros(loads.shape, order="F")
+        rest = loads.copy(order="F")
+        image = self.precondition(rest)
+        direction = image.copy(order="F")
+        left = self._dots(rest, image)
+        for iteration in range(_ITERATIONS):
+            if np.all(left <= goal):
+                return x, iteration
+            force = self.product(direction)
+            step = _ratio(left, self._dots(direction, force))
+            x += direction * step
+            force *= step
+            rest -= force
+            image = self.precondition(rest)
+            last, left = left, self._dots(rest, image)
+            direction *= _ratio(left, last)
+            direction += image
+        return x, _ITERATIONS
+
+    def _dots(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """(k,) products of the columns of two blocks. Collective."""
+        return total(self.comm, np.einsum("ij,ij->j", left, right))
+
+
+class MultigridInverse:
+    """K_II^-1 by conjugate gradients with a multigrid cycle, over all dofs, with unit rows for those that are held.
 
     Attributes:
         name: of the method, for the record's provenance.
@@ -44,93 +139,26 @@ class ConjugateGradients:
             scale: (rows of this rank, 1), S, with which the matrix has a unit diagonal.
             mask: (rows of this rank,) whether a dof is not held.
         """
-        self._matrix, self._hierarchy = matrix, hierarchy
         self._mask, self._scale = mask, scale[mask]
-        self._comm = matrix.comm.tompi4py()
+        self._iteration = ConjugateGradients(
+            partial(multiply, matrix), hierarchy.cycle, partial(_round_off, matrix), comm=matrix.comm.tompi4py()
+        )
 
     def solve(self, block: FloatArray) -> FloatArray:
-        """K^-1 times a block (rows of `mask`, k). Collective.
+        """K_II^-1 times a block (rows of the mask, k). Collective.
 
         Raises:
             ConvergenceError: on all ranks: a column does not converge.
         """
-        result = np.empty(block.shape, order="F")
-        for first in range(0, block.shape[1], _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            loads = np.zeros((len(self._mask), result[:, some].shape[1]), order="F")
-            loads[self._mask] = self._scale * block[:, some]
-            result[:, some] = self._scale * self._solve(loads)[self._mask]
-        return result
-
-    def _solve(self, loads: FloatArray) -> FloatArray:
-        size = self._dots(loads, self._hierarchy.cycle(loads))
-        x: FloatArray = np.zeros(loads.shape, order="F")
-        rest, iterations, worst = loads, 0, np.inf
-        goal = _TOLERANCE**2 * size
-        for _ in range(_STARTS):
-            correction, more = self._iterate(rest, goal)
-            x += correction
-            iterations += more
-            rest = loads - multiply(self._matrix, x)
-            left = self._dots(rest, self._hierarchy.cycle(rest))
-            last, worst = worst, _largest(left, size)
-            if worst <= _BOUND:
-                return x
-            noise = self._round_off(x)
-            if np.all(left <= np.maximum(_BOUND**2 * size, MARGIN**2 * noise)):
-                return x
-            goal = np.maximum(goal, noise)
-            if not worst < 0.5 * last:
-                break
-        raise ConvergenceError(
-            f"conjugate gradients with algebraic multigrid left a residual of {worst:.1e} of a load after "
-            f"{iterations} iterations, bound {_BOUND:.0e} or what round-off makes of it: a part of the body is "
-            "connected to no interface or not to the rest, or its cells are very thin or its stiffness jumps; look at "
-            "the mesh, or take solver=Solver.DIRECT"
-        )
-
-    def _round_off(self, x: FloatArray) -> FloatArray:
-        """(k,) squares of the norms of residuals that are round-off alone, of any signs. Collective."""
-        signs = np.random.default_rng(self._comm.rank).choice([-1.0, 1.0], size=x.shape)
-        with round_off(self._matrix) as measure:
-            noise = np.asfortranarray(signs * measure.forces(x))
-        return self._dots(noise, self._hierarchy.cycle(noise))
-
-    def _iterate(self, loads: FloatArray, goal: FloatArray) -> tuple[FloatArray, int]:
-        """A solution by recurrences, and the number of iterations (Hestenes & Stiefel 1952). Collective.
-
-        Args:
-            loads: (rows of this rank, k).
-            goal: (k,) squares of the norms of residuals at which it ends.
-        """
-        x: FloatArray = np.zeros(loads.shape, order="F")
-        rest = loads.copy(order="F")
-        image = self._hierarchy.cycle(rest)
-        direction = image.copy(order="F")
-        left = self._dots(rest, image)
-        for iteration in range(_ITERATIONS):
-            if np.all(left <= goal):
-                return x, iteration
-            force = multiply(self._matrix, direction)
-            step = _ratio(left, self._dots(direction, force))
-            x += direction * step
-            force *= step
-            rest -= force
-            image = self._hierarchy.cycle(rest)
-            last, left = left, self._dots(rest, image)
-            direction *= _ratio(left, last)
-            direction += image
-        return x, _ITERATIONS
-
-    def _dots(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """(k,) products of the columns of two blocks. Collective."""
-        return total(self._comm, np.einsum("ij,ij->j", left, right))
+        loads = np.zeros((len(self._mask), block.shape[1]), order="F")
+        loads[self._mask] = self._scale * block
+        return np.asfortranarray(self._scale * self._iteration.solve(loads)[self._mask])
 
 
 @contextmanager
 def conjugate_gradients(
     stiffness: PETSc.Mat, mask: NDArray[np.bool_], *, motions: FloatArray, block_size: int
-) -> Iterator[ConjugateGradients]:
+) -> Iterator[MultigridInverse]:
     """K_II^-1 for a `with` block. Collective.
 
     Args:
@@ -145,9 +173,15 @@ def conjugate_gradients(
     matrix, root = _held(stiffness, mask, block_size=block_size)
     try:
         with multigrid(matrix, root * motions) as hierarchy:
-            yield ConjugateGradients(matrix, hierarchy, scale=np.reciprocal(root), mask=mask)
+            yield MultigridInverse(matrix, hierarchy, scale=np.reciprocal(root), mask=mask)
     finally:
         matrix.destroy()
+
+
+def _round_off(matrix: PETSc.Mat, x: FloatArray) -> FloatArray:
+    """(rows of this rank, k) sizes of the round-off of the matrix times a block. Collective."""
+    with round_off(matrix) as measure:
+        return measure.forces(x)
 
 
 def _held(stiffness: PETSc.Mat, mask: NDArray[np.bool_], *, block_size: int) -> tuple[PETSc.Mat, FloatArray]:

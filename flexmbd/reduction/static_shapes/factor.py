@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from flexmbd.continuum.matrices.blocks import FloatArray, from_dense, to_dense
@@ -16,12 +12,12 @@ SINGULAR = (
     "that are kept leave it free to move"
 )
 
-# Part of the available memory that a factor may take; modes and loads need some as well.
-_SHARE = 0.7
 # MUMPS: largest memory of a rank (MB); what is said when that or the guess from it is too small.
 _LARGEST_MEMORY, _TOO_SMALL = 23, (-9, -19)
-# MUMPS: its estimate of the memory (MB) that all ranks take together.
-_ESTIMATE = 17
+# MUMPS: its estimates of the memory (MB) that all ranks take together, without and with compression.
+_ESTIMATE, _COMPRESSED_ESTIMATE = 17, 37
+# MUMPS: whether blocks of the factor are compressed, and to which relative error.
+_COMPRESSION, _TOLERANCE = 35, 7
 # MUMPS: whether ScaLAPACK factorises the root; number of negative pivots.
 _ROOT, _NEGATIVE = 13, 12
 
@@ -31,27 +27,34 @@ class TooLargeError(ReductionError):
 
 
 class Factor:
-    """The triangular factor of a symmetric matrix.
+    """The triangular factor of a symmetric matrix, or a compressed one, which inverts it nearly.
 
     Attributes:
         name: of the method, for the record's provenance.
+        memory: bytes that all ranks take together, by MUMPS's estimate.
     """
 
     name = "direct"
 
-    def __init__(self, matrix: PETSc.Mat, *, definite: bool, limit: int | None = None) -> None:
+    def __init__(
+        self, matrix: PETSc.Mat, *, definite: bool, limit: int | None = None, tolerance: float = 0.0
+    ) -> None:
         """Factorise. Collective.
 
         Args:
             matrix: symmetric, AIJ; marked as definite or not.
             definite: whether it is positive definite, which halves the work.
             limit: bytes that a rank may take; None: no limit.
+            tolerance: relative error to which blocks of the factor are brought to low rank (Amestoy et al. 2015,
+                doi:10.1137/120903476); 0: they are not.
 
         Raises:
             TooLargeError: on all ranks: the factor would need more than the limit; nothing of it is made.
             ReductionError: on all ranks: the matrix is singular, or there was not enough memory.
         """
         self._comm = matrix.comm
+        self._compressed = tolerance > 0.0
+        self.memory = 0
         self._empty = matrix.getSize()[0] == 0
         self._solver = PETSc.KSP().create(matrix.comm)
         if self._empty:
@@ -68,6 +71,9 @@ class Factor:
         if not definite:
             # all pivots are counted only where ScaLAPACK does not take over the last part
             pc.getFactorMatrix().setMumpsIcntl(_ROOT, 1)
+        if self._compressed:
+            pc.getFactorMatrix().setMumpsIcntl(_COMPRESSION, 2)
+            pc.getFactorMatrix().setMumpsCntl(_TOLERANCE, tolerance)
         if limit is not None:
             pc.getFactorMatrix().setMumpsIcntl(_LARGEST_MEMORY, max(1, limit // 10**6))
         try:
@@ -107,53 +113,17 @@ class Factor:
                 f"the stiffness of the interior could not be factorised (PETSc error {error.ierr}); "
                 "take a coarser mesh or more memory"
             ) from error
+        factor = pc.getFactorMatrix()
+        megabytes = factor.getMumpsInfog(_COMPRESSED_ESTIMATE if self._compressed else _ESTIMATE)
+        self.memory = 10**6 * megabytes
         if failed == PETSc.PC.FailedReason.NOERROR:
             return
-        factor = pc.getFactorMatrix()
         if limit is not None and factor.getMumpsInfog(1) in _TOO_SMALL:
+            others = "solver=Solver.ITERATIVE" if self._compressed else "solver=Solver.COMPRESSED or Solver.ITERATIVE"
             raise TooLargeError(
-                f"the factor of the stiffness would take {factor.getMumpsInfog(_ESTIMATE)} MB, and "
-                f"{limit * self._comm.size // 10**6} MB are there for it: take solver=Solver.ITERATIVE, a coarser mesh "
-                "or more memory"
+                f"the factor of the stiffness would take {megabytes} MB, and {max(limit, 0) * self._comm.size // 10**6}"
+                f" MB are there for it: take {others}, a coarser mesh or more memory"
             )
         memory = failed == PETSc.PC.FailedReason.FACTOR_OUTMEMORY
         remedy = "take a coarser mesh or more memory" if memory else SINGULAR
         raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
-
-
-def memory_limit(comm: MPI.Comm) -> int | None:
-    """Bytes that a factor may take on each rank, the same on all; None where nothing is known. Collective."""
-    host = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    available, ranks = available_memory(), host.size
-    host.Free()
-    share = None if available is None else int(_SHARE * available / ranks)
-    shares = [one for one in comm.allgather(share) if one is not None]
-    return min(shares, default=None)
-
-
-def available_memory() -> int | None:
-    """Bytes of memory that this computer, or the container on it, has left; None where it does not say."""
-    found = [_free_pages(), _cgroup_rest()]
-    return min((one for one in found if one is not None), default=None)
-
-
-def _free_pages() -> int | None:
-    try:
-        # what is taken by the cache of files can be had as well
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, StopIteration, ValueError, IndexError):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return None
-
-
-def _cgroup_rest() -> int | None:
-    folder = Path("/sys/fs/cgroup")
-    try:
-        most, now = (int((folder / name).read_text()) for name in ("memory.max", "memory.current"))
-    except (OSError, ValueError):
-        return None
-    return max(most - now, 0)

@@ -20,19 +20,23 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
+from flexmbd.reduction.static_shapes.compressed import TOLERANCE, CompressedInverse
 from flexmbd.reduction.static_shapes.conjugate_gradients import conjugate_gradients
-from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeError, memory_limit
+from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeError
+from flexmbd.reduction.static_shapes.memory import memory_limit, multigrid_memory
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
 
 
 class Solver(Enum):
     """How the interior's stiffness is inverted.
 
-    A factor is many times quicker; its memory grows with the power 4/3 of the dofs of a bulky body. Conjugate
-    gradients with multigrid need memory in proportion to the dofs, and a positive definite stiffness.
+    A factor is the quickest; its memory grows with about the power 1.4 of the dofs of a bulky body. A compressed
+    factor with a few conjugate gradients takes half of that at 10^6 dofs. Conjugate gradients with multigrid need
+    memory in proportion to the dofs, and a positive definite stiffness, as the compressed factor does.
     """
 
     DIRECT = "direct"
+    COMPRESSED = "compressed"
     ITERATIVE = "iterative"
 
 
@@ -43,6 +47,38 @@ class Inverse(Protocol):
 
     def solve(self, block: FloatArray) -> FloatArray:
         """K_II^-1 times a block (interior dofs of this rank, k), N or what K_II is to be solved for. Collective."""
+
+
+class HeldFactor:
+    """K_II^-1 by a factor that can be given up while another one needs its memory, and is then made again.
+
+    Attributes:
+        name: of the method, for the record's provenance.
+        memory: bytes on all ranks, by MUMPS's estimate.
+    """
+
+    def __init__(self, make: Callable[[], Factor | CompressedInverse]) -> None:
+        """Make it. Collective."""
+        self._make = make
+        self._factor: Factor | CompressedInverse | None = make()
+        self.name, self.memory = self._factor.name, self._factor.memory
+
+    @property
+    def tolerance(self) -> float:
+        """To which it is compressed; 0: it is not."""
+        return TOLERANCE if isinstance(self._factor, CompressedInverse) else 0.0
+
+    def solve(self, block: FloatArray) -> FloatArray:
+        """As in `Inverse`."""
+        if self._factor is None:
+            self._factor = self._make()
+        return self._factor.solve(block)
+
+    def release(self) -> None:
+        """Give the memory back. Collective."""
+        if self._factor is not None:
+            self._factor.destroy()
+        self._factor = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,68 +102,116 @@ class InteriorStiffness:
 
 @contextmanager
 def factorised(
-    model: LinearModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None
+    model: LinearModel, boundary: NDArray[np.bool_], *, solver: Solver | None = None, beside: int = 0
 ) -> Iterator[InteriorStiffness]:
     """Split the dofs and make the inverse of the interior's stiffness, for a `with` block. Collective.
 
     Args:
         model: with K and M.
         boundary: (owned dofs,) whether a dof of this rank is on the boundary.
-        solver: the same on all ranks; None: a factor, or where that would not fit in memory conjugate gradients.
+        solver: the same on all ranks; None: the quickest that fits in memory.
+        beside: bytes on all ranks that the rest of the reduction needs at the same time.
 
     Yields:
         The interior; its memory is given back at the end of the block.
 
     Raises:
         ReductionError: on all ranks: the solver is none; K_II is singular, or it is not definite and the solver
-            iterative; there is not enough memory.
+            neither a factor nor None; there is not enough memory, which is known before it is taken.
     """
     if solver is not None and not isinstance(solver, Solver):
-        raise ReductionError(f"solver must be Solver.DIRECT, Solver.ITERATIVE or None, got {solver!r}")
+        known = ", ".join(map(str, Solver))
+        raise ReductionError(f"solver must be {known} or None, got {solver!r}")
     mask = ~boundary
     first = model.K.getOwnershipRange()[0]
     dofs = np.flatnonzero(mask).astype(PETSc.IntType) + first
     rows = PETSc.IS().createGeneral(dofs, comm=model.comm)
+    limit = memory_limit(model.comm)
+    rest = None if limit is None else limit - beside // model.comm.size
     mass = model.M.createSubMatrix(rows, rows)
     try:
         with ExitStack() as stack:
-            inverse = None
-            if solver is not Solver.ITERATIVE:
-                inverse = _factor(model, rows, stack, needed=solver is Solver.DIRECT or not model.is_definite)
-            if inverse is None:
-                inverse = _iteration(model, mask, stack)
-            yield InteriorStiffness(mask, mass, inverse)
+            yield InteriorStiffness(mask, mass, _inverse(model, mask, rows, stack, solver=solver, limit=rest))
     finally:
         # on several ranks nothing else does, since it takes all of them
         for item in (mass, rows):
             item.destroy()
 
 
+def _inverse(
+    model: LinearModel,
+    mask: NDArray[np.bool_],
+    rows: PETSc.IS,
+    stack: ExitStack,
+    *,
+    solver: Solver | None,
+    limit: int | None,
+) -> Inverse:
+    """By the solver, or by the first that fits in so many bytes a rank. Collective."""
+    if solver in (Solver.COMPRESSED, Solver.ITERATIVE):
+        _check_definite(model, solver)
+    chosen = [solver] if solver is not None else list(Solver) if model.is_definite else [Solver.DIRECT]
+    for one in chosen:
+        if one is Solver.ITERATIVE:
+            _check_room(model, limit)
+            return _iteration(model, mask, stack)
+        try:
+            return _factor(model, mask, rows, stack, compressed=one is Solver.COMPRESSED, limit=limit)
+        except TooLargeError:
+            if one is chosen[-1]:
+                raise
+    raise AssertionError
+
+
 def _factor(
-    model: LinearModel, rows: PETSc.IS, stack: ExitStack, *, needed: bool
-) -> Inverse | None:
-    """A factor, or None where it would not fit in memory and is not needed. Collective."""
-    stiffness = model.K.createSubMatrix(rows, rows)
-    try:
-        factor = Factor(stiffness, definite=model.is_definite, limit=memory_limit(model.comm))
-    except TooLargeError:
-        if needed:
-            raise
-        return None
-    finally:
-        # the factor does not need it any more
-        stiffness.destroy()
-    stack.callback(factor.destroy)
-    return factor
+    model: LinearModel,
+    mask: NDArray[np.bool_],
+    rows: PETSc.IS,
+    stack: ExitStack,
+    *,
+    compressed: bool,
+    limit: int | None,
+) -> HeldFactor:
+    """Collective."""
+
+    def make() -> Factor | CompressedInverse:
+        stiffness = model.K.createSubMatrix(rows, rows)
+        try:
+            if not compressed:
+                return Factor(stiffness, definite=model.is_definite, limit=limit)
+            return CompressedInverse(
+                model.K, mask, Factor(stiffness, definite=True, limit=limit, tolerance=TOLERANCE)
+            )
+        finally:
+            # the factor does not need it any more
+            stiffness.destroy()
+
+    held = HeldFactor(make)
+    stack.callback(held.release)
+    return held
+
+
+def _check_definite(model: LinearModel, solver: Solver) -> None:
+    if not model.is_definite:
+        raise ReductionError(
+            f"the stiffness of {model.form_name} is not positive definite, as it has unknowns like pressures, so that "
+            f"conjugate gradients ({solver}) cannot solve with it; take solver=Solver.DIRECT"
+        )
+
+
+def _check_room(model: LinearModel, limit: int | None) -> None:
+    """Refuse multigrid where it would not fit in so many bytes a rank. Collective."""
+    needed = multigrid_memory(model)
+    if limit is not None and needed > limit * model.comm.size:
+        raise TooLargeError(
+            f"multigrid for the stiffness would take {needed / 1e6:.0f} MB, and "
+            f"{max(limit, 0) * model.comm.size / 1e6:.0f} MB are there for it beside the modes and the static shapes: "
+            "take fewer modes or interfaces, a coarser mesh, more memory, or several computers (mpirun)"
+        )
 
 
 def _iteration(model: LinearModel, mask: NDArray[np.bool_], stack: ExitStack) -> Inverse:
     """Collective."""
-    if not model.is_definite:
-        raise ReductionError(
-            f"the stiffness of {model.form_name} is not positive definite, as it has unknowns like pressures, so that "
-            "conjugate gradients cannot solve with it; take solver=Solver.DIRECT"
-        )
     motions = model.rigid_motions(np.zeros(3), np.eye(3))
     size = model.space.dofmap.index_map_bs
     return stack.enter_context(conjugate_gradients(model.K, mask, motions=motions, block_size=size))

@@ -26,17 +26,22 @@ from flexmbd.continuum.finite_elements.prestressed import turning_forces
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.constraint import Constraint, constrain
-from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor
+from flexmbd.reduction.static_shapes.factor import SINGULAR
 from flexmbd.reduction.static_shapes.interior_stiffness import (
+    HeldFactor,
     InteriorStiffness,
     Solver,
     continued,
     equilibrated,
     factorised,
 )
+from flexmbd.reduction.static_shapes.memory import workspace
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes, rigid_modes
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 from flexmbd.reduction.static_shapes.support import is_held, minimal_support
+
+# Responses to the inertia forces of the body's own motion, about as many as that.
+_RESPONSES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,17 @@ class Statics:
     @property
     def has_factor(self) -> bool:
         """Whether it is inverted by a factor."""
-        return isinstance(self._interior.inverse, Factor)
+        return isinstance(self._interior.inverse, HeldFactor)
+
+    @property
+    def tolerance(self) -> float:
+        """To which the factor is compressed; 0: it is not, or there is none."""
+        return self._interior.inverse.tolerance if isinstance(self._interior.inverse, HeldFactor) else 0.0
+
+    def release_factor(self) -> None:
+        """Give the factor's memory back; it is made again where it is needed. Collective."""
+        if isinstance(self._interior.inverse, HeldFactor):
+            self._interior.inverse.release()
 
     @property
     def held_averages(self) -> FloatArray | None:
@@ -122,7 +137,13 @@ class Statics:
             return displacement
         return self._constraint.held(displacement, block)
 
-    def static_response(self, loads: FloatArray) -> FloatArray:
+    def held_response(self, loads: FloatArray) -> FloatArray:
+        """`solve` on all owned dofs: (owned dofs, k), m, under loads (owned dofs, k), N. Collective."""
+        u = np.zeros(loads.shape, order="F")
+        u[self.mask] = self.solve(np.asfortranarray(loads[self.mask]))
+        return u
+
+    def static_response(self, loads: FloatArray, *, held: FloatArray | None = None) -> FloatArray:
         """Solve K u = f for a block of loads: body held at its frame, all else free. Collective.
 
         Rigid interfaces other than the frame's move as rigid frames. Where B floats nothing holds the
@@ -133,6 +154,7 @@ class Statics:
 
         Args:
             loads: (owned dofs, k), N, or what forces belong to the dofs.
+            held: `held_response` to the same, where it is known; read where nothing is added to the loads.
 
         Returns:
             (owned dofs, k) displacements in the mesh's axes, m.
@@ -142,16 +164,20 @@ class Statics:
         """
         balance = self.rigid if self.floating else None
         f = loads if balance is None else balance.balanced(loads)
-        u = self.response_of(f, shapes=self.static.shapes[:, 6:], forces=self.static.forces[:, 6:])
+        shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
+        u = self.response_of(f, shapes=shapes, forces=forces, held=held if balance is None else None)
         return u if balance is None else balance.deformation(u)
 
-    def response_of(self, loads: FloatArray, *, shapes: FloatArray, forces: FloatArray) -> FloatArray:
+    def response_of(
+        self, loads: FloatArray, *, shapes: FloatArray, forces: FloatArray, held: FloatArray | None = None
+    ) -> FloatArray:
         """Solve K u = f where the interfaces move by some static shapes only. Collective.
 
         Args:
             loads: (owned dofs, k) f, N.
             shapes: (owned dofs, s) combinations Psi of the static shapes, without a rigid motion of the body.
             forces: (owned dofs, s) K times them.
+            held: `held_response` to the loads, where it is known.
 
         Returns:
             (owned dofs, k) displacements in the mesh's axes, m.
@@ -159,8 +185,7 @@ class Statics:
         Raises:
             ReductionError: on all ranks: a shape without a positive stiffness.
         """
-        u = np.zeros(loads.shape, order="F")
-        u[self.mask] = self.solve(np.asfortranarray(loads[self.mask]))
+        u = self.held_response(loads) if held is None else held.copy(order="F")
         if shapes.shape[1] > 0:
             stiffness = symmetric(inner(self.model.comm, shapes, forces))
             if not (np.diag(stiffness) > 0.0).all():
@@ -234,14 +259,15 @@ class Statics:
 
 @contextmanager
 def body_statics(
-    model: LinearModel, *, frame: str | None, solver: Solver | None = None
+    model: LinearModel, *, frame: str | None, solver: Solver | None = None, modes: int = 0
 ) -> Iterator[Statics]:
     """Factorise the stiffness of a body for a `with` block, or make another inverse. Collective.
 
     Args:
         model: the body.
         frame: the interface that carries the body frame; None: it floats on the mean axis.
-        solver: the same on all ranks; None: a factor, or where that would not fit in memory conjugate gradients.
+        solver: the same on all ranks; None: the quickest that fits in memory.
+        modes: how many will be looked for, by which the memory that is left is judged.
 
     Yields:
         The statics; its memory is given back at the end of the block.
@@ -279,7 +305,8 @@ def body_statics(
         boundary = _bound(model, interfaces)
     if not is_held(model, boundary):
         raise ReductionError(f"the stiffness of the interior has no inverse: {SINGULAR}")
-    with factorised(model, boundary, solver=solver) as interior:
+    beside = workspace(model, shapes=6 * len(interfaces) + _RESPONSES, modes=modes)
+    with factorised(model, boundary, solver=solver, beside=beside) as interior:
         mask = np.ones_like(interior.mask) if supported else interior.mask
         constraint = None
         averaged = _averaged(interfaces)

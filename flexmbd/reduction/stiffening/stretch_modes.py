@@ -34,6 +34,7 @@ def stretch_modes(
     *,
     loads: UnitLoads,
     displacements: FloatArray,
+    held: FloatArray,
     images: FloatArray,
 ) -> Modes:
     """Modes beside the fixed-interface modes, orthonormal with them, by their signs' rule. Collective.
@@ -43,16 +44,15 @@ def stretch_modes(
         fixed: the modes there are, on all owned dofs.
         loads: l of them, the inertia forces of the body's own motion, named by a kind and its axes.
         displacements: (owned dofs, l) the static response to them, interfaces free.
+        held: (owned dofs, l) that with all interfaces fixed.
         images: (owned dofs, fields) M times the fields of the signs' rule.
 
     Returns:
         The modes, eigenvalues by the Rayleigh-Ritz method, ascending; none where no stress changes the stiffness.
     """
     model, comm = statics.model, statics.model.comm
-    rest = np.zeros(loads.forces.shape, order="F")
-    rest[statics.mask] = statics.solve(np.asfortranarray(loads.forces[statics.mask]))
     known = inner(comm, fixed.shapes, loads.forces) / fixed.eigenvalues[:, None]
-    rest = np.asfortranarray(rest - fixed.shapes @ known)
+    rest = np.asfortranarray(held - fixed.shapes @ known)
     basis: FloatArray = np.asfortranarray(np.hstack([statics.static.shapes[:, 6:], fixed.shapes]))
     of_basis, of_rest, of_whole = (_energies(model, fields) for fields in (basis, rest, displacements))
     modal = parallel.on_root(comm, lambda: independent(of_basis, np.diag(of_basis)))
@@ -62,10 +62,10 @@ def stretch_modes(
     found = stress_stiffness(model, local, local)
     if found is None:
         return Modes(np.zeros(0), np.zeros((len(rest), 0), order="F"))
-    held = inner(comm, scaled, multiply(model.K, displacements))
+    projected = inner(comm, scaled, multiply(model.K, displacements))
     # the rests in their own basis: own^T of_rest own = 1
-    held[modal.shape[1] :] = own.T @ of_rest
-    chosen = parallel.on_root(comm, lambda: own @ _combinations(found, loads, held, first=modal.shape[1]))
+    projected[modal.shape[1] :] = own.T @ of_rest
+    chosen = parallel.on_root(comm, lambda: own @ _combinations(found, loads, projected, first=modal.shape[1]))
     shapes = np.asfortranarray(rest @ chosen)
     # what rounding left of the modes
     shapes = np.asfortranarray(shapes - fixed.shapes @ inner(comm, fixed.shapes, multiply(model.M, shapes)))

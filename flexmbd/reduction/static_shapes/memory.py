@@ -1,0 +1,86 @@
+"""Memory: what this computer has left for a rank, and what a reduction needs beside the inverse of the stiffness."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
+
+# Part of the memory that is left which a reduction may take; its own estimates are right within a third.
+_SHARE = 0.8
+# Bytes of a number, and of an entry of a sparse matrix with its column.
+_NUMBER, _ENTRY = 8, 12
+# Vectors of the eigensolver: so many for each mode, and at its beginning.
+_BASIS, _BEGINNING = 3, 60
+# Copies of the block of all static shapes, responses and modes that exist at once when they are projected: the shapes,
+# their forces, the modes with ghosts, the fields of the Gram matrix and their images.
+_COPIES = 6
+# Memory of the levels of multigrid, and of the blocks that its iteration takes, over that of the matrix.
+_HIERARCHY = 2.5
+
+
+def workspace(model: LinearModel, *, shapes: int, modes: int) -> int:
+    """Bytes on all ranks that a reduction needs beside the inverse of the stiffness. Collective.
+
+    Args:
+        model: assembled: K and M are there.
+        shapes: number of static shapes and of responses to loads.
+        modes: number of fixed-interface modes.
+    """
+    dofs = int(model.K.getSize()[0])
+    # the interior's K, of which the factor is made, goes before the blocks come; its M stays
+    matrices = _ENTRY * entries(model.M)
+    basis, projection = _BASIS * modes + min(_BEGINNING, dofs), _COPIES * (shapes + modes)
+    return matrices + _NUMBER * dofs * max(basis, projection)
+
+
+def multigrid_memory(model: LinearModel) -> int:
+    """Bytes on all ranks of multigrid for the stiffness. Collective."""
+    return int(_HIERARCHY * _ENTRY * entries(model.K))
+
+
+def entries(matrix: PETSc.Mat) -> int:
+    """How many entries a sparse matrix stores on all ranks. Collective."""
+    return int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+
+
+def memory_limit(comm: MPI.Comm) -> int | None:
+    """Bytes that a reduction may take on each rank, the same on all; None where nothing is known. Collective."""
+    host = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    available, ranks = available_memory(), host.size
+    host.Free()
+    share = None if available is None else int(_SHARE * available / ranks)
+    shares = [one for one in comm.allgather(share) if one is not None]
+    return min(shares, default=None)
+
+
+def available_memory() -> int | None:
+    """Bytes of memory that this computer, or the container on it, has left; None where it does not say."""
+    found = [_free_pages(), _cgroup_rest()]
+    return min((one for one in found if one is not None), default=None)
+
+
+def _free_pages() -> int | None:
+    try:
+        # what is taken by the cache of files can be had as well
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration, ValueError, IndexError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return None
+
+
+def _cgroup_rest() -> int | None:
+    folder = Path("/sys/fs/cgroup")
+    try:
+        most, now = (int((folder / name).read_text()) for name in ("memory.max", "memory.current"))
+    except (OSError, ValueError):
+        return None
+    return max(most - now, 0)
