@@ -3,6 +3,7 @@
 A public name: users enter here, and `flexmbd.scene_file`.
 """
 
+from flexmbd.multibody.force.beam_element import BeamElement as BeamElement
 from flexmbd.multibody.force.bearing_friction import BearingFriction as BearingFriction
 from flexmbd.multibody.force.bushing import Bushing as Bushing
 from flexmbd.multibody.force.distributed_load import DistributedLoad as DistributedLoad

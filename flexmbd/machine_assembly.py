@@ -17,11 +17,13 @@ from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
+from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.team import Alone, Team
@@ -29,7 +31,7 @@ from flexmbd.run.controller import Controller, Measurement
 
 FloatArray = NDArray[np.float64]
 
-AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
+AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
 CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
 
@@ -57,7 +59,7 @@ class MachineAssembly:
         self._controllers: list[Controller] = []
         # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
         self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
-        self._body_names: dict[str, Body | ContinuumBody] = {self.ground.name: self.ground}
+        self._body_names: dict[str, Body | ContinuumBody | ExactBeam] = {self.ground.name: self.ground}
         self._joint_names: dict[str, Connection] = {}
 
     def __repr__(self) -> str:
@@ -72,14 +74,15 @@ class MachineAssembly:
         """Put a body into the scene and return it.
 
         Args:
-            body: a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody not yet in a scene.
+            body: a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam not yet in a scene.
             name: unique name; by default "body 1", "body 2", ...
 
         Raises:
             SceneError: the name is taken, or the body is already in a scene.
         """
-        bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody)
-        refuse_other(body, bodies, "a body", wanted="a RigidBody, FlexibleBody, PseudoRigidBody or ContinuumBody")
+        bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
+        wanted = "a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam"
+        refuse_other(body, bodies, "a body", wanted=wanted)
         chosen = name or body.name or f"body {len(self._bodies) + 1}"
         if body in self._members:
             raise SceneError(f"body {body.name!r} is already in this scene")
@@ -91,9 +94,19 @@ class MachineAssembly:
             self._continua.append(body)
             for frame, part in zip(body.interior.frames, body.parts, strict=True):
                 self.add(part, name=f"{chosen}.{frame.name}")
+        elif isinstance(body, ExactBeam):
+            self._add_beam(body)
         else:
             self._bodies.append(body)
         return body
+
+    def _add_beam(self, beam: ExactBeam) -> None:
+        for node, part in zip(beam.mesh.names, beam.parts, strict=True):
+            self.add(part, name=f"{beam.name}.{node}")
+        for parent, child, position in beam.neighbours():
+            self.connect(Free(), parent, child, name=child.label).position = position
+        for element in beam.forces():
+            self.add_force(element)
 
     def connect(
         self,

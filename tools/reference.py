@@ -32,7 +32,8 @@ PAGES = {
     "bodies": (
         "Bodies and frames",
         "Body Ground RigidBody FlexibleBody Frame Axis PseudoRigidBody PseudoRigidSwarm SwarmEnergy HomogeneousEnergy "
-        "StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody Interior InteriorFrame InteriorMesh "
+        "StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior InteriorFrame "
+        "InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
         "FrameMotion Push Scheme Memory TimeFactor",
         "beams",

@@ -7,6 +7,7 @@ from flexmbd.beams.castigliano import Section as Section
 from flexmbd.beams.discrete_body import discrete_body as discrete_body
 from flexmbd.beams.discrete_frame import PLANE as PLANE
 from flexmbd.beams.discrete_frame import DiscreteFrame as DiscreteFrame
+from flexmbd.beams.exact_elements import ElementAtRest as ElementAtRest
 from flexmbd.beams.frame_mesh import Beam as Beam
 from flexmbd.beams.frame_mesh import FrameMesh as FrameMesh
 from flexmbd.beams.frame_mesh import Point as Point

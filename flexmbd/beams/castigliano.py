@@ -112,40 +112,55 @@ def section_axes(along: FloatArray, section: Section, group: str) -> FloatArray:
     return np.stack([t, y, np.cross(t, y)])
 
 
-def flexibility(section: Section, length: float) -> FloatArray:
-    """Motion of a beam's end per load on it, its start held, (6, 6) in the section's axes.
+def compliance(section: Section) -> FloatArray:
+    """(6, 6) strains of a section by its resultants, along and about t, y, z: 1/N, 1/(N m^2)."""
+    shear = section.E / (2.0 * (1.0 + section.nu))
+    answer = np.zeros((6, 6))
+    stretch = section.E * section.A, section.ky * shear * section.A, section.kz * shear * section.A
+    answer[:4, :4] = np.diag(1.0 / np.array([*stretch, shear * section.J]))
+    bending = section.E * np.array([[section.Iy, -section.Iyz], [-section.Iyz, section.Iz]])
+    answer[4:, 4:] = np.linalg.inv(bending)
+    return answer
 
-    Castigliano's theorem, eq. 19: the integral along the beam of B^T C B, where B gives the normal and
-    shear forces and the moments at a place for a unit load (N; N m) at the end, and C is the compliance
-    of the section. B is linear along the beam, so that two points of Gauss' rule are exact.
+
+def flexibility_along(section: Section, levers: FloatArray, axes: FloatArray, weights: FloatArray) -> FloatArray:
+    """Motion of the end of a beam of any axis per load on it, its start held, (6, 6) in the axes of the arguments.
+
+    Castigliano's theorem, eq. 19: the integral along the beam of B^T C B, where B gives the normal and shear forces and
+    the moments at a place for a unit load (N; N m) at the end, and C is the compliance of the section.
 
     Args:
         section: of the beam.
-        length: m.
+        levers: (k, 3) m, from places of a quadrature to the end.
+        axes: (k, 3, 3) there, rows t, y, z.
+        weights: (k,) m.
 
     Returns:
-        Rows: displacement (m) and small rotation (rad) along and about t, y, z; columns: force, moment.
+        Rows: displacement (m) and small rotation (rad); columns: force, moment.
     """
-    shear = section.E / (2.0 * (1.0 + section.nu))
-    compliance = np.zeros((6, 6))
-    stretch = section.E * section.A, section.ky * shear * section.A, section.kz * shear * section.A
-    compliance[:4, :4] = np.diag(1.0 / np.array([*stretch, shear * section.J]))
-    bending = section.E * np.array([[section.Iy, -section.Iyz], [-section.Iyz, section.Iz]])
-    compliance[4:, 4:] = np.linalg.inv(bending)
+    strains = compliance(section)
     total = np.zeros((6, 6))
-    for lever in length / 2.0 * (1.0 + np.array([-1.0, 1.0]) / math.sqrt(3.0)):
-        inner = np.eye(6)
-        inner[4, 2], inner[5, 1] = -lever, lever
-        total += length / 2.0 * inner.T @ compliance @ inner
+    for (x, y, z), turn, weight in zip(levers, axes, weights, strict=True):
+        inner = np.zeros((6, 6))
+        inner[:3, :3] = inner[3:, 3:] = turn
+        inner[3:, :3] = turn @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        total += weight * inner.T @ strains @ inner
     return total
 
 
-def stiffness(section: Section, length: float) -> FloatArray:
-    """(12, 12) N/m, N, N m of a beam in its section's axes: six coordinates of its start, then of its end.
+def stiffness(flexibility: FloatArray, along: FloatArray) -> FloatArray:
+    """(12, 12) N/m, N, N m of a beam: six coordinates of its start, then of its end.
 
     The inverse of the flexibility, and what equilibrium makes of it at the start (eq. 21).
+
+    Args:
+        flexibility: (6, 6) as of `flexibility_along`.
+        along: (3,) m, from its start to its end, in the same axes.
     """
+    x, y, z = along
     # a load on the end and those that hold the start
     both = np.vstack([-np.eye(6), np.eye(6)])
-    both[4, 2], both[5, 1] = length, -length
-    return both @ np.linalg.solve(flexibility(section, length), both.T)
+    both[3:6, :3] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    scale = np.array([1.0] * 3 + [1.0 / float(np.linalg.norm(along))] * 3)
+    even = np.linalg.inv(flexibility / np.outer(scale, scale)) / np.outer(scale, scale)
+    return both @ even @ both.T

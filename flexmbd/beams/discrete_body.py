@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.beams.discrete_frame import DiscreteFrame
@@ -157,6 +156,8 @@ def _without_massless(lumped: DiscreteFrame, free: NDArray[np.bool_]) -> tuple[N
 
 def _deflections(k: FloatArray, loads: FloatArray) -> FloatArray:
     """Solve with a stiffness whose rows, in N/m and N m/rad, are brought to one size first."""
+    import scipy.linalg  # on need: few scenes have beams
+
     scale = 1.0 / np.sqrt(np.diag(k))
     solved: FloatArray = scipy.linalg.solve(k * np.outer(scale, scale), scale[:, None] * loads, assume_a="pos")
     return scale[:, None] * solved
@@ -176,6 +177,8 @@ def _rigid_motions(lumped: DiscreteFrame) -> FloatArray:
 
 def _free_basis(lumped: DiscreteFrame, modes: int | None) -> _Basis:
     """The elastic modes of the free frame, which are M-orthogonal to its rigid motions."""
+    import scipy.linalg  # on need: few scenes have beams
+
     moving, lift = _without_massless(lumped, lumped.active)
     k, m = lift.T @ lumped.K @ lift, lift.T @ lumped.M @ lift
     elastic = scipy.linalg.null_space((m @ _rigid_motions(lumped)[moving]).T)
@@ -189,6 +192,8 @@ def _free_basis(lumped: DiscreteFrame, modes: int | None) -> _Basis:
 
 def _normal_form(k: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues (n,), ascending, and X with X^T m X = 1; each shape's largest entry is positive."""
+    import scipy.linalg  # on need: few scenes have beams
+
     if len(k) == 0:
         return np.zeros(0), np.zeros((0, 0))
     scale = 1.0 / np.sqrt(np.diag(k))

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.beams.castigliano import Section, check_section, section_axes, stiffness
+from flexmbd.beams.arc import Arc
+from flexmbd.beams.castigliano import Section, check_section, stiffness
 from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.beams.lumps import Lumping, half, nodal_mass, point
 from flexmbd.errors import SceneError
@@ -25,9 +25,6 @@ FloatArray = NDArray[np.float64]
 #: Coordinates of a node of a frame in the plane of x and y.
 PLANE = ("x", "y", "rz")
 
-# A place is taken for a node's within this part of the frame's size.
-_SAME_PLACE = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class DiscreteFrame:
@@ -35,7 +32,7 @@ class DiscreteFrame:
 
     Attributes:
         points: by name, (3,) m.
-        beams: by group, the beams between points (`flexmbd.beams.frame_mesh`); arcs become chords.
+        beams: by group, the beams between points (`flexmbd.beams.frame_mesh`), straight or arcs.
         sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or what has the same attributes.
         divisions: elements a beam; one number, or one by group.
         lumping: what the nodes carry.
@@ -67,7 +64,8 @@ class DiscreteFrame:
             )
         for name, section in self.sections.items():
             check_section(section, name)
-        _ = self._axes  # refuses orientations along beams
+        for arc, group in zip(self._arcs, self._groups, strict=True):
+            arc.axes(np.array([0.0, 0.5, 1.0]), self.sections[group], group)  # refuses orientations along beams
 
     @cached_property
     def mesh(self) -> FrameMesh:
@@ -89,21 +87,22 @@ class DiscreteFrame:
         """(6 nodes, 6 nodes) stiffness of all nodal coordinates, N/m, N, N m."""
         size = 6 * self.n_nodes
         whole = np.zeros((size, size))
-        for (a, b), axes, section in zip(self.mesh.elements, self._axes, self._sections, strict=True):
-            turn = np.kron(np.eye(4), axes)
+        for (a, b), arc, group in zip(self.mesh.elements, self._arcs, self._groups, strict=True):
             rows = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
-            length = float(np.linalg.norm(self.mesh.x[b] - self.mesh.x[a]))
-            whole[np.ix_(rows, rows)] += turn.T @ stiffness(section, length) @ turn
+            section = self.sections[group]
+            axes = arc.axes(np.zeros(1), section, group)[0]
+            turn = np.kron(np.eye(4), axes)
+            along = axes @ (self.mesh.x[b] - self.mesh.x[a])
+            whole[np.ix_(rows, rows)] += turn.T @ stiffness(arc.flexibility(section, group), along) @ turn
         return whole
 
     @cached_property
     def moments(self) -> FloatArray:
         """(nodes, 4, 4) integrals of rho {1, r} {1, r} of the lumps, r from their nodes, kg, kg m, kg m^2."""
         total: FloatArray = np.zeros((self.n_nodes, 4, 4))
-        for nodes, axes, section in zip(self.mesh.elements, self._axes, self._sections, strict=True):
-            middle = self.mesh.x[nodes].mean(axis=0)
-            for node in nodes:
-                total[node] += half(section, middle - self.mesh.x[node], axes)
+        for (a, b), arc, group in zip(self.mesh.elements, self._arcs, self._groups, strict=True):
+            total[a] += half(arc, self.sections[group], group, near_start=True)
+            total[b] += half(arc, self.sections[group], group, near_start=False)
         if self.lumping is Lumping.POINTS:
             total = np.array([point(one) for one in total])
         return total
@@ -111,6 +110,8 @@ class DiscreteFrame:
     @cached_property
     def M(self) -> FloatArray:
         """(6 nodes, 6 nodes) lumped mass of all nodal coordinates, kg, kg m, kg m^2."""
+        import scipy.linalg  # on need: few scenes have beams
+
         return scipy.linalg.block_diag(*nodal_mass(self.moments))
 
     def node(self, place: str | ArrayLike) -> int:
@@ -122,25 +123,7 @@ class DiscreteFrame:
         Raises:
             SceneError: there is no node there; the message names the nearest one.
         """
-        names, x = self.mesh.names, self.mesh.x
-        if isinstance(place, str):
-            if place not in names:
-                both = names[: self.mesh.points], names[self.mesh.points :]
-                known, inner = (", ".join(map(repr, some)) for some in both)
-                raise SceneError(f"no node {place!r}; the points are: {known}; inside the beams: {inner or 'none'}")
-            return names.index(place)
-        at = np.asarray(place, dtype=np.float64)
-        if at.shape != (3,) or not np.isfinite(at).all():
-            raise SceneError(f"a place must be a node's name or three finite coordinates in m, got {place!r}")
-        distance = np.linalg.norm(x - at, axis=1)
-        nearest = int(distance.argmin())
-        if not distance[nearest] <= _SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
-            raise SceneError(
-                f"{at.tolist()} m is not a node, and discrete elements take loads at nodes alone; the nearest is "
-                f"{names[nearest]!r} at {x[nearest].tolist()} m, {distance[nearest]:.6g} m away: load that, or make "
-                "the place a point of the frame"
-            )
-        return nearest
+        return self.mesh.node(place)
 
     def load(
         self, place: str | ArrayLike, *, force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0)
@@ -165,6 +148,8 @@ class DiscreteFrame:
         Raises:
             SceneError: what is held leaves the frame free to move, or a place is not a node.
         """
+        import scipy.linalg  # on need: few scenes have beams
+
         free = self.active.copy()
         for place in clamped:
             node = self.node(place)
@@ -178,13 +163,12 @@ class DiscreteFrame:
         return moved.reshape(-1, 6)
 
     @cached_property
-    def _sections(self) -> list[Section]:
-        return [self.sections[self.mesh.groups[group]] for group in self.mesh.group]
+    def _groups(self) -> list[str]:
+        """The group of each element."""
+        return [self.mesh.groups[group] for group in self.mesh.group]
 
     @cached_property
-    def _axes(self) -> FloatArray:
-        """(elements, 3, 3) rows t, y, z."""
-        mesh = self.mesh
-        along = mesh.x[mesh.elements[:, 1]] - mesh.x[mesh.elements[:, 0]]
-        names = [mesh.groups[group] for group in mesh.group]
-        return np.array([section_axes(*one) for one in zip(along, self._sections, names, strict=True)])
+    def _arcs(self) -> list[Arc]:
+        """The axis of each element."""
+        x, ends = self.mesh.x, self.mesh.elements
+        return [Arc(x[a], middle, x[b]) for (a, b), middle in zip(ends, self.mesh.middles, strict=True)]

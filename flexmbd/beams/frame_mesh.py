@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import MeshError
+from flexmbd.errors import MeshError, SceneError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,6 +48,35 @@ class FrameMesh:
     middles: FloatArray
     groups: tuple[str, ...]
     group: IntArray
+
+    def node(self, place: str | ArrayLike) -> int:
+        """The number of a node by its name, or by where it is.
+
+        Args:
+            place: a name, or (3,) m.
+
+        Raises:
+            SceneError: there is no node there; the message names the nearest one.
+        """
+        names, x = self.names, self.x
+        if isinstance(place, str):
+            if place not in names:
+                both = names[: self.points], names[self.points :]
+                known, inner = (", ".join(map(repr, some)) for some in both)
+                raise SceneError(f"no node {place!r}; the points are: {known}; inside the beams: {inner or 'none'}")
+            return names.index(place)
+        at = np.asarray(place, dtype=np.float64)
+        if at.shape != (3,) or not np.isfinite(at).all():
+            raise SceneError(f"a place must be a node's name or three finite coordinates in m, got {place!r}")
+        distance = np.linalg.norm(x - at, axis=1)
+        nearest = int(distance.argmin())
+        if not distance[nearest] <= _SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
+            raise SceneError(
+                f"{at.tolist()} m is not a node, and loads and joints go to nodes alone; the nearest is "
+                f"{names[nearest]!r} at {x[nearest].tolist()} m, {distance[nearest]:.6g} m away: load that, or make "
+                "the place a point of the frame"
+            )
+        return nearest
 
 
 def mesh_frame(
@@ -194,6 +220,10 @@ def _along(beam: Beam, places: Mapping[str, FloatArray], s: NDArray[np.floating]
 
 def _check_nodes(mesh: FrameMesh) -> None:
     """Refuse nodes in one place, names that stand for two, and a frame in pieces."""
+    from scipy.sparse import coo_array  # on need: few scenes have beams
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     x, names = mesh.x, mesh.names
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
     pairs = cKDTree(x).query_pairs(_SAME_PLACE * size, output_type="ndarray")

@@ -12,6 +12,7 @@ import enum
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.beams.arc import Arc
 from flexmbd.beams.castigliano import Section
 
 FloatArray = NDArray[np.float64]
@@ -30,22 +31,24 @@ class Lumping(enum.Enum):
     POINTS = enum.auto()
 
 
-def half(section: Section, vector: FloatArray, axes: FloatArray) -> FloatArray:
-    """(4, 4) integral of rho {1, r} {1, r} over half an element, kg, kg m, kg m^2.
+def half(arc: Arc, section: Section, group: str, *, near_start: bool) -> FloatArray:
+    """(4, 4) integral of rho {1, r} {1, r} over half an element, r (m) from its end, kg, kg m, kg m^2.
 
     Args:
+        arc: the element's axis.
         section: of the beam.
-        vector: (3,) m, from the node to the element's middle.
-        axes: (3, 3) rows t, y, z.
+        group: of the beam, for messages.
+        near_start: the half at its start, else that at its end.
     """
-    mass = section.rho * section.A * float(np.linalg.norm(vector))
-    y, z = axes[1:]
-    across = section.Iz * np.outer(y, y) + section.Iy * np.outer(z, z)
-    across += section.Iyz * (np.outer(y, z) + np.outer(z, y))
-    moments = np.empty((4, 4))
-    moments[0, 0] = mass
-    moments[0, 1:] = moments[1:, 0] = mass * vector / 2.0
-    moments[1:, 1:] = mass * (np.outer(vector, vector) / 3.0 + across / section.A)
+    s, weights = arc.quadrature(0.0, 0.5) if near_start else arc.quadrature(0.5, 1.0)
+    from_end = arc.places(s)[0] - (arc.start if near_start else arc.end)
+    moments = np.zeros((4, 4))
+    for r, (_, y, z), weight in zip(from_end, arc.axes(s, section, group), weights, strict=True):
+        across = section.Iz * np.outer(y, y) + section.Iy * np.outer(z, z)
+        across += section.Iyz * (np.outer(y, z) + np.outer(z, y))
+        fields = np.concatenate([[1.0], r])
+        moments += section.rho * section.A * weight * np.outer(fields, fields)
+        moments[1:, 1:] += section.rho * weight * across
     return moments
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
+from flexmbd.multibody.force.six_matrix import semidefinite_matrix
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 
 
@@ -45,12 +45,4 @@ class Bushing(BetweenFrames):
         table.element(BUSHING, self.what, f=f, g=g, data=data, acts=bool(numbers.any()))
 
     def _matrix(self, name: str) -> NDArray[np.float64]:
-        given = np.asarray(getattr(self, name), dtype=np.float64)
-        matrix = np.diag(given) if given.shape == (6,) else given
-        matrix = vector(matrix, (6, 6), f"{self.what}: {name}")
-        largest = np.abs(matrix).max()
-        if np.abs(matrix - matrix.T).max() > 1e-12 * largest:
-            raise SceneError(f"{self.what}: {name} must be symmetric")
-        if np.linalg.eigvalsh(matrix)[0] < -1e-12 * largest:
-            raise SceneError(f"{self.what}: {name} has a negative eigenvalue; none may be negative")
-        return matrix
+        return semidefinite_matrix(getattr(self, name), f"{self.what}: {name}")

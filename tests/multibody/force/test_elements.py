@@ -220,6 +220,7 @@ def loaded_scene():
         force.SpringDamper(scene.ground.frame(p=(1, 0, 0)), b.frame("tip"), 20.0, 0.0),
         force.Bushing(b.frame("tip"), e.frame(p=(0.1, 0.2, 0.0), R=turn), 5.0 * root @ root.T),
         force.Bushing(c.frame(R=turn), scene.ground.frame(), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
+        force.BeamElement(b.frame("tip"), e.frame(p=(0.1, 0.2, 0.0), R=turn), 3.0 * root.T @ root, np.linspace(0.1, 0.7, 6)),
         force.JointSpring(scene._connections[1], 7.0, 0.3),
         force.JointSpring(scene._connections[3], fm.Table(deflection, np.sinh(deflection))),
         force.JointStop(scene._connections[4], -0.01, 0.01, 90.0, transition=0.1),
@@ -379,6 +380,8 @@ def element_rows():
     for element in (
         force.SpringDamper(*frames, 7.0, 0.4, 0.9),
         force.Bushing(*frames, root[0] @ root[0].T, root[1] @ root[1].T),
+        force.BeamElement(*frames, root[0] @ root[0].T, np.linspace(-0.4, 0.9, 6)),
+        force.BeamElement(*frames, root[0] @ root[0].T, np.linspace(-0.4, 0.9, 6), root[1] @ root[1].T),
         force.FrameForce(disc.frame(), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
         force.FrameForce(disc.frame(), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), force.Axes.FRAME),
         force.JointSpring(hinge, 3.0, 0.1, 0.2),
@@ -406,7 +409,7 @@ def test_variations_of_wrenches_against_differences(angle):
         turned = (Rotation.from_rotvec(s * np.array(dtheta)) * R).as_matrix()
         return np.array(element_wrench(plan, work, row, moved[0], tuple(turned.ravel()), moved[1], moved[2]))
 
-    assert len(between) == 4
+    assert len(between) == 6
     for row in between:
         h = 1e-3
         slope = sum(

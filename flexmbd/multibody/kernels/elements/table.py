@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.by_kind import by_kind
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
@@ -42,7 +43,7 @@ from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER,
 ELEMENTS: tuple[ElementKind, ...] = (
     SPRING, CHARACTERISTIC, STOP, FRICTION,
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
-    DISTANCE_SPRING, BUSHING, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW, STORING_FRAME_LAW,
+    DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW, STORING_FRAME_LAW,
     ELASTOPLASTIC_LINE, MEMORY_LINE,
 )  # fmt: skip
 

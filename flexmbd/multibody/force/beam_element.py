@@ -1,0 +1,53 @@
+"""An element of a geometrically exact beam between the frames of two sections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
+from flexmbd.multibody.force.six_matrix import semidefinite_matrix
+from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
+
+
+@dataclass(frozen=True, eq=False)
+class BeamElement(BetweenFrames):
+    """The wrench of the energy s^T K s / 2 and of the dissipation s'^T C s' / 2, s = xi - rest.
+
+    xi (6,) is the logarithm of G's pose in F's axes, (J(theta)^-1 d, theta) with d = p_FG_F (m), theta (rad) the
+    rotation vector of R_FG and J(theta) the left Jacobian of the rotation: the screw motion that leads from one section
+    to the other, stretch and shear before twist and bend, each times the length (Sonneville, Cardona & Bruels 2014).
+    No rigid motion of both frames changes it.  Turns between the frames stay below half a revolution.
+
+    Attributes:
+        frame_F, frame_G: the sections' frames.
+        stiffness: (6,) diagonal or (6, 6) symmetric, positive semidefinite: N/m, N and N m/rad.
+        rest: (6,) xi where it is slack, m and rad; of a straight element (length, 0, 0, 0, 0, 0).
+        damping: as stiffness: N s/m, N s and N m s/rad.
+    """
+
+    frame_F: Frame
+    frame_G: Frame
+    stiffness: ArrayLike
+    rest: ArrayLike
+    damping: ArrayLike = (0.0,) * 6
+
+    def check(self) -> None:
+        """Raise SceneError for matrices that store or dissipate a negative energy."""
+        self._numbers()
+
+    def assemble(self, table: ElementTable) -> None:
+        """One row."""
+        numbers = self._numbers()
+        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
+        data = table.numbers(numbers)
+        table.element(BEAM_ELEMENT, self.what, f=f, g=g, data=data, acts=bool(numbers[:72].any()))
+
+    def _numbers(self) -> NDArray[np.float64]:
+        stiffness = semidefinite_matrix(self.stiffness, f"{self.what}: stiffness")
+        damping = semidefinite_matrix(self.damping, f"{self.what}: damping")
+        rest = vector(self.rest, (6,), f"{self.what}: rest")
+        return np.concatenate([stiffness.ravel(), damping.ravel(), rest, [float(damping.any())]])
