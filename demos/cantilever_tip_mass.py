@@ -10,8 +10,8 @@
 #
 # A reduced body is linear in its own frame. So the beam is a chain of equal pieces, each with a frame of its own, all
 # from one record; a piece hangs on the one below by joint coordinates, so there is not one multiplier. The more pieces,
-# the better the large rotation. Beside it stands the beam that needs no pieces: a geometrically exact one (`fm.ExactBeam`).
-# `./run python demos/cantilever_tip_mass.py`; pictures go to `out_cantilever_tip_mass`.
+# the better the large rotation. Beside it stands the beam that needs no pieces: a geometrically exact one
+# (`fm.ExactBeam`). `./run python demos/cantilever_tip_mass.py`; pictures go to `out_cantilever_tip_mass`.
 
 from itertools import pairwise
 from pathlib import Path
@@ -196,8 +196,9 @@ if root:
         ("exact elements", "s-", errors, {count: 6 * count for count in errors}, exact_seconds),
     )
     for kind, style, found, sizes, seconds in kinds:
-        by_size.loglog([sizes[count] for count in found], [error / LENGTH for error in found.values()], style, label=kind)
-        by_time.loglog([seconds[count] for count in found], [error / LENGTH for error in found.values()], style, label=kind)
+        parts = [error / LENGTH for error in found.values()]
+        by_size.loglog([sizes[count] for count in found], parts, style, label=kind)
+        by_time.loglog([seconds[count] for count in found], parts, style, label=kind)
     by_size.set(xlabel="velocities", ylabel="error of the cube's place over the length")
     by_time.set(xlabel="run time (s)")
     figure.legend(*by_size.get_legend_handles_labels(), loc="outside upper center", ncols=2)

@@ -110,7 +110,7 @@ def beams_of(elements: Sequence[ElementAtRest], points: int) -> list[list[Elemen
 
 
 def node_weights(elements: Sequence[ElementAtRest], points: int, nodes: int) -> list[list[tuple[ElementAtRest, float]]]:
-    """For each node what it carries of each beam there: an element at the node, whose section it is, and a length (m)."""
+    """What each node carries of each beam there: an element at the node, whose section it is, and a length (m)."""
     carried: list[list[tuple[ElementAtRest, float]]] = [[] for _ in range(nodes)]
     for beam in beams_of(elements, points):
         rows = [beam[0].start, *(one.end for one in beam)]

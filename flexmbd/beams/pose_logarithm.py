@@ -16,7 +16,7 @@ _SMALL = 0.05
 
 
 def pose_logarithm(d: FloatArray, R: FloatArray) -> FloatArray:
-    """(..., 6) (J^-1 d, theta), m and rad, of frames G in F: d (..., 3) m from F to G, R (..., 3, 3) = R_FG, F's axes."""
+    """(..., 6) (J^-1 d, theta), m and rad, of frames G in F: d (..., 3) m from F to G and R (..., 3, 3) = R_FG."""
     theta = _rotation_vector(R)
     e, _ = _coefficient(np.sum(theta**2, axis=-1))
     once = np.cross(theta, d)
@@ -34,8 +34,9 @@ def logarithm_change(d: FloatArray, R: FloatArray) -> FloatArray:
     e, slope = _coefficient(theta @ theta)
     turn = _skew(theta)
     inverse = np.eye(3) - 0.5 * turn + e * turn @ turn
-    once = np.cross(theta, d)
-    by_theta = 0.5 * _skew(d) - e * (_skew(once) + turn @ _skew(d)) + 2.0 * slope * np.outer(np.cross(theta, once), theta)
+    once = np.asarray(np.cross(theta, d), dtype=np.float64)
+    twice = np.asarray(np.cross(theta, once), dtype=np.float64)
+    by_theta = 0.5 * _skew(d) - e * (_skew(once) + turn @ _skew(d)) + 2.0 * slope * np.outer(twice, theta)
     change = np.zeros((6, 6))
     change[:3, :3] = change[3:, 3:] = inverse
     change[:3, 3:] = by_theta @ inverse

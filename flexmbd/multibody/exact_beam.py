@@ -23,7 +23,7 @@ from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame, RigidBody, refuse_change
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.frame_force import Axes, FrameForce
-from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.multibody.force.protocol import vector
 
 FloatArray = NDArray[np.float64]
 
@@ -37,9 +37,10 @@ class ExactBeam:
     axes that the points are given in.
 
     An element's strains are constant, the elastic energy is that of the logarithm of one section's pose in the other
-    (Sonneville, Cardona & Bruels 2014), with the stiffness of the exact solution of the element, straight or curved, under
-    loads at its ends (Castigliano; Anthonis & Ramon 2003, eq. 16-21): it does not lock, however thin the beam.  Errors
-    fall with the square of an element's length.  Turns between neighbouring sections stay below half a revolution.
+    (Sonneville, Cardona & Bruels 2014), with the stiffness of the exact solution of the element, straight or curved,
+    under loads at its ends (Castigliano; Anthonis & Ramon 2003, eq. 16-21): it does not lock, however thin the beam.
+    Errors fall with the square of an element's length, in a plane with its fourth power.  Turns between
+    neighbouring sections stay below half a revolution.
 
     Attributes:
         points: by name, (3,) m.
@@ -154,9 +155,7 @@ class ExactBeam:
             for one in self.elements
         ]
 
-    def line_load(
-        self, group: str, force: Sequence[TimeFunction], *, axes: Axes = Axes.WORLD
-    ) -> list[FrameForce]:
+    def line_load(self, group: str, force: ArrayLike, *, axes: Axes = Axes.WORLD) -> list[FrameForce]:
         """Forces on the sections of a group that stand for a load along its beams, for ``scene.add_force`` each.
 
         Args:
@@ -169,18 +168,17 @@ class ExactBeam:
         """
         if group not in self.mesh.groups:
             raise SceneError(f"no group {group!r}; the groups are: {', '.join(map(repr, self.mesh.groups))}")
-        if np.shape(force) != (3,) or not all(is_number(one) for one in force):
-            raise SceneError(f"line load on {group!r}: three finite numbers (N/m) are wanted, got {force!r}")
+        per_length = vector(force, (3,), f"line load on {group!r}, N/m,")
         number = self.mesh.groups.index(group)
         loads = []
         for row, carried in enumerate(self._carried):
             length = sum(weight for one, weight in carried if one.group == number)
             if length > 0.0:
-                loads.append(FrameForce(self._at(row), tuple(length * float(one) for one in force), axes=axes))
+                loads.append(FrameForce(self._at(row), tuple(map(float, length * per_length)), axes=axes))
         return loads
 
     def resultants(self, p: FloatArray, R: FloatArray) -> FloatArray:
-        """(k, elements, 6) N and N m: normal and shear forces, twisting and bending moments in the middle of each element.
+        """(k, elements, 6) N, N m: normal and shear forces, twisting and bending moments in each element's middle.
 
         Of the elastic strains, along and about the section's tangent, y and z there; for ``Trajectory.resultants``.
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
@@ -43,6 +44,20 @@ class ForceSeries(MotionSeries):
             return self.row_multipliers
         work = new_work(self.scene.plan)
         return minimum_norm_multipliers(self.scene, work, self.x, self.row_multipliers, kept=self.kept_rows)
+
+    def resultants(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, elements, 6) N and N m, in the middle of each element of a beam, or at times ``t`` (k,).
+
+        Normal force, shear forces along y and z, twisting moment and bending moments about y and z, in the section's
+        axes: those of the elastic strains, without what viscosity adds.
+
+        Raises:
+            SceneError: the beam is of another scene.
+        """
+        if beam.parts[0] not in self.scene.index.bodies:
+            raise SceneError(f"beam {beam.name!r} is not in this trajectory's scene")
+        motion = self.body_motion(t=t)[:, [self.scene.index.bodies[part] for part in beam.parts]]
+        return beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3))
 
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.

@@ -313,7 +313,7 @@ def test_in_the_machine():
 def test_a_load_away_from_a_node_is_refused():
     lumped = rod(4)
     assert np.flatnonzero(lumped.load((0.25, 0, 0), force=(0, 2.0, 0))).tolist() == [6 * lumped.node("rod.1") + 1]
-    with pytest.raises(SceneError, match=r"loads and joints go to nodes alone; the nearest is 'rod\.2' at .* 0\.06 m away"):
+    with pytest.raises(SceneError, match=r"joints go to nodes alone; the nearest is 'rod\.2' at .* 0\.06 m away"):
         lumped.load((0.56, 0.0, 0.0), force=(0.0, 1.0, 0.0))
     with pytest.raises(SceneError, match=r"no node 'middle'; the points are: 'root', 'tip'; inside .* 'rod\.1'"):
         lumped.load("middle", force=(0.0, 1.0, 0.0))

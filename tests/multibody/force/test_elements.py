@@ -220,7 +220,7 @@ def loaded_scene():
         force.SpringDamper(scene.ground.frame(p=(1, 0, 0)), b.frame("tip"), 20.0, 0.0),
         force.Bushing(b.frame("tip"), e.frame(p=(0.1, 0.2, 0.0), R=turn), 5.0 * root @ root.T),
         force.Bushing(c.frame(R=turn), scene.ground.frame(), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
-        force.BeamElement(b.frame("tip"), e.frame(p=(0.1, 0.2, 0.0), R=turn), 3.0 * root.T @ root, np.linspace(0.1, 0.7, 6)),
+        force.BeamElement(b.frame("tip"), e.frame(p=(0.1, 0.2, 0.0)), 3.0 * root.T @ root, np.linspace(0.1, 0.7, 6)),
         force.JointSpring(scene._connections[1], 7.0, 0.3),
         force.JointSpring(scene._connections[3], fm.Table(deflection, np.sinh(deflection))),
         force.JointStop(scene._connections[4], -0.01, 0.01, 90.0, transition=0.1),
