@@ -6,7 +6,7 @@ import argparse
 import fnmatch
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +14,11 @@ from flexmbd.command.body_file import check_free, read_body
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import ExportError, PictureError
 from flexmbd.files.result_table import SUFFIXES, NoTableError, ResultTable, read_table
+from flexmbd.visual.destination import write
+from flexmbd.visual.panels import empty_figure, legend_beside, remove_frame
+from flexmbd.visual.series_plot import plot_table
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from flexmbd.record.reduced_body import ReducedBody
 
 _KINDS = (".png", ".pdf", ".svg")
@@ -74,11 +75,11 @@ def plot(arguments: argparse.Namespace) -> int:
     check_free(output, force=arguments.force, source=source)
     if table is None:
         body = read_body(source)
-        figure, drawn = _frequency_sheet(body, source.stem), ["frequency", "damping"]
+        drawn = ["frequency", "damping"]
+        _draw_frequencies(body, source.stem, output)
     else:
         drawn = _chosen(table, arguments.column)
-        figure = _over_time(table, drawn, source.stem)
-    _save(figure, output)
+        plot_table(table, drawn, path=output, title=source.stem)
     if arguments.json:
         print_json({"file": output, "columns": drawn})
     else:
@@ -116,55 +117,22 @@ def _chosen(table: ResultTable, patterns: Sequence[str]) -> list[str]:
     return [name for name in table.names if name in chosen]
 
 
-def _new_figure(count: int, title: str) -> tuple[Figure, Any]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise PictureError("pictures need matplotlib: pip install 'flexmbd[pictures]'") from error
-    figure = Figure(figsize=(8.0, 1.0 + 2.6 * count), layout="constrained")
-    figure.suptitle(title)
-    return figure, figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-
-
-def _over_time(table: ResultTable, names: Sequence[str], title: str) -> Figure:
-    """One diagram a unit, the first column along all of them."""
-    units = dict(zip(table.names, table.units, strict=True))
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        groups.setdefault(units[name], []).append(name)
-    figure, axes = _new_figure(len(groups), title)
-    across = table.values[:, 0]
-    for diagram, (unit, members) in zip(axes, groups.items(), strict=True):
-        for name in members:
-            diagram.plot(across, table.column(name), label=name, linewidth=1.2)
-        diagram.set_ylabel(unit)
-        diagram.grid(alpha=0.3)
-        diagram.legend(fontsize="small", loc="upper right", ncols=1 + len(members) // 8)
-    axes[-1].set_xlabel(f"{table.names[0]} [{table.units[0]}]")
-    return figure
-
-
-def _frequency_sheet(body: ReducedBody, title: str) -> Figure:
+def _draw_frequencies(body: ReducedBody, title: str, path: Path) -> None:
     """The free body's frequencies, and the damping ratios of its modes, by number."""
     if body.n_modes == 0:
         raise PictureError("the body is rigid: it has no frequencies to draw")
-    figure, (above, below) = _new_figure(2, title)
+    figure = empty_figure((8.0, 6.2), shown=False)
+    figure.suptitle(title)
+    above, below = figure.subplots(2, 1, sharex=True)
     number = np.arange(1, body.n_modes + 1)
     above.semilogy(number, body.frequencies(), "o", label="free")
     if body.frame is not None:
         above.semilogy(number, np.sqrt(body.stiffness) / (2.0 * np.pi), "x", label=f"{body.frame} held")
     above.set_ylabel("frequency [Hz]")
-    above.legend()
+    legend_beside(above)
     below.plot(number, 100.0 * np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness)), "s")
     below.set_ylabel("damping ratio [%]")
     below.set_xlabel("mode")
     for diagram in (above, below):
-        diagram.grid(alpha=0.3)
-    return figure
-
-
-def _save(figure: Figure, path: Path) -> None:
-    try:
-        figure.savefig(path, dpi=150)
-    except OSError as error:
-        raise PictureError(f"cannot write {path}: {error.strerror or error}") from error
+        remove_frame(diagram)
+    write(path, lambda temporary: figure.savefig(temporary, dpi=150))

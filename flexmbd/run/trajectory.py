@@ -214,16 +214,17 @@ class Trajectory(ForceSeries):
 
     def plot(
         self,
-        *series: tuple[str, Drawn],
+        *series: tuple[str, Drawn] | Connection | Frame | FlexibleBody,
         path: str | Path | None = None,
         ylabel: str = "",
         title: str = "",
     ) -> Figure:
-        """Plot (label, what) pairs over time; without any, the energies.
+        """Plot things, or (label, what) pairs, over time, one panel a unit; without any, the energies.
 
         ``what`` is a joint (its coordinates), a frame (its position), a flexible body (its modal coordinates), a
-        function of times (k,) that gives values (k,) or (k, m), or values at the instants ``t``.  All but the
-        last are drawn between the steps as well, from the dense output.  Events are marked.
+        function of times (k,) that gives values (k,) or (k, m), or values at the instants ``t``; the unit of these two
+        ends the label, "speed [m/s]".  All but values are drawn between the steps as well, from the dense output.
+        Events are marked.
 
         See ``flexmbd.visual.plot_series``, also for what is raised.
         """

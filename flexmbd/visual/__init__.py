@@ -13,6 +13,7 @@ from flexmbd.visual.response_plot import Responding as Responding
 from flexmbd.visual.response_plot import plot_response as plot_response
 from flexmbd.visual.series_plot import Drawn as Drawn
 from flexmbd.visual.series_plot import plot_series as plot_series
+from flexmbd.visual.series_plot import plot_table as plot_table
 from flexmbd.visual.shape_picture import plot_shape as plot_shape
 from flexmbd.visual.show import show as show
 from flexmbd.visual.skin import StressModel as StressModel

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import PictureError
 from flexmbd.multibody.team import Team
 from flexmbd.visual.destination import checked_path, save
-from flexmbd.visual.series_plot import SUFFIXES, new_figure, remove_frame
+from flexmbd.visual.palette import body_colours
+from flexmbd.visual.panels import empty_figure, legend_beside, remove_frame
+from flexmbd.visual.series_plot import SUFFIXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +45,7 @@ def plot_response(
 ) -> Figure:
     """Draw gain and phase of every output over frequency, a line for each output and input that answers at all.
 
-    Collective over the machine's team where ``path`` is given; its root writes.
+    The machine's root writes; it may be called on the root alone.
 
     Args:
         machine: linearised, with inputs and outputs.
@@ -61,18 +63,21 @@ def plot_response(
     if not (frequency > 0.0).all() or not (np.diff(frequency) > 0.0).all():
         raise PictureError("the frequencies of a response must be positive and ascending (rad/s)")
     response = machine.frequency_response(frequency)
-    figure = new_figure(6.0, shown=target is None)
+    figure = empty_figure((9.0, 6.0), shown=target is None)
     gain, phase = figure.subplots(2, 1, sharex=True)
+    colours = body_colours(len(machine.outputs) * len(machine.drivers))
     for i, output in enumerate(machine.outputs):
         for j, name in enumerate(machine.drivers):
             values = response[:, i, j]
             if np.abs(values).max() <= 1e-12 * np.abs(response).max():
                 continue
-            gain.loglog(frequency / (2.0 * np.pi), np.abs(values), label=f"{output} by {name}", linewidth=1.4)
+            colour = colours[i * len(machine.drivers) + j]
+            label = f"{output} by {name}"
+            gain.loglog(frequency / (2.0 * np.pi), np.abs(values), label=label, linewidth=1.4, color=colour)
             turn = np.degrees(np.unwrap(np.angle(values)))
-            phase.semilogx(frequency / (2.0 * np.pi), turn, linewidth=1.4)
+            phase.semilogx(frequency / (2.0 * np.pi), turn, linewidth=1.4, color=colour)
     gain.set_ylabel("gain")
-    gain.legend(frameon=False, fontsize="small")
+    legend_beside(gain)
     gain.set_title(title)
     phase.set_ylabel("phase in degrees")
     phase.set_xlabel("frequency in Hz")

@@ -1,23 +1,23 @@
-"""Series over time, drawn with matplotlib."""
+"""Series over time, drawn with matplotlib: one panel a unit, the legend beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
+from flexmbd.files.result_table import ResultTable
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.visual.destination import checked_path, save
-from flexmbd.visual.library import load
+from flexmbd.visual.destination import checked_path, save, write
+from flexmbd.visual.panels import Curve, draw_panels, new_figure
 from flexmbd.visual.recorded_motion import RecordedMotion
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -33,12 +33,10 @@ SUFFIXES = (".pdf", ".png", ".svg")
 #: Instants that a curve is drawn through at the least: more than a picture has columns.
 _INSTANTS = 2000
 
-_EVENT_STYLES = ("--", ":", "-.")
-
 
 def plot_series(
     trajectory: RecordedMotion,
-    series: Sequence[tuple[str, Drawn]] = (),
+    series: Sequence[tuple[str, Drawn] | Connection | Frame | FlexibleBody] = (),
     *,
     path: str | Path | None = None,
     ylabel: str = "",
@@ -46,16 +44,18 @@ def plot_series(
 ) -> Figure:
     """Draw series over time; without any, the trajectory's energies.  Events are marked by vertical lines.
 
-    Collective over the trajectory's team where ``path`` is given; its root writes.
+    Each unit has a panel of its own, the legend beside it.  The trajectory's root writes; it may be called on the root
+    alone, if the functions drawn may be.
 
     Args:
         trajectory: gives the times t (nt,) and the motion between them.
-        series: pairs (label, what).  Joints, frames, flexible bodies and functions are drawn through
-            the instants of ``fine_times``; values (nt,) or (nt, k) by straight lines from
-            instant to instant; k columns become k lines.
+        series: joints, frames and flexible bodies, which are called by their names, or pairs (label, what).  Joints,
+            frames, flexible bodies and functions are drawn through the instants of ``fine_times``; values (nt,) or
+            (nt, k) by straight lines from instant to instant; k columns become k lines.  The unit of functions and
+            values stands at the end of the label, "speed [m/s]"; those without one share a panel.
         path: .png, .pdf or .svg to write; an existing file survives a failure.  Without it the
             figure is pyplot's, to be shown by a notebook or ``matplotlib.pyplot.show()``.
-        ylabel: what the values are, with their unit.
+        ylabel: what values without a unit are; where there is one panel, what it shows.
         title: of the picture.
 
     Returns:
@@ -67,21 +67,44 @@ def plot_series(
     """
     target = None if path is None else checked_path(path, SUFFIXES)
     fine = fine_times(trajectory.t)
-    lines = [_line(trajectory, fine, *pair) for pair in series] or _energies(trajectory, fine)
+    curves = [curve for one in series for curve in _curves(trajectory, fine, *_labelled(one))]
     if not series:
-        ylabel = ylabel or "energy in J"
-    figure = new_figure(4.5, shown=target is None)
-    axes = figure.subplots()
-    for label, t, values in lines:
-        _draw(axes, t, label, values)
-    axes.set_xlabel("time in s")
-    axes.set_ylabel(ylabel or (lines[0][0] if len(axes.lines) == 1 else ""))
-    axes.set_title(title)
-    curves = len(axes.lines)
-    _mark_events(axes, trajectory)
-    _format_axes(axes, legend=curves > 1 or len(axes.lines) > curves)
+        curves, ylabel = _energies(trajectory, fine), ylabel or "energy in J"
+    if not curves:
+        raise PictureError("nothing to draw: the series have no columns")
+    figure = new_figure(curves, shown=target is None)
+    events = [(one.name, one.t) for one in trajectory.events]
+    draw_panels(figure, curves, across="time in s", ylabel=ylabel, title=title, events=events)
     if target is not None:
         save(figure, target, trajectory.team)
+    return figure
+
+
+def plot_table(
+    table: ResultTable, names: Sequence[str] = (), *, path: str | Path | None = None, title: str = ""
+) -> Figure:
+    """Draw columns of a table over its first one, one panel a unit. Not collective.
+
+    Args:
+        table: of results.
+        names: of the columns; by default all.
+        path: .png, .pdf or .svg to write; without it the figure is pyplot's.
+        title: of the picture.
+
+    Raises:
+        ExportError: there is no such column.
+        PictureError: the file cannot be written.
+    """
+    target = None if path is None else checked_path(path, SUFFIXES)
+    units = dict(zip(table.names, table.units, strict=True))
+    t = table.values[:, 0]
+    curves = [Curve(name, units.get(name, ""), t, table.column(name)) for name in names or table.names[1:]]
+    if not curves:
+        raise PictureError("nothing to draw: the table has no column but its first")
+    figure = new_figure(curves, shown=target is None)
+    draw_panels(figure, curves, across=f"{table.names[0]} in {table.units[0]}", title=title)
+    if target is not None:
+        write(target, lambda temporary: figure.savefig(temporary, dpi=150))
     return figure
 
 
@@ -97,67 +120,67 @@ def fine_times(t: FloatArray) -> FloatArray:
     return np.union1d(marked, np.linspace(t[0], t[-1], _INSTANTS))
 
 
-def _line(trajectory: RecordedMotion, fine: FloatArray, label: str, what: Drawn) -> tuple[str, FloatArray, FloatArray]:
-    """Label, times (k,) and values (k,) or (k, m) of a series."""
+def _labelled(one: Any) -> tuple[str, Drawn]:
+    """A pair (label, what) of what is given."""
+    if isinstance(one, Connection | FlexibleBody):
+        return one.name, one
+    if isinstance(one, Frame):
+        return one.label, one
+    if isinstance(one, tuple) and len(one) == 2 and isinstance(one[0], str):
+        return one
+    raise PictureError(f"a series is a joint, a frame, a flexible body or a pair (label, what), got {one!r:.100}")
+
+
+def _curves(trajectory: RecordedMotion, fine: FloatArray, label: str, what: Drawn) -> list[Curve]:
+    """The lines of a series."""
     if isinstance(what, Connection):
-        return label, fine, trajectory.beta(what, t=fine)
+        return _columns(label, fine, trajectory.beta(what, t=fine), *_coordinates(what))
     if isinstance(what, Frame):
-        return label, fine, trajectory.position(what, t=fine)
+        return _columns(label, fine, trajectory.position(what, t=fine), list("xyz"), ["m"] * 3)
     if isinstance(what, FlexibleBody):
-        return label, fine, trajectory.q(what, t=fine)
+        q = trajectory.q(what, t=fine)
+        return _columns(label, fine, q, [f"q{k + 1}" for k in range(q.shape[1])], ["kg^(1/2) m"] * q.shape[1])
     t, source = (fine, "times it was asked at") if callable(what) else (trajectory.t, "instants of the trajectory")
     values = np.asarray(what(fine) if callable(what) else what, dtype=np.float64)
     if values.ndim not in (1, 2) or len(values) != len(t):
         raise PictureError(
             f"series {label!r} has shape {values.shape}; it needs one row for each of the {len(t)} {source}"
         )
-    return label, t, values
+    name, unit = _split_unit(label)
+    count = 1 if values.ndim == 1 else values.shape[1]
+    endings = list("xyz") if count == 3 else [f"[{k}]" for k in range(count)]
+    return _columns(name, t, values, endings, [unit] * count)
 
 
-def _energies(trajectory: RecordedMotion, fine: FloatArray) -> list[tuple[str, FloatArray, FloatArray]]:
+def _columns(
+    label: str, t: FloatArray, values: FloatArray, endings: Sequence[str], units: Sequence[str]
+) -> list[Curve]:
+    if values.ndim == 1:
+        return [Curve(label, units[0], t, values)]
+    return [
+        Curve(f"{label} {ending}", unit, t, column)
+        for ending, unit, column in zip(endings, units, values.T, strict=True)
+    ]
+
+
+def _coordinates(connection: Connection) -> tuple[list[str], list[str]]:
+    """Names and units of a joint's coordinates."""
+    joint = connection.joint
+    if len(joint.start) == len(joint.velocity_names):
+        return list(joint.velocity_names), ["rad" if angular else "m" for angular in joint.angular]
+    places = len(joint.start) - 4  # a quaternion, after the displacements of a free joint
+    return [*"xyz"[:places], "e0", "e1", "e2", "e3"], ["m"] * places + ["1"] * 4
+
+
+def _split_unit(label: str) -> tuple[str, str]:
+    """A label "speed [m/s]" as its name and its unit."""
+    name, bracket, unit = label.rpartition(" [")
+    return (name, unit[:-1]) if bracket and unit.endswith("]") else (label, "")
+
+
+def _energies(trajectory: RecordedMotion, fine: FloatArray) -> list[Curve]:
     energy = trajectory.energy(t=fine)
     parts = {name: getattr(energy, name) for name in ("kinetic", "elastic", "gravitational", "spring")}
     # parts that a machine does not have are left out
     shown = {name: part for name, part in parts.items() if part.any()}
-    return [(name, fine, part) for name, part in {**shown, "total": energy.total}.items()]
-
-
-def new_figure(height: float, *, shown: bool) -> Figure:
-    """A figure, this high in inches: pyplot's where it is to be shown; else one that nothing else holds."""
-    owner = load("matplotlib.pyplot").figure if shown else load("matplotlib.figure").Figure
-    figure: Figure = owner(figsize=(8.0, height), layout="constrained")
-    return figure
-
-
-def _draw(axes: Axes, t: FloatArray, label: str, values: FloatArray) -> None:
-    if values.ndim == 1:
-        axes.plot(t, values, label=label, linewidth=1.4)
-        return
-    names = "xyz" if values.shape[1] == 3 else [f"[{k}]" for k in range(values.shape[1])]
-    for name, column in zip(names, values.T, strict=True):
-        axes.plot(t, column, label=f"{label} {name}", linewidth=1.4)
-
-
-def _mark_events(axes: Axes, trajectory: RecordedMotion) -> None:
-    """A vertical line at each event; those of one name look alike and stand in the legend once."""
-    names = list(dict.fromkeys(occurrence.name for occurrence in trajectory.events))
-    seen: set[str] = set()
-    for occurrence in trajectory.events:
-        name = occurrence.name
-        style = _EVENT_STYLES[names.index(name) % len(_EVENT_STYLES)]
-        axes.axvline(
-            occurrence.t, color="0.4", linewidth=0.9, linestyle=style, zorder=1.0, label=None if name in seen else name
-        )
-        seen.add(name)
-
-
-def _format_axes(axes: Axes, *, legend: bool) -> None:
-    remove_frame(axes)
-    if legend:
-        axes.legend(frameon=False)
-
-
-def remove_frame(axes: Axes) -> None:
-    """A grid, and no lines at the top and the right."""
-    axes.grid(color="0.9")
-    axes.spines[["top", "right"]].set_visible(False)
+    return [Curve(name, "J", fine, part) for name, part in {**shown, "total": energy.total}.items()]

@@ -12,7 +12,6 @@ from two_crosses_body import two_crosses
 import flexmbd as fm
 from flexmbd.cli import main
 from flexmbd.command import doctor
-from flexmbd.command.plot import _over_time
 from flexmbd.errors import ExportError
 from flexmbd.files.result_table import ResultTable, read_table, write_table
 
@@ -332,16 +331,6 @@ def test_plot(folder, capsys):
         assert out == ""
         assert message in err
         assert err.count("\n") == 1
-
-
-def test_what_a_picture_shows():
-    figure = _over_time(TABLE, ["a.x", "a.y", "b.q0"], "title")
-    above, below = figure.axes
-    assert (above.get_ylabel(), below.get_ylabel(), below.get_xlabel()) == ("m", "1", "t [s]")
-    for line, name in zip([*above.lines, *below.lines], ("a.x", "a.y", "b.q0"), strict=True):
-        assert line.get_label() == name
-        np.testing.assert_array_equal(line.get_ydata(), TABLE.column(name))
-        np.testing.assert_array_equal(line.get_xdata(), TABLE.column("t"))
 
 
 def test_plot_of_a_record(folder, capsys):

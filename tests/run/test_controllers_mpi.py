@@ -1,8 +1,9 @@
 """Sampled controllers on several ranks: one law rules, all get its samples and its errors."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import flexmbd as fm
 from flexmbd.continuum import MpiTeam

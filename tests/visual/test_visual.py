@@ -207,7 +207,7 @@ def test_curves_are_drawn_between_the_steps(swing, tmp_path):
         ("angle", hinge), ("bob", bob.frame((0.0, 0.0, -1.0))), ("rate", lambda t: run.beta_rate(hinge, t=t)),
         ("twice", lambda t: 2.0 * np.stack([t, t], axis=1)), path=tmp_path / "a.png",
     )  # fmt: skip
-    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    lines = {line.get_label(): line for axes in figure.axes for line in axes.lines}
     omega = np.sqrt(9.81)
     quarter, half = 0.5 * np.pi / omega, np.pi / omega
     t, angle = lines["angle"].get_data()
