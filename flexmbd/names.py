@@ -77,6 +77,10 @@ from flexmbd.multibody.joint.enforcement import AugmentedLagrangian as Augmented
 from flexmbd.multibody.joint.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.joint.enforcement import Penalty as Penalty
 from flexmbd.multibody.joint.enforcement import Way as Way
+from flexmbd.multibody.linear.campbell import Campbell as Campbell
+from flexmbd.multibody.linear.campbell import CriticalSpeed as CriticalSpeed
+from flexmbd.multibody.linear.campbell import FirstOrderMachine as FirstOrderMachine
+from flexmbd.multibody.linear.campbell import campbell as campbell
 from flexmbd.multibody.linear.ports import Input as Input
 from flexmbd.multibody.linear.working_point import WorkingPoint as WorkingPoint
 from flexmbd.multibody.motion.instant import Instant as Instant

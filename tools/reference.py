@@ -15,7 +15,7 @@ PAGES = {
     "system": (
         "Systems",
         "System CompiledMachine Runnable CompiledScene Start WorkingPoint Instant Team LinearizedMachine "
-        "StateSpace Input Controller Measurement",
+        "StateSpace Input Controller Measurement campbell Campbell CriticalSpeed FirstOrderMachine",
         "parameter output",
     ),
     "running": (

@@ -3,6 +3,7 @@
 Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
 """
 
+from flexmbd.visual.campbell_plot import plot_campbell as plot_campbell
 from flexmbd.visual.drawn_scene import machine_meshes as machine_meshes
 from flexmbd.visual.film import animate as animate
 from flexmbd.visual.recorded_motion import Marked as Marked

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.optimize
 from numpy.polynomial import legendre
 
 import flexmbd as fm
@@ -47,15 +48,20 @@ def exact(omega):
     return np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[0])
 
 
-def first_frequency(model, modes):
-    """rad/s, of the reduced blade."""
+def spun(record, speed):
+    """The reduced blade on its hub at a speed (rad/s), linearised."""
     scene = fm.System()
     hub = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="hub")
-    blade = scene.add(fm.FlexibleBody(craig_bampton(model, modes=modes, frame="start")), name="blade")
+    blade = scene.add(fm.FlexibleBody(record), name="blade")
     turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), hub.frame())
     scene.connect(fm.joint.Fixed(), hub.frame(p=(HUB, 0, 0)), blade.frame("start"))
-    turn.prescribe(lambda t: (OMEGA * t, OMEGA, 0.0))
-    return 2 * np.pi * scene.linearize(about=scene.equilibrium()).frequencies()[0]
+    turn.prescribe(lambda t: (speed * t, speed, 0.0))
+    return scene.linearize(about=scene.equilibrium())
+
+
+def first_frequency(model, modes):
+    """rad/s, of the reduced blade."""
+    return 2 * np.pi * spun(craig_bampton(model, modes=modes, frame="start"), OMEGA).frequencies()[0]
 
 
 def test_frequencies_fall_to_the_exact_one():
@@ -70,3 +76,16 @@ def test_frequencies_fall_to_the_exact_one():
     assert share[0] < 1.01
     assert (share[2:] < 1.0 + 1e-3).all()
     assert share[-1] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_campbell_diagram_of_the_blade():
+    """Its first flap over the speed, and where the third and fourth engine orders meet it."""
+    line = meshes.line(1.0, divisions=10, comm=MPI.COMM_SELF)
+    model = ContinuumModel(line, forms.beam_timoshenko, SECTION, degree=2, interfaces=[Interface("start")])
+    record = craig_bampton(model, modes=20, frame="start")
+    diagram = fm.campbell(lambda speed: spun(record, speed), [0.0, 15.0, 30.0], orders=[3, 4])
+    flap = [exact(speed) / (2 * np.pi) for speed in diagram.speeds]
+    np.testing.assert_allclose(diagram.frequencies[:, 0], flap, rtol=1e-5)
+    meeting = [scipy.optimize.brentq(lambda w, k=order: exact(w) - k * w, 1.0, 60.0) for order in (4, 3)]
+    found = [one.speed for one in diagram.critical if one.branch == 0]
+    np.testing.assert_allclose(found, meeting, rtol=1e-5)

@@ -1,0 +1,71 @@
+"""Campbell diagrams, drawn with matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexmbd.errors import PictureError
+from flexmbd.multibody.linear.campbell import Campbell
+from flexmbd.visual.destination import checked_path, save
+from flexmbd.visual.palette import body_colours
+from flexmbd.visual.series_plot import SUFFIXES, new_figure, remove_frame
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_campbell(
+    diagram: Campbell,
+    *,
+    path: str | Path | None = None,
+    title: str = "",
+    highest: float | None = None,
+) -> Figure:
+    """Draw frequencies over the speed in turns a minute, engine orders and critical speeds.
+
+    Collective over the diagram's team where ``path`` is given; its root writes.
+
+    Args:
+        diagram: of ``flexmbd.campbell``.
+        path: .png, .pdf or .svg to write; without it the figure is pyplot's.
+        title: of the picture.
+        highest: Hz, up to which is drawn; by default up to the highest engine order at the highest speed, and at least
+            to the lowest vibration.
+
+    Raises:
+        PictureError: nothing swings, ``highest`` is not positive, or the file cannot be written.
+    """
+    target = None if path is None else checked_path(path, SUFFIXES)
+    frequencies = diagram.frequencies
+    if not np.isfinite(frequencies).any():
+        raise PictureError("nothing vibrates at any of the speeds, so that there is nothing to draw")
+    if highest is not None and not highest > 0.0:
+        raise PictureError(f"highest = {highest} Hz must be positive")
+    turns = diagram.speeds / (2.0 * np.pi)
+    most = 1.2 * max(float(np.nanmin(frequencies)), max(diagram.orders, default=0.0) * float(turns.max()))
+    top = highest or min(most, 1.05 * float(np.nanmax(frequencies)))
+    figure = new_figure(4.5, shown=target is None)
+    axes = figure.subplots()
+    drawn = [k for k, branch in enumerate(frequencies.T) if np.nanmin(branch) <= top]
+    for k, colour in zip(drawn, body_colours(len(drawn)), strict=True):
+        axes.plot(60.0 * turns, frequencies[:, k], color=colour, linewidth=1.4, label=f"vibration {k + 1}")
+    for order in diagram.orders:
+        axes.plot(60.0 * turns, order * turns, color="0.6", linewidth=0.9, linestyle="--")
+        end = min(float(turns.max()), top / order)
+        axes.annotate(f"{order:g}x", (60.0 * end, order * end), color="0.4", fontsize="small", ha="right", va="bottom")
+    shown = [one for one in diagram.critical if one.frequency <= top]
+    if shown:
+        speeds = [60.0 * one.speed / (2.0 * np.pi) for one in shown]
+        axes.plot(speeds, [one.frequency for one in shown], "o", color="black", markersize=4, label="critical speed")
+    axes.set_ylim(0.0, top)
+    axes.set_xlabel("speed in turns a minute")
+    axes.set_ylabel("frequency in Hz")
+    axes.set_title(title)
+    axes.legend(frameon=False, fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    remove_frame(axes)
+    if target is not None:
+        save(figure, target, diagram.team)
+    return figure
