@@ -15,7 +15,7 @@ _RHO = 0.9
 
 
 @dataclass(frozen=True)
-class ExactBeam:
+class PlanarBeam:
     """Stiffnesses EA, GA (N), EI (N m^2), masses rho A (kg/m), rho I (kg m), and the length (m)."""
 
     EA: float
@@ -26,13 +26,13 @@ class ExactBeam:
     length: float
 
 
-def hinged_tip(beam: ExactBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float) -> np.ndarray:
+def hinged_tip(beam: PlanarBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float) -> np.ndarray:
     """(2,) m, the tip at the time `end`, from rest along x, with a torque (N m) on the hinge at the origin."""
     return _march(beam, torque, place=2, held=2, tip=(0.0, 0.0), elements=elements, h=h, end=end)
 
 
 def clamped_tip(
-    beam: ExactBeam,
+    beam: PlanarBeam,
     force: Callable[[float], float],
     *,
     tip: tuple[float, float],
@@ -45,7 +45,7 @@ def clamped_tip(
 
 
 def _march(
-    beam: ExactBeam,
+    beam: PlanarBeam,
     action: Callable[[float], float],
     *,
     place: int,
@@ -88,7 +88,7 @@ def _march(
     return q[-3:-1]
 
 
-def _internal(beam: ExactBeam, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _internal(beam: PlanarBeam, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Internal forces (n,) and their tangent (n, n)."""
     nodes = q.reshape(-1, 3)
     count = len(nodes) - 1

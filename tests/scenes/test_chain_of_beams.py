@@ -1,7 +1,7 @@
 """A beam that bends far, as a chain of reduced pieces, with a heavy tip: against a geometrically exact beam."""
 
 import numpy as np
-from exact_beam import ExactBeam, clamped_tip
+from exact_beam import PlanarBeam, clamped_tip
 
 import flexmbd as fm
 from flexmbd import forms, meshes
@@ -14,7 +14,7 @@ PEAK, END = 1500.0, 6.0
 SECTION = forms.beam_timoshenko.Parameters.rectangle(
     1e5, 0.3, 0.02, width=SIDE, height=SIDE, orientation=(0.0, 1.0, 0.0)
 )
-EXACT = ExactBeam(
+EXACT = PlanarBeam(
     EA=1.2e6,
     GA=1e5 / 2.6 * 12.0 * SECTION.ky,
     EI=1.2e6,

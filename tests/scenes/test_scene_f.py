@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from exact_beam import ExactBeam, hinged_tip
+from exact_beam import PlanarBeam, hinged_tip
 
 import flexmbd as fm
 from flexmbd.continuum import ContinuumModel, Interface
@@ -95,7 +95,7 @@ def test_spin_up(beam, change):
 
 
 SIDE = 0.05  # m, of the square section
-EXACT = ExactBeam(
+EXACT = PlanarBeam(
     EA=2.1e9 * SIDE**2,
     # shear factor of a rectangle (Cowper 1966, doi:10.1115/1.3625046)
     GA=2.1e9 * SIDE**2 / (2 * 1.3) * 10 * 1.3 / (12 + 11 * 0.3),
