@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cantilever import rod_tips
-from exact_beam import PlanarBeam
-from exact_beam import clamped_tip
+from exact_beam import PlanarBeam, clamped_tip
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 

@@ -26,7 +26,9 @@ class PlanarBeam:
     length: float
 
 
-def hinged_tip(beam: PlanarBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float) -> np.ndarray:
+def hinged_tip(
+    beam: PlanarBeam, torque: Callable[[float], float], *, elements: int, h: float, end: float
+) -> np.ndarray:
     """(2,) m, the tip at the time `end`, from rest along x, with a torque (N m) on the hinge at the origin."""
     return _march(beam, torque, place=2, held=2, tip=(0.0, 0.0), elements=elements, h=h, end=end)
 
